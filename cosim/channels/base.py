@@ -1,0 +1,86 @@
+"""What every channel is: a mover of bytes between addresses that says when they arrive, or why they do not.
+
+A channel knows endpoints by address and robots by position only. Everything that arrives at one instant is one kernel
+event; each endpoint that got something is drained once, in the order of addresses.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from cosim.kernel import Kernel
+from cosim.machine import Address, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.trace import Trace
+from cosim.units import Time
+
+Positions: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Arrival: TypeAlias = tuple[Address, bytes, Reception]
+"""(receiver, payload, how it arrived)"""
+
+
+class Endpoint(Protocol):
+    """What a channel delivers to: takes several inputs of one instant, then acts on them once."""
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a payload."""
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take news about links."""
+
+    def drain(self, now: Time) -> None:
+        """Act on what came in at this instant."""
+
+
+class Channel(ABC):
+    """A shared medium with one device for each address, 0 to *size* - 1."""
+
+    def __init__(self, kernel: Kernel, trace: Trace, size: int) -> None:
+        self.kernel = kernel
+        self.trace = trace
+        self.size = size
+        self.endpoints: dict[Address, Endpoint] = {}
+
+    def attach(self, address: Address, endpoint: Endpoint) -> None:
+        """Deliver what arrives at *address* to *endpoint*."""
+        self.endpoints[address] = endpoint
+
+    @abstractmethod
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Queue a payload at the device of *source*; its fate, if a token asks for it, comes as a link event."""
+
+    @abstractmethod
+    def command(self, source: Address, command: LinkCommand) -> None:
+        """Carry out a link command of the host at *source*; answers come as link events, never inside this call."""
+
+    @abstractmethod
+    def in_reach(self, address: Address) -> tuple[Address, ...]:
+        """Return who would hear *address* now, in order."""
+
+    def advance(self, now: Time) -> None:
+        """Bring models that run ahead lazily up to *now*; called before anything moves."""
+
+    def moved(self, positions_m: Positions) -> None:
+        """Take the robots' new positions, shape (size, 2); gains are computed when they are needed."""
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch the radio at *address* on or off."""
+        raise NotImplementedError(f"{type(self).__name__} has no radio to switch")
+
+    def summary(self) -> dict[str, float]:
+        """Return what the channel counted, by metric name."""
+        return {}
+
+    def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
+        """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""
+        now = self.kernel.now
+        touched = set()
+        for address, payload, reception in arrivals:
+            self.endpoints[address].receive(payload, reception, now)
+            touched.add(address)
+        for address, event in news:
+            self.endpoints[address].link(event, now)
+            touched.add(address)
+        for address in sorted(touched):
+            self.endpoints[address].drain(now)

@@ -1,0 +1,37 @@
+"""Native clocks (Bluetooth Core v1.2, Vol 2 Part B, section 1.1): free-running, one tick every 312.5 us, never adjusted.
+
+Integers only: local_ns = phase + t + t * ppm // 1_000_000 and tick = local_ns // TICK. Ticks are unwrapped; the 28 bits
+of the specification matter only where the hop kernel reads them. Two devices' ticks are not aligned with each other.
+"""
+
+from dataclasses import dataclass
+
+from cosim.units import TICK, Time
+
+MILLION = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class NativeClock:
+    """One device's clock: *phase* is its local time (ns, >= 0) at simulated time 0, *ppm* its constant drift."""
+
+    phase: Time
+    ppm: int = 0
+
+    def local(self, time: Time) -> Time:
+        """Return the local time, in ns, at the simulated *time*."""
+        return self.phase + time + time * self.ppm // MILLION
+
+    def tick(self, time: Time) -> int:
+        """Return the unwrapped clock value CLKN at *time*."""
+        return self.local(time) // TICK
+
+    def at_local(self, local: Time) -> Time:
+        """Return the first simulated instant whose local time is at least *local* (the inverse of :meth:`local`)."""
+        elapsed = local - self.phase
+        # local(t) >= local  <=>  floor(t * (M + ppm) / M) >= elapsed  <=>  t >= elapsed * M / (M + ppm)
+        return -(-elapsed * MILLION // (MILLION + self.ppm))
+
+    def time_of(self, tick: int) -> Time:
+        """Return the instant at which *tick* begins."""
+        return self.at_local(tick * TICK)

@@ -1,0 +1,331 @@
+"""Inquiry and inquiry scan (Core v1.1 and v1.2, Vol 2 Part B, section 8.4): how devices find each other.
+
+The inquirer sends IDs through its trains; a scanner that hears one answers, 625 us after it, with an FHS packet that
+carries its address and clock. Scanners that hear the same ID would answer at the same instant and destroy each other's
+FHS, so each backs off for a random number of slots: in v1.1 between the first ID and the answer to a second one, in
+v1.2 after the answer. Every answer moves a scanner one step on in its hop sequence (N), and N outlives the inquiry.
+
+    v1.1   SCAN --ID--> back off 0..1023 slots --> RESPONSE (128 slots, no windows) --ID--> FHS, N + 1 --> SCAN
+    v1.2   SCAN --ID--> FHS, N + 1 --> back off 0..1023 slots (0..127 at intervals below 1.28 s) --> SCAN
+
+Kernel events exist for IDs that would be heard, and for the start and end of every FHS; everything else is arithmetic
+(``scanning``). The inquirer is half duplex: while it receives an FHS it sends nothing, so the answer to an ID of a
+second half slot silences the first ID of the next slot.
+
+An approximation: IDs are not put on the air. Within one inquiry they cannot meet its FHS (their channels differ), but
+the IDs of one inquirer destroy nothing of another's.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Annotated, Final, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.hopping import Train, inquiry_channel, inquiry_response_channel
+from cosim.channels.bluetooth.packets import FHS_AIR, ID_AIR
+from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.channels.bluetooth.scanning import (
+    RESPONSE_DELAY,
+    IdTrain,
+    Meeting,
+    ScanSettings,
+    ScanWindows,
+    at_meeting,
+    first_transmission,
+    next_meeting,
+    next_meeting_between,
+)
+from cosim.errors import LocalProtocolError
+from cosim.kernel import Handle, Kernel
+from cosim.machine import Address
+from cosim.randomness import Draws
+from cosim.settings import Settings
+from cosim.units import SLOT, Time
+
+CLOCK_RANGE: Final = 1 << 28
+RESPONSE_TIMEOUT: Final[Time] = 128 * SLOT
+"""inqrespTO: how long a v1.1 scanner waits for the second ID."""
+BACKOFF_SLOTS: Final = 1024
+SHORT_BACKOFF_SLOTS: Final = 128
+"""Bound of the v1.2 back-off at short scan intervals..."""
+SHORT_BACKOFF_BELOW: Final = 4096
+"""...below this many ticks, 1.28 s."""
+BACKOFF_PURPOSE: Final = 1
+"""Names the back-off among a device's counter-based draws."""
+
+
+class InquirySettings(Settings):
+    """How a device inquires."""
+
+    n_inquiry: int = Field(256, ge=1)
+    """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
+    first_train: Train = "A"
+
+
+class InquiryScanSettings(ScanSettings):
+    """How a device lets itself be found."""
+
+    # YAML reads an unquoted 1.2 as a number
+    version: Annotated[
+        Literal["1.1", "1.2"], BeforeValidator(lambda value: str(value) if isinstance(value, float) else value)
+    ] = "1.2"
+    """The specification's version, which decides where the back-off stands."""
+
+    @model_validator(mode="after")
+    def _known_in_version(self) -> Self:
+        if self.interlaced and self.version == "1.1":
+            raise ValueError("interlaced: true is not known to version 1.1")
+        return self
+
+
+class InquiryScanner:
+    """One device's side of being found; it remembers N across inquiries and is off until it is enabled."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        air: Air,
+        address: Address,
+        clock: NativeClock,
+        settings: InquiryScanSettings,
+        offset_ticks: int,
+        draws: Draws,
+    ) -> None:
+        self.address = address
+        self.clock = clock
+        self.enabled = False
+        self.n = 0
+        """FHS packets sent so far."""
+        self._kernel = kernel
+        self._air = air
+        self._backs_off_first = settings.version == "1.1"
+        self._bound = BACKOFF_SLOTS
+        if settings.version == "1.2" and settings.interval_ticks < SHORT_BACKOFF_BELOW:
+            self._bound = SHORT_BACKOFF_SLOTS
+        self._windows = ScanWindows(clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._draws = draws
+        self._since: Time = 0  # deaf before; then RESPONSE until the limit, if there is one, and SCAN
+        self._limit: Time | None = None
+        self._expected: dict[Inquiry, Handle | None] = {}  # the next ID of each inquiry that might be heard
+        self._answering: Handle | None = None
+
+    def enable(self, now: Time) -> None:
+        """Scan from *now* on; a window in progress counts for its remainder."""
+        self.enabled = True
+        self._scan(now)
+
+    def disable(self) -> None:
+        """Stop scanning; an answer that has not been started is not sent."""
+        self.enabled = False
+        self._ignore()
+        if self._answering is not None:
+            self._answering.cancel()
+            self._answering = None
+
+    def join(self, inquiry: "Inquiry") -> None:
+        """Listen to *inquiry* from its beginning."""
+        self._expected[inquiry] = None
+        if self.enabled and self._answering is None:
+            self._expect(inquiry, inquiry.ids.first)
+
+    def leave(self, inquiry: "Inquiry") -> None:
+        """Forget *inquiry*: it is over."""
+        handle = self._expected.pop(inquiry, None)
+        if handle is not None:
+            handle.cancel()
+
+    def _scan(self, since: Time, limit: Time | None = None) -> None:
+        """Listen from *since*: without windows until *limit*, if there is one, then in windows."""
+        self._since, self._limit, self._answering = since, limit, None
+        for inquiry in self._expected:
+            self._expect(inquiry, inquiry.ids.first)
+
+    def _ignore(self) -> None:
+        for inquiry, handle in self._expected.items():
+            if handle is not None:
+                handle.cancel()
+                self._expected[inquiry] = None
+
+    def _expect(self, inquiry: "Inquiry", tick: int) -> None:
+        """Schedule the next ID of *inquiry* at or after *tick* that might be heard."""
+        handle = self._expected[inquiry]
+        if handle is not None:
+            handle.cancel()
+        meeting = self._next(inquiry.ids, tick)
+        if meeting is None:
+            self._expected[inquiry] = None
+        else:
+            start = inquiry.ids.clock.time_of(meeting.tick)
+            self._expected[inquiry] = at_meeting(self._kernel, start, partial(self._look, inquiry, meeting))
+
+    def _next(self, ids: IdTrain, tick: int) -> Meeting | None:
+        if self._limit is None:
+            return next_meeting(ids, self._windows, tick, self._since, self.n)
+        response = next_meeting_between(ids, self.clock, tick, self._since, self._limit, self.n)
+        return response or next_meeting(ids, self._windows, tick, self._limit, self.n)
+
+    def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
+        """At the start of an ID that might be heard: see whether it is sent, and within reach."""
+        start = self._kernel.now
+        if inquiry.sends(start) and self._air.reach(inquiry.address, self.address, start):
+            self._expected[inquiry] = self._kernel.after(ID_AIR, partial(self._hear, inquiry, meeting, start))
+        else:
+            self._expect(inquiry, meeting.tick + 1)
+
+    def _hear(self, inquiry: "Inquiry", meeting: Meeting, start: Time) -> None:
+        """At the end of an ID: hear it if nothing has destroyed it."""
+        end = self._kernel.now
+        channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick))
+        if not self._air.clear(self.address, inquiry.address, channel, start, end):
+            self._expect(inquiry, meeting.tick + 1)
+            return
+        self._air.record(Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel), Heard.RECEIVED)
+        if self._backs_off_first and not (self._limit is not None and end <= self._limit):
+            waited = self._backoff(start, start)
+            self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
+        else:
+            self._ignore()
+            self._answering = self._kernel.at(start + RESPONSE_DELAY, partial(self._answer, inquiry, meeting, start))
+
+    def _backoff(self, heard: Time, begin: Time) -> Time:
+        """Return the local time at which a back-off from *begin* ends, drawn for the ID that was *heard* then."""
+        slots = self._draws.below(self._bound, self.clock.tick(heard), 0, BACKOFF_PURPOSE)
+        return self.clock.local(begin) + slots * SLOT
+
+    def _answer(self, inquiry: "Inquiry", meeting: Meeting, heard: Time) -> None:
+        """Put the FHS on the air and go on scanning as the version has it."""
+        start = self._kernel.now
+        clkn = self.clock.tick(start)
+        channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second)
+        frame = Frame(start, FHS_AIR, "FHS", self.address, inquiry.address, channel)
+        self._air.put(frame)
+        inquiry.reply(frame, meeting.tick, clkn)
+        self.n += 1
+        end = start + FHS_AIR
+        self._scan(end if self._backs_off_first else self.clock.at_local(self._backoff(heard, end)))
+
+
+class _Reply:
+    """An FHS on its way to the inquirer."""
+
+    __slots__ = ("clkn", "end", "frame", "lost", "reached", "tick")
+
+    def __init__(self, frame: Frame, tick: int, clkn: int, reached: bool) -> None:
+        self.frame = frame
+        self.end = frame.start + frame.duration
+        self.tick = tick
+        self.clkn = clkn
+        self.reached = reached
+        self.lost: Heard | None = None
+        """Why the inquirer did not lock on it, if it did not."""
+
+
+class Inquiry:
+    """One inquiry of one device, from the first transmit slot at or after now until its time is up or it has enough.
+
+    *duration_ticks* is a multiple of 4. *on_found* gets the address of each device once, at the end of the first FHS
+    received from it, and the distance from the inquirer's clock to that device's for paging: a multiple of 4 ticks in
+    [0, 2**28). *on_complete* gets all addresses in the order of their replies. *scanners* are all that might hear.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        air: Air,
+        address: Address,
+        clock: NativeClock,
+        settings: InquirySettings,
+        duration_ticks: int,
+        enough: int,
+        scanners: Sequence[InquiryScanner],
+        on_found: Callable[[Address, int], None],
+        on_complete: Callable[[tuple[Address, ...]], None],
+    ) -> None:
+        if duration_ticks <= 0 or duration_ticks % 4:
+            raise LocalProtocolError(f"duration_ticks: {duration_ticks} is not a positive multiple of 4")
+        first = first_transmission(clock, kernel.now)
+        self.address = address
+        self.ids = IdTrain(clock, first, first + duration_ticks, settings.n_inquiry, settings.first_train)
+        self.found: list[Address] = []
+        self._kernel = kernel
+        self._air = air
+        self._enough = enough
+        self._scanners = scanners
+        self._on_found = on_found
+        self._on_complete = on_complete
+        self._over = False
+        self._unsettled: deque[_Reply] = deque()  # on the air, not yet known whether the receiver locks on them
+        self._locked: _Reply | None = None
+        # the answer to the last ID ends within the tick after the last receive slot
+        self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
+        for scanner in scanners:
+            scanner.join(self)
+
+    def cancel(self) -> None:
+        """End it now; nothing is reported any more, and answers under way are lost."""
+        self._over = True
+        self._end.cancel()
+        for scanner in self._scanners:
+            scanner.leave(self)
+
+    def sends(self, start: Time) -> bool:
+        """Return whether the ID at *start*, now, is sent: not while an FHS is being received."""
+        self._settle()
+        return self._locked is None or not self._locked.frame.start < start < self._locked.end
+
+    def reply(self, frame: Frame, tick: int, clkn: int) -> None:
+        """Take the FHS that a scanner, whose clock is *clkn*, begins to send now in answer to the ID of *tick*."""
+        reached = self._air.reach(frame.source, self.address, frame.start)
+        reply = _Reply(frame, tick, clkn, reached)
+        self._unsettled.append(reply)
+        self._kernel.at(reply.end, partial(self._judge, reply))
+
+    def _settle(self) -> None:
+        """Decide on the replies whose access code is over whether the receiver locks on them."""
+        now = self._kernel.now
+        while self._unsettled and self._unsettled[0].frame.start + ID_AIR <= now:
+            reply = self._unsettled.popleft()
+            reply.lost = self._hindrance(reply)
+            if reply.lost is None:
+                self._locked = reply
+
+    def _hindrance(self, reply: _Reply) -> Heard | None:
+        frame, listens = reply.frame, reply.tick + 2
+        if not reply.reached:
+            return Heard.OUT_OF_RANGE
+        if self._over or frame.channel != inquiry_channel(listens, self.ids.train(listens)):
+            return Heard.NOT_TUNED
+        if self._locked is not None and frame.start < self._locked.end:
+            return Heard.BUSY
+        if not self._air.clear(self.address, frame.source, frame.channel, frame.start, frame.start + ID_AIR):
+            return Heard.COLLIDED
+        return None
+
+    def _judge(self, reply: _Reply) -> None:
+        """At the end of an FHS: record what became of it, and report a device that is new."""
+        self._settle()
+        frame = reply.frame
+        heard = reply.lost or Heard.RECEIVED
+        if self._over and reply.reached:
+            heard = Heard.NOT_TUNED
+        elif reply.lost is None and not self._air.clear(
+            self.address, frame.source, frame.channel, frame.start, reply.end
+        ):
+            heard = Heard.COLLIDED
+        self._air.record(frame, heard)
+        if heard is Heard.RECEIVED and frame.source not in self.found:
+            self._report(reply)
+
+    def _report(self, reply: _Reply) -> None:
+        self.found.append(reply.frame.source)
+        # an FHS carries bits 27-2 of the clock; the answer to tick c begins at tick c + 2
+        self._on_found(reply.frame.source, ((reply.clkn >> 2) - ((reply.tick + 2) >> 2)) * 4 % CLOCK_RANGE)
+        if len(self.found) >= self._enough and not self._over:
+            self._complete()
+
+    def _complete(self) -> None:
+        self.cancel()
+        self._on_complete(tuple(self.found))

@@ -1,0 +1,388 @@
+"""A connected piconet: one master, up to seven slaves, time division duplex (Core v1.2, Vol 2 Part B, sections 4.5, 7, 8).
+
+The master transmits in slots that start where 4 divides its tick; only the slave that it addresses answers, in the next
+slot. At every free TX slot the master serves, in this order: the link whose poll is overdue, the head of its queue,
+nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest.
+
+All of a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and in reach at that instant.
+Kernel events exist only for slots with a payload in them and for supervision time-outs; idle polls are a loop over
+arrays (``polling``), run when somebody looks. Other piconets do not interfere with this one.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
+
+from cosim.channels.base import Arrival
+from cosim.channels.bluetooth import polling
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.links import Links, first_tx_slot
+from cosim.channels.bluetooth.packets import ACL, HEADER_AIR, PacketType, smallest
+from cosim.channels.bluetooth.polling import (
+    ACKED,
+    EVERYONE,
+    FRESH,
+    HEARD,
+    HEARD_DOWN,
+    HEARD_UP,
+    HELD,
+    JOINED,
+    MOST_SLAVES,
+    NEXT,
+    NOTHING,
+)
+from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
+from cosim.channels.bluetooth.radio import Heard, Reach
+from cosim.kernel import AIR, WAKE, Handle, Kernel
+from cosim.machine import BROADCAST, Address, LinkEvent, Lost, Outcome, Outgoing, Reception
+from cosim.units import S, Time
+
+Deliver = Callable[[Iterable[Arrival], Iterable[tuple[Address, LinkEvent]]], None]
+
+
+class PiconetSettings(NamedTuple):
+    """Parameters of a connected piconet."""
+
+    types: tuple[PacketType, ...] = tuple(ACL.values())
+    """Packet types in use."""
+    n_bc: int = 1
+    """How often a broadcast is sent."""
+    t_poll_slots: int = 40
+    """Slots from one packet to a slave until the next is due; even."""
+    supervision: Time = 20 * S
+    """A side that has heard nothing for so long takes the link for lost."""
+
+
+class Piconet:
+    """The links of the master at *address*, and what waits to be sent on either side of them."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        address: Address,
+        clock: NativeClock,
+        settings: PiconetSettings,
+        reach: Reach,
+        frames: FrameLog,
+        deliver: Deliver,
+        on_lost: Callable[[Address, Address], None] = lambda side, peer: None,
+    ) -> None:
+        """*on_lost* is called with (side, peer) before the side's host learns that its link is lost."""
+        self.address = address
+        self.clock = clock
+        self.suspended = False
+        self.links = Links(address, clock, settings.t_poll_slots, reach, frames)
+        self._kernel = kernel
+        self._settings = settings
+        self._frames = frames
+        self._deliver = deliver
+        self._on_lost = on_lost
+        self._queues = Queues(self.links.table)
+        self._receptions: dict[tuple[Address, bool], Reception] = {}
+        self._slot: Handle | None = None
+        self._slot_tick = NOTHING
+        self._supervision: Handle | None = None
+
+    # ------------------------------------------------------------ links
+
+    def members(self) -> tuple[Address, ...]:
+        """Return the slaves whose link the master takes to be up, by LT_ADDR."""
+        return tuple(self.links.slaves[k] for k in self.links.held())
+
+    def free_lt_addr(self) -> int | None:
+        """Return the smallest LT_ADDR that no side of a link uses, or None."""
+        return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.links.slaves), None)
+
+    def join(self, slave: Address, lt_addr: int) -> None:
+        """Bring the side of *slave* up: it has received the first POLL now."""
+        self.advance(self._kernel.now)
+        self.links.join(slave, lt_addr, self._kernel.now)
+        self._supervise()
+
+    def admit(self, slave: Address, due: int) -> None:
+        """Bring the master's side up: it has heard *slave* now; the next packet to it is due at the tick *due*."""
+        self.advance(self._kernel.now)
+        self.links.admit(self.links.lt_addr[slave], due, self._kernel.now)
+        self._supervise()
+        self._arm()
+
+    def add_slave(self, slave: Address, lt_addr: int, due: int) -> None:
+        """Bring both sides of a link up now, without a page."""
+        self.join(slave, lt_addr)
+        self.admit(slave, due)
+
+    def close(self, side: Address, peer: Address) -> None:
+        """End the link between *side* and *peer* at once on its own side and, if it is in reach, on the other.
+
+        The time that the detach message takes is neglected. A peer out of reach finds out by supervision.
+        """
+        self.advance(self._kernel.now)
+        self.links.refresh()
+        from_master = side == self.address
+        k = self.links.lt_addr.get(peer if from_master else side)
+        if k is None:
+            return
+        heard = self.links.table[polling.DOWN if from_master else polling.UP, k]
+        news = self._drop(k, HELD) if from_master or heard else []
+        news += self._drop(k, JOINED) if heard or not from_master else []
+        self._arm()
+        self._tell(news)
+
+    def vanish(self, device: Address) -> None:
+        """Take *device*, whose radio is switched off, out of the piconet without telling anybody."""
+        self.advance(self._kernel.now)
+        if device == self.address:
+            for k in self.links.held():
+                self._drop(k, HELD)
+        elif device in self.links.lt_addr:
+            self._drop(self.links.lt_addr[device], JOINED)
+        self._arm()
+
+    # ------------------------------------------------------------ time
+
+    def advance(self, now: Time) -> None:
+        """Decide all slots before *now*; needed before reach changes, and before the state is looked at."""
+        if not self.suspended:
+            self.links.advance(now)
+
+    def reach_changed(self, now: Time) -> None:
+        """Note that from *now* on devices may hear others than before; asked again when it matters."""
+        self.advance(now)
+        self.links.reach_changed(now)
+
+    def suspend(self) -> None:
+        """Leave the piconet's slots alone from now on: the master inquires or pages."""
+        self.advance(self._kernel.now)
+        self.suspended = True
+        self._arm()
+
+    def resume(self) -> None:
+        """Go on at the first TX slot from now on."""
+        self.suspended = False
+        first = first_tx_slot(self.clock, self._kernel.now)
+        self.links.piconet[NEXT] = max(int(self.links.piconet[NEXT]), first)
+        self._arm()
+
+    def next_pause(self) -> Time | None:
+        """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
+
+        Otherwise return the start of the next TX slot at which to ask again. To be asked in an earlier phase than AIR.
+        """
+        now = self._kernel.now
+        self.advance(now)
+        tick = first_tx_slot(self.clock, now)
+        free = int(self.links.piconet[NEXT])
+        if free <= tick and polling.overdue(self.links.table, tick) == NOTHING:
+            return None
+        return self.clock.time_of(free if free > tick else tick + 4)
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of frames sent so far by packet type, and of polls without a payload on either side."""
+        self.advance(self._kernel.now)
+        piconet = self.links.piconet
+        polls = {"POLL": piconet[polling.POLLS], "NULL": piconet[polling.NULLS], "idle": piconet[polling.IDLE]}
+        return {**self._frames.payloads, **{name: int(count) for name, count in polls.items()}}
+
+    # ------------------------------------------------------------ payloads
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Queue a payload at *source*, the master or a slave. A fate that is clear at once comes as a new event."""
+        queue, lt_addr = self._route(source, outgoing.destination)
+        length = len(outgoing.payload)
+        kind = smallest(self._settings.types, length)
+        if lt_addr == NOTHING:
+            self._tell(fate(source, outgoing, Outcome.NO_LINK))
+        elif kind is None:
+            self._tell(fate(source, outgoing, Outcome.TOO_LONG))
+        elif self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))):
+            self.advance(self._kernel.now)
+            self._arm()
+
+    def flush(self, source: Address, destination: Address) -> None:
+        """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""
+        queue = EVERYONE if source == self.address else self.links.lt_addr.get(source, NOTHING)
+        if queue == NOTHING:
+            return
+        news = self._queues.flush(queue, source, lambda p: p.outgoing.destination == destination and not p.tries)
+        self.advance(self._kernel.now)
+        self._arm()
+        self._tell(news)
+
+    def _route(self, source: Address, destination: Address) -> tuple[int, int]:
+        """Return (number of the queue, LT_ADDR of the packets), or NOTHING for the latter where there is no link."""
+        links = self.links
+        if source != self.address:
+            k = links.lt_addr.get(source, NOTHING)
+            return k, k if destination == self.address and links.up(k, JOINED) else NOTHING
+        if destination == BROADCAST:
+            return EVERYONE, EVERYONE if links.held() else NOTHING
+        k = links.lt_addr.get(destination, NOTHING)
+        return EVERYONE, k if links.up(k, HELD) else NOTHING
+
+    # ------------------------------------------------------------ slots
+
+    def _arm(self) -> None:
+        """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
+        tick = NOTHING
+        if not self.suspended:
+            busy = self._queues.head(EVERYONE) is not None
+            piconet = self.links.piconet
+            tick = int(piconet[NEXT]) if busy else polling.next_served(piconet, self.links.table)
+        if self._slot is not None:
+            if tick == self._slot_tick:
+                return
+            self._slot.cancel()
+            self._slot = None
+        if tick != NOTHING:
+            self._slot_tick = tick
+            self._slot = self._kernel.at(self.clock.time_of(tick), self._decide, AIR)
+
+    def _decide(self) -> None:
+        self._slot = None
+        tick = self._slot_tick
+        if self._frames.idle_wanted:
+            self.advance(self._kernel.now)
+        self.links.refresh()
+        head = self._queues.head(EVERYONE)
+        wanted = NOTHING if head is None else head.lt_addr
+        k = polling.decide(self.links.piconet, self.links.table, tick, wanted)
+        if k > 0:
+            self._transact(tick, k, head if wanted == k else None)
+        elif k == EVERYONE and head is not None:
+            self._broadcast(tick, head)
+        self._arm()
+
+    def _transact(self, tick: int, k: int, payload: Payload | None) -> None:
+        """Send *payload*, or POLL, to the slave *k*, and let it answer."""
+        links, slave = self.links, self.links.slaves[k]
+        idle = payload is None and self._queues.head(k) is None
+        slots, air, first = _shape(payload)
+        got = polling.ask(links.piconet, links.table, tick, k, first, payload is not None, slots, air)
+        self._note(tick, "POLL", payload, (self.address, slave), links.heard_down, k, idle)
+        if not got:
+            return
+        news = self._queues.pop(k).fate(slave, Outcome.DELIVERED) if got & ACKED else []
+        self._hand_over(tick, air, payload if got & FRESH else None, self.address, slave, news)
+        tick += 2 * slots
+        answer = self._queues.head(k)
+        slots, air, first = _shape(answer)
+        got = polling.reply(links.piconet, links.table, tick, k, first, answer is not None, slots, air)
+        self._note(tick, "NULL", answer, (slave, self.address), links.heard_up, k, idle)
+        news = []
+        if payload is not None and got & HEARD:
+            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.DELIVERED)
+        self._hand_over(tick, air, answer if got & FRESH else None, slave, self.address, news)
+
+    def _broadcast(self, tick: int, payload: Payload) -> None:
+        slaves = self.links.slaves
+        got = polling.broadcast(self.links.piconet, self.links.table, tick, payload.kind.slots, payload.air)
+        self._frames.payloads[payload.kind.name] += 1
+        if self._frames.wanted:
+            length = len(payload.outgoing.payload)
+            for k, slave in sorted(slaves.items()):
+                ends, heard = (self.address, slave), self.links.heard_down(k)
+                self._frames.record(tick, payload.kind.name, payload.air, ends, heard, EVERYONE, length)
+        fresh = got & ~payload.taken
+        payload.taken |= got
+        payload.tries += 1
+        news: News = []
+        if payload.tries >= self._settings.n_bc:
+            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.SENT)
+        reception, data = self._reception(self.address, True), payload.outgoing.payload
+        arrivals = [(slave, data, reception) for k, slave in slaves.items() if fresh >> k & 1]
+        self._deliver_at(tick, payload.air, arrivals, news)
+
+    def _hand_over(
+        self, tick: int, air: Time, payload: Payload | None, source: Address, receiver: Address, news: News
+    ) -> None:
+        """Deliver, at the end of a frame of a transaction, what it brought and the fate of what it acknowledged."""
+        arrivals: list[Arrival] = []
+        if payload is not None:
+            arrivals = [(receiver, payload.outgoing.payload, self._reception(source, False))]
+        self._deliver_at(tick, air, arrivals, news)
+
+    def _deliver_at(self, tick: int, air: Time, arrivals: list[Arrival], news: News) -> None:
+        if arrivals or news:
+            self._kernel.at(self.clock.time_of(tick) + air, partial(self._deliver, arrivals, news))
+
+    def _reception(self, source: Address, broadcast: bool) -> Reception:
+        key = (source, broadcast)
+        if key not in self._receptions:
+            self._receptions[key] = Reception(source, broadcast)
+        return self._receptions[key]
+
+    def _note(
+        self,
+        tick: int,
+        empty: str,
+        payload: Payload | None,
+        ends: tuple[Address, Address],
+        heard: Callable[[int], Heard],
+        k: int,
+        idle: bool,
+    ) -> None:
+        """Count and record one frame of a transaction: *payload*, or a packet of the type *empty*."""
+        kind, air, length = empty, HEADER_AIR, 0
+        if payload is not None:
+            payload.tries += 1
+            kind, air, length = payload.kind.name, payload.air, len(payload.outgoing.payload)
+            self._frames.payloads[kind] += 1
+        if self._frames.idle_wanted or (self._frames.wanted and not idle):
+            self._frames.record(tick, kind, air, ends, heard(k), k, length)
+
+    # ------------------------------------------------------------ ends
+
+    def _supervise(self) -> None:
+        """Look after the earliest supervision time-out; a deadline that has moved later is found when its event fires."""
+        heard = polling.last_heard(self.links.table)
+        if heard == NOTHING:
+            return
+        deadline = heard + self._settings.supervision
+        if self._supervision is not None:
+            if self._supervision.time <= deadline:
+                return
+            self._supervision.cancel()
+        self._supervision = self._kernel.at(deadline, self._expire)
+
+    def _expire(self) -> None:
+        self._supervision = None
+        now = self._kernel.now
+        self.advance(now)
+        limit = now - self._settings.supervision
+        news: News = []
+        for k in sorted(self.links.slaves):
+            for side, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN)):
+                if self.links.table[heard, k] <= limit:
+                    news += self._drop(k, side)
+        self._supervise()
+        self._arm()
+        if news:
+            self._deliver((), news)
+
+    def _drop(self, k: int, side: int) -> News:
+        """Take one side of a link down and return what its host learns: Lost, and the fates of what it had queued."""
+        if not self.links.up(k, side):
+            return []
+        slave = self.links.slaves[k]
+        self.links.take_down(k, side)
+        if side == HELD:
+            host, peer = self.address, slave
+            fates = self._queues.flush_link(k, host, master_alone=not self.links.held())
+        else:
+            host, peer = slave, self.address
+            fates = self._queues.flush(k, host)
+        self._on_lost(host, peer)
+        return [(host, Lost(peer)), *fates]
+
+    def _tell(self, news: News) -> None:
+        """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
+        if news:
+            self._kernel.at(self._kernel.now, partial(self._deliver, (), news), WAKE)
+
+
+def _shape(payload: Payload | None) -> tuple[int, Time, bool]:
+    """Return (slots, air time, whether it goes on the air for the first time) of a packet with or without a payload."""
+    if payload is None:
+        return 1, HEADER_AIR, False
+    return payload.kind.slots, payload.air, payload.tries == 0

@@ -1,0 +1,78 @@
+"""What waits to be sent in one piconet: one queue a device, strictly first in, first out, and the fates of its payloads."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from cosim.channels.bluetooth.packets import PacketType
+from cosim.channels.bluetooth.polling import EVERYONE, MOST_SLAVES, QUEUED, State
+from cosim.machine import Address, Fate, LinkEvent, Outcome, Outgoing
+from cosim.units import Time
+
+News: TypeAlias = list[tuple[Address, LinkEvent]]
+"""(whom to tell, what)"""
+
+
+@dataclass(slots=True)
+class Payload:
+    """A host's payload with the packet that will carry it."""
+
+    lt_addr: int
+    outgoing: Outgoing
+    kind: PacketType
+    air: Time
+    tries: int = 0
+    """How often it has been on the air."""
+    taken: int = 0
+    """Who has received it, bit k for LT_ADDR k (broadcasts only)."""
+
+    def fate(self, source: Address, outcome: Outcome) -> News:
+        """Return the news for *source* that the payload has ended with *outcome*, if it has asked for them."""
+        return fate(source, self.outgoing, outcome)
+
+
+def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> News:
+    """Return the news for *source* that its payload has ended with *outcome*; none if it carries no token."""
+    return [] if outgoing.token is None else [(source, Fate(outgoing.token, outcome))]
+
+
+class Queues:
+    """The queues of a piconet: number EVERYONE is the master's, number k that of the slave with LT_ADDR k.
+
+    The lengths of the slaves' queues are kept in the row QUEUED of *links*, where the arithmetic of slots finds them.
+    """
+
+    def __init__(self, links: State) -> None:
+        self._links = links
+        self._waiting: list[deque[Payload]] = [deque() for _ in range(MOST_SLAVES + 1)]
+
+    def head(self, queue: int) -> Payload | None:
+        """Return the payload that is next in a queue."""
+        waiting = self._waiting[queue]
+        return waiting[0] if waiting else None
+
+    def push(self, queue: int, payload: Payload) -> bool:
+        """Append *payload* and return whether it is the head."""
+        waiting = self._waiting[queue]
+        waiting.append(payload)
+        self._links[QUEUED, queue] = len(waiting)
+        return len(waiting) == 1
+
+    def pop(self, queue: int) -> Payload:
+        """Remove the head."""
+        payload = self._waiting[queue].popleft()
+        self._links[QUEUED, queue] = len(self._waiting[queue])
+        return payload
+
+    def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> News:
+        """Remove all payloads of a queue that are meant by *which*, and return their fates for *source*."""
+        waiting = self._waiting[queue]
+        gone = [payload for payload in waiting if which(payload)]
+        self._waiting[queue] = deque(payload for payload in waiting if not which(payload))
+        self._links[QUEUED, queue] = len(self._waiting[queue])
+        return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
+
+    def flush_link(self, k: int, master: Address, master_alone: bool) -> News:
+        """Empty the master's queue of what is meant for LT_ADDR *k*, and of broadcasts if it is alone now."""
+        return self.flush(EVERYONE, master, lambda p: p.lt_addr == k or (master_alone and p.lt_addr == EVERYONE))

@@ -1,0 +1,113 @@
+"""The clock: SimPy's event queue, in integer nanoseconds, with cancellable handles and a stated order of equal times.
+
+Events are executed in the order (time, priority, insertion). The priorities are the phases of one instant:
+
+    STOP  -2   the end of a run; a run is half-open, so nothing at its end is executed
+    WORLD -1   robots move, then sense
+    (0)        SimPy's own urgent events
+    DELIVER 1  frames and link events arrive
+    WAKE   2   deadlines of machines
+    AIR    3   slot boundaries: what a radio sends is decided after everything else of that instant
+
+Nothing may be scheduled at the present instant into a phase that has already passed: it would run late and silently.
+SimPy cannot take events out of its queue; a cancelled handle stays there as an empty event until its time comes.
+"""
+
+from collections.abc import Callable
+from operator import index
+from typing import Any, Final
+
+import simpy
+from simpy.core import StopSimulation
+
+from cosim.errors import LocalProtocolError
+from cosim.units import Time
+
+STOP: Final = -2
+WORLD: Final = -1
+DELIVER: Final = 1
+WAKE: Final = 2
+AIR: Final = 3
+
+Callback = Callable[[], None]
+
+
+class Handle(simpy.Event):
+    """A callback that waits in the queue of a :class:`Kernel`; made by ``at`` and ``after`` only."""
+
+    __slots__ = ("_kernel", "_priority", "callback", "time")
+
+    def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback) -> None:
+        self.env = kernel.environment
+        self.callbacks: Any = [self._fire]
+        self._ok = True
+        self._value: Any = None
+        self._kernel = kernel
+        self._priority = priority
+        self.callback = callback
+        self.time = time
+
+    def cancel(self) -> None:
+        """Make sure that the callback is not called (any more). Cancelling twice, or too late, is harmless."""
+        if self.callbacks is not None:
+            self.callbacks.clear()
+
+    def _fire(self, _: simpy.Event) -> None:
+        self._kernel.phase = (self.time, self._priority)
+        self.callback()
+
+
+class Kernel:
+    """Simulated time and the queue of what will happen. An exception in a callback leaves ``run`` as it is."""
+
+    def __init__(self) -> None:
+        self.environment = simpy.Environment(initial_time=0)
+        self.phase: tuple[Time, int] = (0, STOP)
+
+    @property
+    def now(self) -> Time:
+        """The present instant in nanoseconds."""
+        return self.environment._now  # type: ignore[return-value]  # SimPy allows floats; the kernel does not
+
+    def at(self, time: Time, callback: Callback, priority: int = DELIVER) -> Handle:
+        """Call *callback* at the absolute *time*, in the phase *priority*.
+
+        Raise :exc:`LocalProtocolError` if *time* lies in the past, or now but in a phase that is over, and
+        :exc:`TypeError` if it is not an integer (a float clock would break every comparison of slots).
+        """
+        time = index(time)
+        now = self.now
+        if time < now or (time == now and self.phase[0] == now and priority < self.phase[1]):
+            raise LocalProtocolError(
+                f"scheduled at {time} ns, priority {priority}, but it is {now} ns, phase {self.phase[1]}"
+            )
+        handle = Handle(self, time, priority, callback)
+        self.environment.schedule(handle, priority, time - now)  # type: ignore[arg-type]
+        return handle
+
+    def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:
+        """Call *callback* once *delay* nanoseconds have passed; raise as :meth:`at` does."""
+        return self.at(self.now + index(delay), callback, priority)
+
+    def run(self, until: Time) -> None:
+        """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``."""
+        until = index(until)
+        if until < self.now:
+            raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns")
+        end = self._end(until)
+        try:
+            self.environment.run(until=end)
+        finally:
+            if end.callbacks is not None:  # ended early: this end must not end a later run
+                end.callbacks.clear()
+
+    def stop(self) -> None:
+        """End the present ``run`` at this instant, right after the callback that calls this."""
+        self._end(self.now).callbacks.append(StopSimulation.callback)
+
+    def _end(self, time: Time) -> simpy.Event:
+        event = simpy.Event(self.environment)
+        event._ok = True
+        event._value = None
+        self.environment.schedule(event, STOP, time - self.now)  # type: ignore[arg-type]
+        return event

@@ -1,0 +1,330 @@
+"""The contract between a protocol and everything around it: bytes and time in, bytes and commands out.
+
+A :class:`Machine` is a protocol endpoint without input or output of its own. It reads no clock (time is an argument),
+draws only from the stream it was given, and is driven by four kinds of calls: bytes that arrived, news about links,
+an observation of the robot's own body, a deadline of its own. What it wants done it leaves in three queues that the
+driver drains after every call: ``outbox`` (payloads and link commands, in one order), ``commands`` (motion) and
+``events`` (rows for the trace).
+
+Addresses are small integers, the robots' numbers in the team; channels map them to whatever their radios use.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+from cosim.errors import LocalProtocolError
+from cosim.settings import Settings
+from cosim.units import Time
+
+Address: TypeAlias = int
+"""A robot's number in its team, from 0."""
+
+BROADCAST: Final[Address] = -1
+"""The destination of a payload that is meant for everyone in reach."""
+
+
+# ---------------------------------------------------------------- what comes in
+
+
+class Reception(NamedTuple):
+    """How a payload arrived."""
+
+    source: Address
+    """Who put it on the air (the last hop)."""
+    broadcast: bool
+    """Whether it was sent to everyone."""
+    rssi_dbm: float | None = None
+    """Received power, where the channel knows it."""
+    bearing_rad: float | None = None
+    """Direction of the source in the receiver's frame, where the channel knows it."""
+
+
+class Observation(NamedTuple):
+    """What a robot knows of itself and sees at one world tick. SI units; angles counter-clockwise from the x axis."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    arrived: bool
+    """The last ``GoTo`` has been carried out (or there was none)."""
+    blocked: bool
+    """A wall or another body has kept the robot from moving as commanded in the tick that just ended."""
+    visible: tuple[Address, ...] = ()
+    """The robots in line of sight within the sensor's range, in order of their numbers."""
+
+
+class Outcome(StrEnum):
+    """What became of a payload, as its sender learns it."""
+
+    DELIVERED = "delivered"
+    """Acknowledged by the destination's radio."""
+    SENT = "sent"
+    """On the air as often as it was to be (a broadcast: nobody acknowledges it)."""
+    NO_LINK = "no_link"
+    """There is no link to the destination."""
+    TOO_LONG = "too_long"
+    """No packet type in use can carry it."""
+    FLUSHED = "flushed"
+    """Taken out of the queue by a ``Flush``, or because its link ended."""
+
+
+class Role(StrEnum):
+    """Which end of a link one is."""
+
+    MASTER = "master"
+    SLAVE = "slave"
+    PEER = "peer"
+    """A channel without roles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Discovered:
+    """An inquiry has found *peer*."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class InquiryComplete:
+    """The inquiry is over; *found* are all peers that it has found, in the order of their replies."""
+
+    found: tuple[Address, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """A link to *peer* is up, in which this side is *role*.
+
+    ``hop_address`` and ``hop_clock`` are what determines the link's hopping sequence (Bluetooth: the master's 32-bit
+    UAP/LAP word and its 28-bit clock now); 0 where a channel does not hop.
+    """
+
+    peer: Address
+    role: Role
+    hop_address: int = 0
+    hop_clock: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PageFailed:
+    """Paging *peer* ended without a link."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The link to *peer* is gone: nothing was heard of it for the supervision time-out, or the other side closed it."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What became of the payload that was sent with *token*."""
+
+    token: int
+    outcome: Outcome
+
+
+LinkEvent: TypeAlias = Discovered | InquiryComplete | Connected | PageFailed | Lost | Fate
+
+
+# ---------------------------------------------------------------- what goes out
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A payload for *destination* (or ``BROADCAST``). With a *token* its fate is reported by a ``Fate`` event."""
+
+    destination: Address
+    payload: bytes
+    token: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Inquire:
+    """Look for devices for *duration* ns, or until *enough* have been found."""
+
+    duration: Time
+    enough: int
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """Ask *peer* for a link, of which the caller becomes the master."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Be discoverable and connectable (both), or not."""
+
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnect:
+    """Close the link to *peer*; what is still queued for it is flushed."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Flush:
+    """Take out of the queue what is meant for *destination* and has not been on the air yet."""
+
+    destination: Address
+
+
+LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Drive straight to a point in the world frame and stop there."""
+
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Drive with a linear and an angular velocity until told otherwise."""
+
+    speed_mps: float
+    turn_radps: float
+
+
+Command: TypeAlias = GoTo | Drive
+
+
+class Event(Protocol):
+    """A typed row for the trace: a frozen dataclass whose fields are int, float, str or bool."""
+
+    __dataclass_fields__: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call from one room of a layered protocol to the next, for the trace; emitted among the events."""
+
+    depth: int
+    room: str
+    call: str
+    detail: str = ""
+
+
+class Machine(Protocol):
+    """A protocol endpoint. It does no I/O, reads no clock and draws only from the stream it was given."""
+
+    finished: bool
+    """Nothing more will come from this machine unless it is addressed again."""
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a payload; never raise for bad bytes, they become an event."""
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take news about links and about the fate of payloads."""
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Take what the robot senses at a world tick."""
+
+    def wake(self, now: Time) -> None:
+        """Act on all deadlines up to *now* (``now >= wake_at()``); idempotent."""
+
+    def wake_at(self) -> Time | None:
+        """Return the absolute time of the earliest deadline; pure and O(1)."""
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain payloads and link commands; they are acted on at once and in this order."""
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands; they are acted on at the next world tick."""
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace."""
+
+
+class Referee(Protocol):
+    """Judge of the truth of one run: sees the bodies, never the machines' beliefs."""
+
+    def look(
+        self, x_m: np.ndarray[Any, np.dtype[np.float64]], y_m: np.ndarray[Any, np.dtype[np.float64]], now: Time
+    ) -> bool:
+        """Note the robots' true positions (metres) at a tick; return whether the run is over."""
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return the metrics that the truth decides, by name."""
+
+
+class Metric(NamedTuple):
+    """A column of the table of runs: its name, unit and meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class ProtocolSpec:
+    """What an entry point of the group ``cosim.protocols`` names: all that cosim must know of a protocol."""
+
+    name: str
+    parameters: type[Settings]
+    """Model of the protocol's parameters in a scenario."""
+    prepare: Callable[[Any, "Surroundings"], Any]
+    """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
+
+    Raises UserError when the protocol cannot run there.
+    """
+    make: Callable[[Any, Any, Address, Any, Time], Machine]
+    """(parameters, knowledge, own address, random stream, start time) -> a machine."""
+    referee: Callable[[Any, Any], Referee]
+    """(parameters, knowledge) -> the judge of one run."""
+    metrics: tuple[Metric, ...]
+    """The columns that ``measure`` and the referee fill."""
+    measure: Callable[[Sequence[Any]], dict[str, float]]
+    """(machines) -> the metrics that the machines count themselves."""
+    events: tuple[type, ...]
+    """The event types, frozen dataclasses, that the machines emit."""
+    team_limit: int | None = None
+    """The largest team that the protocol can address."""
+
+
+class Surroundings(NamedTuple):
+    """What a protocol may be told of a run before it starts."""
+
+    starts_m: tuple[tuple[float, float], ...]
+    """Where the robots start."""
+    radius_m: float
+    """Radius of the largest body."""
+    speed_mps: float
+    """Speed limit of the slowest robot."""
+    acceleration_mps2: float
+    """Acceleration limit of the slowest robot."""
+    tick: Time
+    """Duration of a world tick."""
+    walls_m: np.ndarray[Any, np.dtype[np.float64]]
+    """Wall segments, shape (n, 4): x1, y1, x2, y2."""
+    bounds_m: tuple[float, float, float, float]
+    """Extent of the floor: x_min, y_min, x_max, y_max."""
+    forbidden: Callable[[np.ndarray[Any, np.dtype[np.float64]]], np.ndarray[Any, np.dtype[np.bool_]]]
+    """points (n, 2) -> True where the floor is occupied, unknown or outside."""
+
+
+def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:
+    """Look up (state, input) in a state table and return (action, next state).
+
+    Raise :exc:`LocalProtocolError` for a pair that the table does not hold: the caller drove the machine wrongly.
+    """
+    try:
+        return table[state, event]
+    except KeyError:
+        raise LocalProtocolError(f"input {event} is not legal in state {state}") from None

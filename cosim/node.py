@@ -1,0 +1,91 @@
+"""A node joins one machine with its channel and its body: it drives the machine and acts on what the machine leaves behind."""
+
+from typing import Any
+
+from cosim.channels.base import Channel
+from cosim.kernel import WAKE, Handle, Kernel
+from cosim.machine import Address, Call, Command, LinkEvent, Machine, Observation, Outgoing, Reception
+from cosim.trace import CALLS, MESSAGES, Trace
+from cosim.units import Time
+
+
+class Node:
+    """The driver of one machine. Inputs of one instant are taken first; ``drain`` then acts on them once.
+
+    A deadline that moves later is not re-armed: its event fires, looks, and is set anew. Only an earlier one replaces it.
+    """
+
+    def __init__(self, address: Address, machine: Machine, kernel: Kernel, channel: Channel, trace: Trace) -> None:
+        self.address = address
+        self.machine = machine
+        self.alive = True
+        self.motion: list[Command] = []
+        self._kernel = kernel
+        self._channel = channel
+        self._trace = trace
+        self._timer: Handle | None = None
+        self._messages_wanted = trace.wants(MESSAGES)
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Pass a payload to the machine."""
+        if self._messages_wanted:
+            self._trace.row(MESSAGES, now, self.address, reception.source, reception.broadcast, data.hex())
+        if self.alive:
+            self.machine.receive(data, reception, now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Pass news about links to the machine."""
+        if self.alive:
+            self.machine.link(event, now)
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Pass what the robot senses to the machine, and act on it."""
+        if self.alive:
+            self.machine.observe(observation, now)
+            self.drain(now)
+
+    def drain(self, now: Time) -> None:
+        """Act on all that the machine has left in its queues, and arm its deadline."""
+        machine = self.machine
+        for item in machine.outbox():
+            if isinstance(item, Outgoing):
+                self._channel.send(self.address, item)
+            else:
+                self._channel.command(self.address, item)
+        self.motion.extend(machine.commands())
+        for event in machine.events():
+            self._note(event, now)
+        self._arm(now)
+
+    def kill(self) -> None:
+        """Stop driving the machine: its host is dead."""
+        self.alive = False
+
+    def _note(self, event: Any, now: Time) -> None:
+        if isinstance(event, Call):
+            self._trace.row(CALLS, now, self.address, event.depth, event.room, event.call, event.detail)
+        else:
+            self._trace.event(now, self.address, event)
+
+    def _arm(self, now: Time) -> None:
+        deadline = self.machine.wake_at()
+        if deadline is None:
+            return
+        timer = self._timer
+        if timer is not None and timer.time <= deadline:
+            return
+        if timer is not None:
+            timer.cancel()
+        self._timer = self._kernel.at(max(deadline, now), self._wake, WAKE)
+
+    def _wake(self) -> None:
+        self._timer = None
+        if not self.alive:
+            return
+        now = self._kernel.now
+        deadline = self.machine.wake_at()
+        if deadline is not None and deadline <= now:
+            self.machine.wake(now)
+            self.drain(now)
+        else:
+            self._arm(now)

@@ -1,0 +1,212 @@
+"""What a run is to be: frozen settings read from YAML, with every default in one place and errors that say where.
+
+A scenario file is validated once into a :class:`Scenario`; ``--set`` and the digest work on its dump, in which all
+defaults are written out. The folder of the file, against which a relative map path is resolved, is not part of the
+dump: it travels as a private attribute.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, PrivateAttr, SerializeAsAny, ValidationError, field_validator, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from cosim.channels.bluetooth.device import BluetoothSettings
+from cosim.channels.ideal import IdealSettings
+from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, read_yaml, validated
+from cosim.machine import ProtocolSpec
+from cosim.robots.body import BodySettings
+from cosim.settings import Settings
+from cosim.units import SLOT, Time, from_seconds
+from cosim.world.floorplan import FloorplanSettings
+
+CHANNELS: dict[str, type[Settings]] = {"ideal": IdealSettings, "bluetooth": BluetoothSettings}
+"""The settings of every kind of channel."""
+
+
+def protocol_names() -> list[str]:
+    """Return the names of the installed protocols, sorted."""
+    return sorted(point.name for point in entry_points(group="cosim.protocols"))
+
+
+def protocol_spec(use: str) -> ProtocolSpec:
+    """Return the protocol that *use* names: an entry point of the group ``cosim.protocols``, or ``module:name``.
+
+    Raise ValueError for a name that leads nowhere.
+    """
+    module, colon, name = use.partition(":")
+    if not colon:
+        for point in entry_points(group="cosim.protocols", name=use):
+            return _checked(point.load(), use)
+        raise ValueError(f"is not a protocol: expected one of {', '.join(protocol_names())}, or module:name")
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"is not a protocol: {error}") from None
+    return _checked(found, use)
+
+
+def _checked(found: Any, use: str) -> ProtocolSpec:
+    if not isinstance(found, ProtocolSpec):
+        raise ValueError(f"is not a protocol: {use} is a {type(found).__name__}, expected a ProtocolSpec")
+    return found
+
+
+class TeamSettings(Settings):
+    """The robots of a run, all alike."""
+
+    size: int = Field(default=4, ge=1, description="number of robots")
+    body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
+    starts: tuple[tuple[float, float], ...] | None = Field(
+        default=None, description="m, where the robots start; drawn from the seed if not given"
+    )
+    sight_range_m: float | None = Field(
+        default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
+    )
+
+    @model_validator(mode="after")
+    def _one_start_each(self) -> Self:
+        if self.starts is not None and len(self.starts) != self.size:
+            raise _misplaced(("starts",), len(self.starts), f"positions are given for {self.size} robots")
+        return self
+
+
+class ProtocolChoice(Settings):
+    """Which protocol the robots run, with its own parameters."""
+
+    use: str = Field(description="an installed protocol, or module:name")
+    parameters: SerializeAsAny[Settings] = Field(
+        default_factory=Settings, description="what the protocol's own model defines"
+    )
+
+    @field_validator("use")
+    @classmethod
+    def _exists(cls, use: str) -> str:
+        protocol_spec(use)
+        return use
+
+    @field_validator("parameters", mode="before")
+    @classmethod
+    def _validated_by_the_protocol(cls, value: Any, info: Any) -> Any:
+        """Let the protocol's model validate the parameters: pydantic merges its errors, under this field's path."""
+        if "use" not in info.data:  # an error of its own; nothing to validate against
+            return Settings()
+        model = protocol_spec(info.data["use"]).parameters
+        return model.model_validate(value.model_dump() if isinstance(value, Settings) else value)
+
+    @property
+    def spec(self) -> ProtocolSpec:
+        """The protocol itself."""
+        return protocol_spec(self.use)
+
+
+class Scenario(Settings):
+    """Everything that decides a run, but for its seed's replicate."""
+
+    name: str = Field(default="scenario", description="what the run is called in tables")
+    seed: int = Field(default=1, ge=0, description="of the first replicate; the next ones count up")
+    duration_s: float = Field(gt=0, description="s, simulated time at which the run ends at the latest")
+    tick_s: float = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
+    floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
+    team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
+    channel: Annotated[IdealSettings | BluetoothSettings, Field(discriminator="kind")] = Field(
+        default_factory=IdealSettings, description="what carries their messages"
+    )
+    protocol: ProtocolChoice = Field(description="what they run")
+
+    _folder: Path = PrivateAttr(default_factory=Path)
+
+    @property
+    def folder(self) -> Path:
+        """The folder against which relative map paths are resolved first."""
+        return self._folder
+
+    @property
+    def tick(self) -> Time:
+        """The world's tick in nanoseconds."""
+        return from_seconds(self.tick_s)
+
+    @property
+    def duration(self) -> Time:
+        """The longest simulated time in nanoseconds."""
+        return from_seconds(self.duration_s)
+
+    def placed(self, folder: Path) -> Self:
+        """Return a copy whose relative map path is resolved against *folder*."""
+        copy = self.model_copy()
+        copy._folder = folder
+        return copy
+
+    @field_validator("tick_s")
+    @classmethod
+    def _whole_slots(cls, tick_s: float) -> float:
+        if from_seconds(tick_s) % SLOT or not from_seconds(tick_s):
+            raise ValueError("is not a whole number of slots of 0.000625 s")
+        return tick_s
+
+    @model_validator(mode="after")
+    def _addressable(self) -> Self:
+        limit = self.protocol.spec.team_limit
+        if limit is not None and self.team.size > limit:
+            expected = f"is more than the {limit} robots that {self.protocol.use} can address"
+            raise _misplaced(("team", "size"), self.team.size, expected)
+        return self
+
+
+def _misplaced(place: tuple[str | int, ...], value: Any, expected: str) -> ValidationError:
+    """Return an error at *place* below the model that raises it: one that concerns several fields has no other way."""
+    kind = PydanticCustomError("value_error", "{error}", {"error": expected})
+    return ValidationError.from_exception_data("Scenario", [InitErrorDetails(type=kind, loc=place, input=value)])
+
+
+# ---------------------------------------------------------------- files
+
+
+def load(path: Path, sets: Iterable[str] = ()) -> Scenario:
+    """Return the scenario in the YAML file *path*, changed by *sets*, texts such as ``team.size=3``.
+
+    Raise UserError, one line, for anything that is wrong with either.
+    """
+    assignments = [given_here(parse_assignment(text)) for text in sets]
+    return build(read_yaml(path), str(path), path.parent, assignments)
+
+
+def build(plain: dict[str, Any], source: str, folder: Path, assignments: Sequence[Assignment] = ()) -> Scenario:
+    """Return the scenario that *plain*, read from *source*, describes; map paths in it are relative to *folder*."""
+    scenario = validated(Scenario, plain, source, (), _protocol_model(plain))
+    selectors = [item for item in assignments if item.place[-1] in SELECTORS]
+    for group in (selectors, [item for item in assignments if item not in selectors]):
+        if group:  # selectors first: only then are the settings there that the others may change
+            changed = assign(dump(scenario), group)
+            scenario = validated(Scenario, changed, source, group, _protocol_model(changed))
+    return scenario.placed(folder)
+
+
+def given_here(item: Assignment) -> Assignment:
+    """Return *item* from the command line, with a map's path relative to the working directory made absolute."""
+    if item.place == ("floorplan", "map") and isinstance(item.value, str) and Path(item.value).is_file():
+        return item._replace(value=str(Path(item.value).resolve()))
+    return item
+
+
+def _protocol_model(plain: dict[str, Any]) -> dict[Place, type[Settings]]:
+    choice = plain.get("protocol")
+    try:
+        return {("protocol", "parameters"): protocol_spec(choice["use"]).parameters}  # type: ignore[index]
+    except (TypeError, KeyError, ValueError, AttributeError):  # wrong in itself: the validation will say so
+        return {}
+
+
+def dump(settings: Settings) -> dict[str, Any]:
+    """Return *settings* as plain data for YAML or JSON, with all defaults written out."""
+    return settings.model_dump(mode="json")
+
+
+def digest(plain: Any) -> str:
+    """Return the SHA-256 of plain data, such as ``dump(scenario)``: the order of its keys has no meaning."""
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()

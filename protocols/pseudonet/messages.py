@@ -1,0 +1,283 @@
+"""What Pseudonet puts on the air (paper 003, section III.A, Fig. 3): four packet types, five message types, a CRC on each.
+
+Every packet begins with a byte of source (3 bits), packet type (2 bits) and message kind (3 bits), followed by the
+number of the exchange that it belongs to. All fit a DM1 packet (17 bytes), so that each is one Bluetooth packet.
+
+An *information* packet carries a message. Each message tells where its robot is, its next action, and for all four
+actions the verdict of the evaluation, that is why each failed: the list that the paper's case study sends (section
+VI). Help, trap and stop add nothing that has no field here; an answer adds its addressee and a cell, a trap the trail
+that it is caught in. The paper names no destination field, "as all messages are broadcast": an answer's addressee is
+part of the message's content, and the master, who reads it, forwards the answer to that robot alone.
+
+The "accept" of Fig. 10 is sent as an answer (to all, ``Reply.ACCEPT``): it answers the states of the exchange before.
+
+A *synchronisation* packet carries the team (a bit for each member, the number of bits set being the team size) and the
+hop information, and serves as the poll.
+"""
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import lru_cache
+from typing import Final
+
+from cosim.errors import WireError
+from protocols import wire
+
+
+class PacketType(IntEnum):
+    """The 2-bit type field."""
+
+    INFORMATION = 0
+    SYNCHRONISATION = 1
+    ACKNOWLEDGEMENT = 2
+    NEGATIVE_ACKNOWLEDGEMENT = 3
+
+
+class Kind(IntEnum):
+    """The message types of section III.A; NONE in packets that carry no message."""
+
+    STATE = 0
+    HELP = 1
+    ANSWER = 2
+    TRAP = 3
+    STOP = 4
+    NONE = 7
+
+
+class Action(IntEnum):
+    """What a robot does next; the first four are the directions of a step."""
+
+    NORTH = 0
+    EAST = 1
+    SOUTH = 2
+    WEST = 3
+    STAY = 4
+
+
+class Verdict(IntEnum):
+    """Why an action cannot, or should not, be taken."""
+
+    POSSIBLE = 0
+    WALL = 1
+    COVERED = 2
+    ROBOT = 3
+    """Another robot stands there."""
+    NEARER = 4
+    """The step would reduce the distance to another robot."""
+    LOST = 5
+    """Another robot has the better claim to that cell."""
+
+
+class Reply(IntEnum):
+    """What an answer says."""
+
+    NONE = 0
+    ACCEPT = 1
+    """Nobody is in the way of anybody: the next action is carried out."""
+    YIELD = 2
+    """I have changed my action, as the better claim is yours."""
+    DIRECT = 3
+    """The nearest uncovered cell that I know is the target."""
+
+
+TRAIL_LIMIT: Final = 12
+"""The longest trail that a trap message carries, in steps."""
+
+_HEAD: Final[wire.Layout] = (("source", 3), ("type", 2), ("kind", 3), ("exchange", 8))
+_STATE: Final[wire.Layout] = (
+    *_HEAD,
+    ("x", 12),
+    ("y", 12),
+    ("action", 3),
+    ("north", 3),
+    ("east", 3),
+    ("south", 3),
+    ("west", 3),
+    ("busy", 1),
+)
+_ANSWER: Final[wire.Layout] = (*_STATE, ("to_all", 1), ("addressee", 3), ("reply", 2), ("target_x", 12), ("target_y", 12))
+_TRAP: Final[wire.Layout] = (*_STATE, ("length", 4), ("trail", 2 * TRAIL_LIMIT))
+_SYNC: Final[wire.Layout] = (*_HEAD, ("members", 8), ("roll_call", 1), ("hop_address", 32), ("hop_clock", 28))
+_MESSAGES: Final = {
+    Kind.STATE: _STATE,
+    Kind.HELP: _STATE,
+    Kind.ANSWER: _ANSWER,
+    Kind.TRAP: _TRAP,
+    Kind.STOP: _STATE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """The content of an information packet."""
+
+    source: int
+    kind: Kind
+    exchange: int
+    x: int
+    y: int
+    action: Action
+    verdicts: tuple[Verdict, Verdict, Verdict, Verdict]
+    busy: bool = False
+    """Not ready to decide: still driving, or out of step with the team."""
+    addressee: int | None = None
+    """Whom an answer is for; None for all."""
+    reply: Reply = Reply.NONE
+    target: tuple[int, int] = (0, 0)
+    """Column and row of the cell that an answer directs to."""
+    trail: tuple[Action, ...] = ()
+    """The last steps of a robot that is trapped, oldest first."""
+
+    def constricted(self) -> int:
+        """Return how many actions remain possible: the fewer, the better the claim to a cell."""
+        return sum(verdict == Verdict.POSSIBLE for verdict in self.verdicts)
+
+
+@dataclass(frozen=True, slots=True)
+class Sync:
+    """The content of a synchronisation packet."""
+
+    source: int
+    exchange: int
+    members: tuple[int, ...]
+    """The team, in increasing order."""
+    roll_call: bool
+    """The team has changed: the exchange begins anew, and plans are made again after it."""
+    hop_address: int = 0
+    """The 32-bit address word that the piconet's hopping sequence is drawn from."""
+    hop_clock: int = 0
+    """The piconet's 28-bit clock when the link came up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledgement:
+    """The content of an acknowledgement, or (``negative``) of a negative one."""
+
+    source: int
+    exchange: int
+    negative: bool = False
+
+
+Packet = Message | Sync | Acknowledgement
+
+
+def encode(packet: Packet) -> bytes:
+    """Return the bytes of *packet*; raise :exc:`WireError` for a value that its field cannot hold."""
+    match packet:
+        case Message():
+            return _encode_message(packet)
+        case Sync():
+            return wire.pack(
+                _SYNC,
+                {
+                    "source": packet.source,
+                    "type": PacketType.SYNCHRONISATION,
+                    "kind": Kind.NONE,
+                    "exchange": packet.exchange,
+                    "members": sum(1 << member for member in packet.members),
+                    "roll_call": packet.roll_call,
+                    "hop_address": packet.hop_address,
+                    "hop_clock": packet.hop_clock,
+                },
+            )
+        case Acknowledgement():
+            kind = PacketType.NEGATIVE_ACKNOWLEDGEMENT if packet.negative else PacketType.ACKNOWLEDGEMENT
+            head = {"source": packet.source, "type": kind, "kind": Kind.NONE, "exchange": packet.exchange}
+            return wire.pack(_HEAD, head)
+
+
+@lru_cache(maxsize=256)  # a broadcast reaches seven robots with the same bytes
+def decode(data: bytes) -> Packet:
+    """Return the packet that *data* encodes; raise :exc:`WireError` for anything that :func:`encode` does not make."""
+    wire.check(data)
+    try:
+        packet = _decode(data)
+    except ValueError as error:  # a number that names no type, kind, action, verdict or reply
+        raise WireError(str(error)) from None
+    if encode(packet) != data:
+        raise WireError("a packet that nobody encodes so")
+    return packet
+
+
+def _encode_message(message: Message) -> bytes:
+    north, east, south, west = message.verdicts
+    values = {
+        "source": message.source,
+        "type": PacketType.INFORMATION,
+        "kind": message.kind,
+        "exchange": message.exchange,
+        "x": message.x,
+        "y": message.y,
+        "action": message.action,
+        "north": north,
+        "east": east,
+        "south": south,
+        "west": west,
+        "busy": message.busy,
+    }
+    if message.kind == Kind.ANSWER:
+        values |= {
+            "to_all": message.addressee is None,
+            "addressee": message.addressee or 0,
+            "reply": message.reply,
+            "target_x": message.target[0],
+            "target_y": message.target[1],
+        }
+    elif message.kind == Kind.TRAP:
+        values |= {"length": len(message.trail), "trail": _trail_word(message.trail)}
+    return wire.pack(_MESSAGES[message.kind], values)
+
+
+def _trail_word(trail: tuple[Action, ...]) -> int:
+    if len(trail) > TRAIL_LIMIT or Action.STAY in trail:
+        raise WireError(f"a trail of {len(trail)} steps, where at most {TRAIL_LIMIT} steps that move are carried")
+    return sum(action << 2 * index for index, action in enumerate(trail))
+
+
+def _decode(data: bytes) -> Packet:
+    head = wire.pack(_HEAD, {"source": 0, "type": 0, "kind": 0, "exchange": 0})
+    kind = Kind(data[0] & 7)
+    match PacketType(data[0] >> 3 & 3):
+        case PacketType.INFORMATION if kind in _MESSAGES:
+            return _decode_message(kind, wire.unpack(_MESSAGES[kind], data))
+        case PacketType.SYNCHRONISATION:
+            values = wire.unpack(_SYNC, data)
+            members = tuple(member for member in range(8) if values["members"] >> member & 1)
+            return Sync(
+                values["source"],
+                values["exchange"],
+                members,
+                bool(values["roll_call"]),
+                values["hop_address"],
+                values["hop_clock"],
+            )
+        case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as kind_of_packet if len(data) == len(head):
+            negative = kind_of_packet == PacketType.NEGATIVE_ACKNOWLEDGEMENT
+            return Acknowledgement(data[0] >> 5, data[1], negative)
+    raise WireError(f"no packet has type {data[0] >> 3 & 3} with message kind {kind}")
+
+
+def _decode_message(kind: Kind, values: dict[str, int]) -> Message:
+    verdicts = tuple(Verdict(values[name]) for name in ("north", "east", "south", "west"))
+    message = Message(
+        source=values["source"],
+        kind=kind,
+        exchange=values["exchange"],
+        x=values["x"],
+        y=values["y"],
+        action=Action(values["action"]),
+        verdicts=verdicts,  # type: ignore[arg-type]  # four names give four verdicts
+        busy=bool(values["busy"]),
+    )
+    if kind == Kind.ANSWER:
+        return replace(
+            message,
+            addressee=None if values["to_all"] else values["addressee"],
+            reply=Reply(values["reply"]),
+            target=(values["target_x"], values["target_y"]),
+        )
+    if kind == Kind.TRAP:
+        length = min(values["length"], TRAIL_LIMIT)
+        trail = tuple(Action(values["trail"] >> 2 * index & 3) for index in range(length))
+        return replace(message, trail=trail)
+    return message

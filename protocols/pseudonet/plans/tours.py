@@ -1,0 +1,141 @@
+"""Tours: the order in which cells are to be covered, its cost, its division among a team, and who drives which part.
+
+Two cells that follow each other in a tour need not be neighbours: the robot drives a shortest path between them, over
+cells that are free and reachable, covered or not. Steps are taken to work both ways.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from cosim.errors import LocalProtocolError
+from cosim.geometry.grids import Cell, CoverageGrid, Ints
+from cosim.jit import njit
+
+Tour: TypeAlias = tuple[Cell, ...]
+"""Cells in the order in which they are to be covered."""
+Costs: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+
+
+@njit(cache=True)
+def _search(steps: Any, source: int, targets: Any) -> tuple[int, int]:
+    """Return the nearest of *targets* (n,) and the steps to it, or (-1, -1) if there is no way to any."""
+    distance = np.full(steps.shape[0], -1, np.int32)
+    queue = np.empty(steps.shape[0], np.int32)
+    distance[source] = 0
+    queue[0] = source
+    head, tail = 0, 1
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        for target in targets:
+            if cell == target:
+                return cell, distance[cell]
+        for direction in range(4):
+            neighbour = steps[cell, direction]
+            if neighbour >= 0 and distance[neighbour] < 0:
+                distance[neighbour] = distance[cell] + 1
+                queue[tail] = neighbour
+                tail += 1
+    return -1, -1
+
+
+@njit(cache=True)
+def _drives(steps: Any, order: Any) -> Any:
+    costs = np.ones(order.size - 1, np.int64)
+    for i in range(order.size - 1):
+        here, there = order[i], order[i + 1]
+        adjacent = False
+        for direction in range(4):
+            adjacent |= steps[here, direction] == there
+        if not adjacent:
+            costs[i] = _search(steps, here, order[i + 1 : i + 2])[1]
+    return costs
+
+
+def nearest(grid: CoverageGrid, source: Cell, targets: Sequence[Cell]) -> Cell | None:
+    """Return the target with the shortest drive from *source*, or None if there is no way to any."""
+    target = int(_search(grid.steps, source, np.array(targets, np.int32))[0])
+    return None if target < 0 else target
+
+
+def drive_costs(grid: CoverageGrid, order: Sequence[Cell]) -> Costs:
+    """Return the steps from each cell of *order* to the next, shape (len(order) - 1,).
+
+    Where there is no way the cost is more than that of all possible drives together: :func:`split` cuts there first.
+    """
+    if len(order) < 2:
+        return np.empty(0, np.int64)
+    costs = np.asarray(_drives(grid.steps, np.array(order, np.int32)))
+    possible = costs >= 0
+    return np.where(possible, costs, costs[possible].sum() + 1)
+
+
+def split(order: Sequence[Cell], costs: Costs, team: int) -> tuple[Tour, ...]:
+    """Cut *order* into *team* contiguous parts whose greatest cost is as small as can be, and which are nearly equal.
+
+    *costs* are the drives between successive cells, as of :func:`drive_costs`; the drive at a cut is not made. No part
+    is empty if there are cells enough. Raise LocalProtocolError if there is no team.
+    """
+    if team < 1:
+        raise LocalProtocolError(f"a tour cannot be split among {team} robots")
+    count = min(team, len(order))
+    if count == 0:
+        return ((),) * team
+    reached = np.concatenate((np.zeros(1, np.int64), np.cumsum(costs)))
+    bound = _least_bound(reached, count)
+    least = _least_ends(reached, count, bound)
+    cuts = [0]
+    for part in range(count - 1):
+        start, after = cuts[-1], count - part - 1
+        share = reached[start] + (reached[-1] - reached[start]) // (after + 1)
+        even = int(np.searchsorted(reached, share, "right"))
+        within = int(np.searchsorted(reached, reached[start] + bound, "right"))
+        cuts.append(max(start + 1, least[part], min(even, within, len(order) - after)))
+    cuts.append(len(order))
+    parts = tuple(tuple(order[a:b]) for a, b in pairwise(cuts))
+    return parts + ((),) * (team - count)
+
+
+def _least_bound(reached: Costs, count: int) -> int:
+    """Return the smallest cost that *count* parts need not exceed, by bisection."""
+    low, high = 0, int(reached[-1])
+    while low < high:
+        middle = (low + high) // 2
+        if _least_ends(reached, count + 1, middle)[0] == 0:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+def _least_ends(reached: Costs, count: int, bound: int) -> list[int]:
+    """Return how far each part but the last must come so that those after it can cover the rest within *bound*."""
+    ends: list[int] = []
+    start = reached.size
+    for _ in range(count - 1):
+        if start > 0:
+            start = int(np.searchsorted(reached, reached[start - 1] - bound, "left"))
+        ends.append(start)
+    return ends[::-1]
+
+
+def assign(parts: Sequence[Tour], starts: Sequence[Cell], distances: Callable[[Cell], Ints]) -> tuple[Tour, ...]:
+    """Give each robot at most one part, so that the drives from *starts* to the parts' first cells are least in sum.
+
+    *distances* returns the steps from a cell to all cells, shape (cells,), -1 where there is no way. As few parts as
+    possible go to robots that cannot reach them. Returns a tour for each start, which may be empty. Raise
+    LocalProtocolError if there are more parts than robots.
+    """
+    if len(parts) > len(starts):
+        raise LocalProtocolError(f"{len(parts)} parts for {len(starts)} robots")
+    work = [part for part in parts if part]
+    firsts = [part[0] for part in work]
+    drives = np.array([distances(start)[firsts] for start in starts], np.int64).reshape(len(starts), len(firsts))
+    drives = np.where(drives >= 0, drives, drives.max(initial=0) * len(starts) + 1)
+    robots, chosen = linear_sum_assignment(drives)
+    given = dict(zip(robots.tolist(), chosen.tolist(), strict=True))
+    return tuple(work[given[robot]] if robot in given else () for robot in range(len(starts)))

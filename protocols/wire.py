@@ -1,0 +1,55 @@
+"""Bit-exact encodings: a layout is a tuple of (field, bits), packed most significant bit first and closed by a CRC-16.
+
+The CRC is CRC-CCITT (polynomial x^16 + x^12 + x^5 + 1, initial value 0xFFFF), over all bytes before it.
+"""
+
+from binascii import crc_hqx
+from collections.abc import Mapping
+from typing import Final, TypeAlias
+
+from cosim.errors import WireError
+
+Layout: TypeAlias = tuple[tuple[str, int], ...]
+
+CRC_BYTES: Final = 2
+
+
+def size(layout: Layout) -> int:
+    """Return the length in bytes of a packet of *layout*, padding and CRC included."""
+    return -(-sum(bits for _, bits in layout) // 8) + CRC_BYTES
+
+
+def pack(layout: Layout, values: Mapping[str, int]) -> bytes:
+    """Encode *values*; raise :exc:`WireError` for a value that its field cannot hold."""
+    word = 0
+    for name, bits in layout:
+        value = values[name]
+        if not 0 <= value < 1 << bits:
+            raise WireError(f"{name} = {value} does not fit into {bits} bits")
+        word = word << bits | value
+    body = size(layout) - CRC_BYTES
+    padding = 8 * body - sum(bits for _, bits in layout)
+    data = (word << padding).to_bytes(body, "big")
+    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+
+
+def unpack(layout: Layout, data: bytes) -> dict[str, int]:
+    """Decode *data*; raise :exc:`WireError` for a wrong length, CRC or padding."""
+    if len(data) != size(layout):
+        raise WireError(f"{len(data)} bytes where {size(layout)} were expected")
+    check(data)
+    word = int.from_bytes(data[:-CRC_BYTES], "big")
+    rest = 8 * (len(data) - CRC_BYTES)
+    values = {}
+    for name, bits in layout:
+        rest -= bits
+        values[name] = word >> rest & (1 << bits) - 1
+    if word & (1 << rest) - 1:
+        raise WireError("padding that is not zero")
+    return values
+
+
+def check(data: bytes) -> None:
+    """Raise :exc:`WireError` unless *data* ends with the CRC of what comes before."""
+    if len(data) <= CRC_BYTES or crc_hqx(data[:-CRC_BYTES], 0xFFFF) != int.from_bytes(data[-CRC_BYTES:], "big"):
+        raise WireError("the CRC does not fit")

@@ -1,0 +1,263 @@
+"""The laws of the house, read from the sources: who imports whom, which third parties, how large things get."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("cosim", "protocols", "experiments")
+SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+LINES = (
+    "units errors jit",
+    "randomness settings geometry documents",
+    "machine navigation",
+    "trace kernel",
+    "world",
+    "robots channels",
+    "node faults scenario simulation results sweep",
+    "report export web testing cli",
+)
+"""The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
+PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
+STRANGERS = {("robots", "channels"), ("channels", "robots")}
+PROTOCOLS_MAY = {"units", "errors", "settings", "randomness", "machine", "geometry", "navigation", "jit"}
+
+OWNERS = {
+    "simpy": {"kernel"},
+    "pyarrow": {"trace", "results", "report", "export"},
+    "pandas": {"trace", "results", "report", "export"},
+    "numba": {"jit"},
+    "click": {"cli"},
+    "rich": {"cli"},
+    "random": set(),
+    "time": {"sweep", "results", "cli"},
+    "datetime": {"sweep", "results", "cli"},
+}
+"""Modules from outside that only these rooms of cosim may import; the wall clock only where a run is timed."""
+PROTOCOL_PARTIES = {"numpy", "scipy", "networkx", "pydantic"}
+
+FILE_LINES, FUNCTION_LINES, CLASS_LINES, PUBLIC_METHODS = 450, 60, 250, 20
+
+
+# ---------------------------------------------------------------- reading
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path) for path in SOURCES}
+
+
+def imports(tree: ast.AST) -> Iterator[str]:
+    """Yield the dotted name of everything that is imported anywhere, TYPE_CHECKING blocks and functions included."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: a relative import hides the layer"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in MODULES else str(node.module)
+
+
+def room(module: str) -> str:
+    return module.split(".")[1] if "." in module else ""
+
+
+def import_fault(importer: str, imported: str) -> str | None:
+    """Return one sentence if *importer* must not import *imported*, both dotted module names."""
+    package, other = importer.split(".")[0], imported.split(".")[0]
+    if other not in PACKAGES:
+        return party_fault(importer, other)
+    if imported == other:
+        return f"{importer} imports the package root {imported}"
+    here, there = room(importer), room(imported)
+    if package == "protocols":
+        if other == "experiments" or (other == "cosim" and there not in PROTOCOLS_MAY):
+            return f"{importer} imports {imported}, but a protocol knows only {', '.join(sorted(PROTOCOLS_MAY))}"
+        return None
+    if package == "experiments":
+        return None
+    if other != "cosim":
+        return f"{importer} imports {imported}, but cosim knows no protocol and no experiment by name"
+    if here == there:
+        return None
+    if (here, there) in STRANGERS or PLACES[there] >= PLACES[here]:
+        return f"{importer} imports {imported}, but {there} does not stand above {here} in the table of rooms"
+    return None
+
+
+def party_fault(importer: str, party: str) -> str | None:
+    package = importer.split(".")[0]
+    if package == "protocols":
+        if party not in PROTOCOL_PARTIES and party not in sys.stdlib_module_names:
+            return f"{importer} imports {party}, but protocols use only {', '.join(sorted(PROTOCOL_PARTIES))}"
+        if party in {"random", "time", "datetime", "secrets", "uuid"}:
+            return f"{importer} imports {party}, but time and randomness are arguments"
+    if package == "cosim" and party in OWNERS and room(importer) not in OWNERS[party]:
+        return f"{importer} imports {party}, which belongs to {', '.join(sorted(OWNERS[party])) or 'nobody'}"
+    return None
+
+
+def cycle(graph: dict[str, set[str]]) -> list[str]:
+    """Return the modules of one import cycle in *graph*, in order, or nothing."""
+    done: set[str] = set()
+
+    def visit(module: str, path: list[str]) -> list[str]:
+        if module in path:
+            return path[path.index(module) :]
+        if module in done:
+            return []
+        for other in sorted(graph.get(module, ())):
+            if found := visit(other, [*path, module]):
+                return found
+        done.add(module)
+        return []
+
+    for module in sorted(graph):
+        if found := visit(module, []):
+            return found
+    return []
+
+
+def oversized(tree: ast.Module, lines: int) -> list[str]:
+    """Return a sentence for every budget that *tree*, a file of that many *lines*, exceeds."""
+    faults = [f"{lines} lines, {FILE_LINES} are enough"] if lines > FILE_LINES else []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            continue
+        length = (node.end_lineno or node.lineno) - node.lineno + 1
+        limit = CLASS_LINES if isinstance(node, ast.ClassDef) else FUNCTION_LINES
+        if length > limit:
+            faults.append(f"{node.name} has {length} lines, {limit} are enough")
+        if isinstance(node, ast.ClassDef):
+            public = [f for f in node.body if isinstance(f, ast.FunctionDef) and not f.name.startswith("_")]
+            if len(public) > PUBLIC_METHODS:
+                faults.append(f"{node.name} has {len(public)} public methods, {PUBLIC_METHODS} are enough")
+    return faults
+
+
+TREES = {module_name(path): ast.parse(path.read_text(encoding="utf-8"), str(path)) for path in SOURCES}
+LENGTHS = {module_name(path): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
+
+
+# ---------------------------------------------------------------- the laws
+
+
+def test_every_room_has_its_place():
+    strange = {room(module) for module in MODULES if module.startswith("cosim.")} - PLACES.keys()
+    assert not strange, f"the table of rooms does not know {sorted(strange)}"
+
+
+def test_imports_look_up_only():
+    faults = [
+        fault for module, tree in TREES.items() for name in imports(tree) if (fault := import_fault(module, name))
+    ]
+    assert not faults, faults[0]
+
+
+def test_there_are_no_import_cycles():
+    graph = {module: {name for name in imports(tree) if name in MODULES} for module, tree in TREES.items()}
+    found = cycle(graph)
+    assert not found, f"an import cycle: {' -> '.join(found)}"
+
+
+def test_files_functions_and_classes_keep_their_budgets():
+    faults = [f"{name}: {fault}" for name, tree in TREES.items() for fault in oversized(tree, LENGTHS[name])]
+    assert not faults, faults[0]
+
+
+def test_package_roots_are_empty():
+    full = [str(path.relative_to(ROOT)) for path in SOURCES if path.name == "__init__.py" and path.read_text().strip()]
+    assert not full, f"{full[0]} re-exports or does something, package roots are empty"
+
+
+def test_units_load_no_simulator():
+    code = "import sys, cosim.units; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    loaded = set(
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    )
+    assert "cosim" in loaded
+    assert not loaded & {"simpy", "numpy", "numba", "pyarrow", "pandas", "pydantic"}
+
+
+def test_numpy_generators_are_made_in_randomness_only():
+    makers = ("default_rng(", "np.random.Generator(", "np.random.seed(", "RandomState(")
+    faults = [
+        f"{module_name(path)} makes a generator with {maker})"
+        for path in SOURCES
+        for maker in makers
+        if maker in path.read_text(encoding="utf-8") and module_name(path) != "cosim.randomness"
+    ]
+    assert not faults, faults[0]
+
+
+# ---------------------------------------------------------------- the laws bite
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported"),
+    [
+        ("cosim.units", "cosim.errors"),
+        ("cosim.geometry.grids", "cosim.machine"),
+        ("cosim.channels.ideal", "cosim.robots.body"),
+        ("cosim.robots.body", "cosim.channels.base"),
+        ("cosim.kernel", "cosim.world.maps"),
+        ("cosim.scenario", "cosim.simulation"),
+        ("cosim.sweep", "experiments.messaging_delay"),
+        ("cosim.node", "protocols.wire"),
+        ("cosim.world.maps", "cosim"),
+        ("protocols.pseudonet.spec", "cosim.kernel"),
+        ("protocols.pseudonet.spec", "simpy"),
+        ("protocols.pseudonet.spec", "random"),
+        ("protocols.wire", "pandas"),
+        ("cosim.node", "simpy"),
+        ("cosim.simulation", "pandas"),
+        ("cosim.kernel", "time"),
+        ("cosim.randomness", "random"),
+    ],
+)
+def test_a_forbidden_import_is_told_in_one_sentence(importer: str, imported: str):
+    fault = import_fault(importer, imported)
+    assert fault is not None
+    assert importer in fault
+    assert "\n" not in fault
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported"),
+    [
+        ("cosim.simulation", "cosim.scenario"),
+        ("cosim.world.sight", "cosim.geometry.segments"),
+        ("cosim.world.offices", "cosim.randomness"),
+        ("cosim.kernel", "simpy"),
+        ("cosim.sweep", "time"),
+        ("protocols.pseudonet.spec", "cosim.machine"),
+        ("experiments.messaging_delay.measure", "protocols.pseudonet.spec"),
+    ],
+)
+def test_an_import_upwards_is_allowed(importer: str, imported: str):
+    assert import_fault(importer, imported) is None
+
+
+def test_imports_below_type_checking_count():
+    tree = ast.parse("if TYPE_CHECKING:\n    from cosim.kernel import Kernel\ndef f():\n    import simpy\n")
+    assert list(imports(tree)) == ["cosim.kernel", "simpy"]
+
+
+def test_a_cycle_is_found():
+    assert cycle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
+    assert cycle({"a": {"b", "c"}, "b": {"c"}}) == []
+
+
+def test_a_long_function_is_noticed():
+    source = "class C:\n    def f(self):\n" + "        x = 1\n" * FUNCTION_LINES
+    assert oversized(ast.parse(source), 100) == [f"f has {FUNCTION_LINES + 1} lines, {FUNCTION_LINES} are enough"]
+    assert oversized(ast.parse("x = 1"), FILE_LINES + 1) == [f"{FILE_LINES + 1} lines, {FILE_LINES} are enough"]
