@@ -53,7 +53,9 @@ class Handle(simpy.Event):
             self.callbacks.clear()
 
     def _fire(self, _: simpy.Event) -> None:
-        self._kernel.phase = (self.time, self._priority)
+        kernel = self._kernel
+        kernel.phase = (self.time, self._priority)
+        kernel.executed += 1
         self.callback()
 
 
@@ -63,6 +65,7 @@ class Kernel:
     def __init__(self) -> None:
         self.environment = simpy.Environment(initial_time=0)
         self.phase: tuple[Time, int] = (0, STOP)
+        self.executed = 0
 
     @property
     def now(self) -> Time:
@@ -88,6 +91,11 @@ class Kernel:
     def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:
         """Call *callback* once *delay* nanoseconds have passed; raise as :meth:`at` does."""
         return self.at(self.now + index(delay), callback, priority)
+
+    def soon(self, callback: Callback) -> Handle:
+        """Call *callback* at this instant, as a new event, in the phase DELIVER or in the present one if that is later."""
+        time, phase = self.phase
+        return self.at(self.now, callback, max(DELIVER, phase) if time == self.now else DELIVER)
 
     def run(self, until: Time) -> None:
         """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``."""

@@ -279,6 +279,8 @@ class ProtocolSpec:
     name: str
     parameters: type[Settings]
     """Model of the protocol's parameters in a scenario."""
+    place: Callable[[Any, "Surroundings", int, np.random.Generator], Sequence[tuple[float, float]]]
+    """(parameters, surroundings without starts, team size, random stream) -> where robots start that have no given start."""
     prepare: Callable[[Any, "Surroundings"], Any]
     """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
 
@@ -296,6 +298,8 @@ class ProtocolSpec:
     """The event types, frozen dataclasses, that the machines emit."""
     team_limit: int | None = None
     """The largest team that the protocol can address."""
+    needs_sight: bool = False
+    """Observations name the robots in sight."""
 
 
 class Surroundings(NamedTuple):

@@ -87,7 +87,7 @@ class RunStore:
     def append(
         self, runs: Sequence[Row], observations: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]
     ) -> None:
-        """Write a batch of finished *runs* and their *observations*; *fields* describe the columns besides the fixed."""
+        """Write a batch of finished *runs* and their *observations*; *fields* describe the columns beside the fixed."""
         name = f"part-{len(self._parts('runs')):05}-{_short_digest(runs)}.parquet"
         if observations:
             write_parquet(
@@ -113,13 +113,26 @@ class RunStore:
             ) from None
 
     def read(self, table: str = "runs") -> pd.DataFrame:
-        """Return all rows of *table* (``runs`` or ``observations``), those of older configurations and code included."""
+        """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too."""
         whole = {part.name for part in self._parts("runs")}
         parts = [pq.read_table(part) for part in self._parts(table) if part.name in whole]
         if not parts:
             return pd.DataFrame(columns=[field.name for field in (FIXED if table == "runs" else OBSERVATION_FIXED)])
         frame: pd.DataFrame = pa.concat_tables(parts, promote_options="permissive").to_pandas()
         return frame
+
+    def present(self, table: str = "runs") -> pd.DataFrame:
+        """Return the rows of *table* that belong to the last sweep into this folder, in the order of its axes."""
+        told = self.description()
+        frame = self.read(table)
+        wanted = frame["configuration"].isin(told["configurations"]) & (frame["code"] == told["code"])
+        wanted &= frame["replicate"] < told["replicates"]
+        ranks = {digest: rank for rank, digest in enumerate(told["configurations"])}
+        rows = frame[wanted].assign(_rank=frame["configuration"].map(ranks))
+        ordered: pd.DataFrame = (
+            rows.sort_values(["_rank", "replicate"], kind="stable").drop(columns="_rank").reset_index(drop=True)
+        )
+        return ordered
 
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
@@ -143,7 +156,7 @@ def metric_fields(metrics: Iterable[Metric]) -> list[Field]:
     return [Field(metric.name, "float", metric.unit, metric.meaning, optional=True) for metric in metrics]
 
 
-_TYPES: Final = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_()}
+_TYPES: Final = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_(), "null": pa.null()}
 
 
 def _table(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]) -> Any:
@@ -160,10 +173,12 @@ def _table(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, 
 
 
 def kind_of(values: Iterable[Any]) -> Any:
-    """Return the kind of column that holds all *values*: bool, int, float, or else str."""
+    """Return the kind of column that holds all *values*: bool, int, float, or else str; null if there are none."""
     kinds = {type(value) for value in values if value is not None}
+    if not kinds:
+        return "null"
     if kinds <= {int, float}:
-        return "float" if float in kinds or not kinds else "int"
+        return "float" if float in kinds else "int"
     return "bool" if kinds == {bool} else "str"
 
 

@@ -5,6 +5,7 @@ defaults are written out. The folder of the file, against which a relative map p
 dump: it travels as a private attribute.
 """
 
+import glob
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
@@ -40,20 +41,15 @@ def protocol_spec(use: str) -> ProtocolSpec:
     Raise ValueError for a name that leads nowhere.
     """
     module, colon, name = use.partition(":")
-    if not colon:
-        for point in entry_points(group="cosim.protocols", name=use):
-            return _checked(point.load(), use)
+    points = entry_points(group="cosim.protocols", name=use)
+    if not colon and not points:
         raise ValueError(f"is not a protocol: expected one of {', '.join(protocol_names())}, or module:name")
     try:
-        found = getattr(import_module(module), name)
+        found = getattr(import_module(module), name) if colon else next(iter(points)).load()
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"is not a protocol: {error}") from None
-    return _checked(found, use)
-
-
-def _checked(found: Any, use: str) -> ProtocolSpec:
     if not isinstance(found, ProtocolSpec):
-        raise ValueError(f"is not a protocol: {use} is a {type(found).__name__}, expected a ProtocolSpec")
+        raise ValueError(f"is not a protocol: a {type(found).__name__}, expected a ProtocolSpec")
     return found
 
 
@@ -135,6 +131,15 @@ class Scenario(Settings):
     def duration(self) -> Time:
         """The longest simulated time in nanoseconds."""
         return from_seconds(self.duration_s)
+
+    def map_digests(self) -> list[str]:
+        """Return the SHA-256 of the floor's files, if its map is a file: of it and those that share its stem."""
+        places = [base / self.floorplan.map for base in (self.folder, Path())]
+        found = next((place for place in places if place.is_file()), None)
+        if found is None:
+            return []
+        files = sorted(path for path in found.parent.glob(f"{glob.escape(found.stem)}.*") if path.is_file())
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
 
     def placed(self, folder: Path) -> Self:
         """Return a copy whose relative map path is resolved against *folder*."""

@@ -7,7 +7,6 @@ rows of one source in one table: the order in which different sources were writt
 
 import dataclasses
 import hashlib
-import json
 import os
 import tempfile
 from array import array
@@ -15,7 +14,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -186,7 +184,7 @@ class Trace:
         rows.sort(key=lambda row: row[:3])  # stable: rows of one source in one table keep their sequence
         digest = hashlib.sha256()
         for _, name, _, row in rows:
-            digest.update(json.dumps([name, *row], default=_plain).encode())
+            digest.update(repr((name, row)).encode())
         return digest.hexdigest()
 
     def write(self, folder: Path, metadata: Mapping[str, str] | None = None) -> list[Path]:
@@ -215,8 +213,3 @@ def write_parquet(table: Any, path: Path) -> None:
 def _metadata(field: Field) -> dict[str, str]:
     return {"unit": field.unit, "meaning": field.meaning}
 
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{value!r} in a trace row")

@@ -19,7 +19,7 @@ LINES = (
     "trace kernel",
     "world",
     "robots channels",
-    "node faults scenario simulation results sweep",
+    "node faults scenario simulation results experiment sweep",
     "report export web testing cli",
 )
 """The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""

@@ -126,7 +126,7 @@ class IdealChannel(Channel):
 
     def _tell(self, *news: tuple[Address, LinkEvent]) -> None:
         if not self._news:
-            self.kernel.after(0, self._pass_on)
+            self.kernel.soon(self._pass_on)
         self._news.extend(news)
 
     def _tell_fate(self, source: Address, outgoing: Outgoing, outcome: Outcome) -> None:

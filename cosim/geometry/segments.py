@@ -2,8 +2,8 @@
 
 Walls are rows x1, y1, x2, y2 (metres) of an array. A ``SegmentGrid`` sorts them into square cells, so that a query
 looks only at the walls near it; a wall is listed in every cell that it meets or almost meets, so rounding loses none.
-Whether a line passes a wall's end is decided by orientations that two walls with a common corner compute alike: no sight
-line slips through between them.
+Whether a line passes a wall's end is decided by orientations that two walls with a common corner compute alike: no
+sight line slips through between them.
 
 Walls are closed sets. A sight line is open: it is blocked where it touches a wall, also a wall's end, but not by a wall
 that meets it only at one of its own two ends.

@@ -1,15 +1,15 @@
 """Occupancy maps from files: ROS ``map_server`` YAML with its image, and MovingAI ``.map``.
 
 A ROS image becomes an occupancy in percent as Nav2's ``map_server`` makes it (nav2_map_server, map_io). The shade of a
-pixel is the mean of its colour channels over the largest value; in mode ``trinary`` an alpha channel is averaged in as one
-more colour. p = 1 - shade, or the shade itself if the map is negated. Then
+pixel is the mean of its colour channels over the largest value; in mode ``trinary`` an alpha channel is averaged in as
+one more colour. p = 1 - shade, or the shade itself if the map is negated. Then
 
     trinary   100 if p > occupied_thresh, 0 if p < free_thresh (both strict), else -1: unknown
     scale     -1 if the pixel is not opaque; 100 and 0 as above, else 100 (p - free) / (occupied - free), halves to even
-    raw       round(255 shade), whatever the mode of negation; above 100: -1
+    raw       round(255 shade), negated or not; above 100: -1
 
-Row 0 of the image is the top of the map; the origin is the pose (x, y, yaw) of its lower left corner. For our
-purpose a cell is occupied, free or unknown. In ``trinary`` and ``scale`` 100 is occupied and 0 free; in ``raw``, which is not
+Row 0 of the image is the top of the map; the origin is the pose (x, y, yaw) of its lower left corner. For our purpose a
+cell is occupied, free or unknown. In ``trinary`` and ``scale`` 100 is occupied and 0 free; in ``raw``, which is not
 thresholded, more than 100 occupied_thresh is occupied and less than 100 free_thresh free. All else is unknown.
 """
 
@@ -207,8 +207,8 @@ def _token(content: bytes, at: int) -> tuple[bytes, int]:
 def read_movingai_map(path: Path, cell_m: float) -> OccupancyMap:
     """Read a MovingAI benchmark map of type octile, its cells *cell_m* metres wide; row 0 of the file is the top.
 
-    ``.``, ``G`` and ``S`` (swamp) can be driven on; ``@``, ``O``, ``T`` (trees) and ``W`` (water) cannot. Raise UserError
-    for what is wrong.
+    ``.``, ``G`` and ``S`` (swamp) can be driven on; ``@``, ``O``, ``T`` (trees) and ``W`` (water) cannot. Raise
+    UserError for what is wrong.
     """
     lines = read_text(path).splitlines()
     if "map" not in lines[:8]:

@@ -194,6 +194,10 @@ class Broadcast:
         self._heard[self.me] = message
         self._send_to_master(self._last)
 
+    def loaded(self) -> bool:
+        """Return whether the present exchange has my message already, or, for the master, is under way."""
+        return bool(self._pending) if self.me == self.master else self._submitted is not None
+
     def _send_to_master(self, data: bytes) -> None:
         if self.master is not None:
             self.out.append(Outgoing(self.master, data))

@@ -6,28 +6,34 @@ because it never changes; ``View`` is the second, one a robot.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
 from protocols.pseudonet.messages import Action
+from protocols.pseudonet.parameters import Timing
 
 Distances: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 CACHED = 64
+
+T = TypeVar("T")
 
 
 class Knowledge:
     """The grid and the team's size, with the distances to a cell computed once for all who ask."""
 
-    def __init__(self, grid: CoverageGrid, size: int) -> None:
+    def __init__(self, grid: CoverageGrid, size: int, timing: Timing) -> None:
         self.grid = grid
         self.size = size
+        self.timing = timing
         self.steps: list[tuple[Cell, ...]] = [tuple(row) for row in grid.steps.tolist()]
         self.cells: frozenset[Cell] = frozenset(np.flatnonzero(grid.reachable).tolist())
+        self._around: tuple[frozenset[Cell], CoverageGrid] = (frozenset(), grid)
+        self._plans: dict[Hashable, Any] = {}
         self._distances: OrderedDict[tuple[Cell, frozenset[Cell]], Distances] = OrderedDict()
 
     def distances(self, goal: Cell, obstacles: frozenset[Cell]) -> Distances:
@@ -35,14 +41,30 @@ class Knowledge:
         key = (goal, obstacles)
         known = self._distances.get(key)
         if known is None:
-            steps = self.grid.steps
-            if obstacles:
-                steps = np.where(np.isin(steps, list(obstacles)), np.int32(-1), steps)
-            known = distances(steps, np.array([goal], dtype=np.int64))
+            known = distances(self.around(obstacles).steps, np.array([goal], dtype=np.int64))
             self._distances[key] = known
             if len(self._distances) > CACHED:
                 self._distances.popitem(last=False)
         return known
+
+    def around(self, obstacles: frozenset[Cell]) -> CoverageGrid:
+        """Return the grid without the steps that lead into *obstacles*."""
+        if not obstacles:
+            return self.grid
+        if obstacles != self._around[0]:
+            steps = np.where(np.isin(self.grid.steps, list(obstacles)), np.int32(-1), self.grid.steps)
+            self._around = (obstacles, replace(self.grid, steps=steps))
+        return self._around[1]
+
+    def once(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """Return ``compute()``, computed once for all machines that ask with this *key*.
+
+        Only for pure functions of what the whole team knows: every robot computes the same plan from the same messages.
+        """
+        if key not in self._plans:
+            self._plans[key] = compute()
+        plan: T = self._plans[key]
+        return plan
 
     def place(self, cell: Cell) -> tuple[int, int]:
         """Return column and row of *cell*, as messages name it."""
@@ -91,18 +113,16 @@ class View:
 
     def remaining(self) -> set[Cell]:
         """Return the cells that are not covered and that some member can still reach."""
-        left = self.knowledge.cells - self.covered - self.obstacles
-        return {cell for cell in left if self.reachable(cell)} if self.obstacles else set(left)
-
-    def reachable(self, cell: Cell) -> bool:
-        """Return whether a member can drive to *cell* around the obstacles."""
-        away = self.knowledge.distances(self.cells[self.me], self.obstacles)
-        return bool(away[cell] >= 0)
+        left = self.knowledge.cells - self.covered
+        if not self.obstacles:
+            return set(left)
+        ways = [self.knowledge.distances(self.cells[member], self.obstacles) for member in self.members]
+        return {cell for cell in left - self.obstacles if any(way[cell] >= 0 for way in ways)}
 
     def complete(self) -> bool:
         """Return whether everything that can be covered is."""
-        if len(self.covered) < len(self.knowledge.cells) - len(self.obstacles) and not self.obstacles:
-            return False
+        if not self.obstacles:
+            return len(self.covered) == len(self.knowledge.cells)  # nobody ever stands on another cell
         return not self.remaining()
 
     def nearest_uncovered(self, origin: Cell, avoid: Iterable[Cell] = ()) -> Cell | None:

@@ -6,7 +6,7 @@ answer is an FHS 625 us after the ID's start, looked for two ticks after it. Onl
 no ID is sent while one is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -90,6 +90,8 @@ class Reply:
 
     scanner: Scanner
     heard: int
+    tick: int
+    """The inquirer's tick in which it is looked for."""
     offset: int
     frame: OnAir | None = None
     outcome: str | None = None
@@ -109,13 +111,14 @@ class Inquiry:
     enough: int
     n_inquiry: int = 256
     first_train: Train = "A"
+    noise: Sequence[OnAir] = ()
     sightings: list[Sighting] = field(default_factory=list)
-    found: list[tuple[int, int]] = field(default_factory=list)
-    """(instant, address), the first time only."""
+    found: list[tuple[int, int, int]] = field(default_factory=list)
+    """(instant, address, its clock less the inquirer's as the FHS tells it, mod 2**28), the first time only."""
     end: int = 0
 
     def run(self) -> None:
-        self.medium = Medium(self.reach)
+        self.medium = Medium(self.reach, self.noise)
         self.first = self.clock.first_transmit_tick(self.start)
         self.last = self.first + self.duration
         self.end = self.clock.start(self.last + 1)
@@ -124,6 +127,8 @@ class Inquiry:
         self.lock: OnAir | None = None
         for tick in range(self.first, self.last + 8):
             now = self.clock.start(tick)
+            if now > self.end + 8 * SLOT:
+                break  # enough were found, and every answer has ended
             self.finish_replies(now)
             self.start_replies(tick)
             if tick % 4 in (0, 1) and tick < self.last and now < self.end and not self.receiving(now):
@@ -153,7 +158,7 @@ class Inquiry:
                 continue
             self.sightings.append(Sighting(now, ID_AIR, "ID", self.address, scanner.address, channel, RECEIVED))
             if scanner.hear(now):
-                self.due.setdefault(tick + 2, []).append(Reply(scanner, now, offset))
+                self.due.setdefault(tick + 2, []).append(Reply(scanner, now, tick + 2, offset))
 
     def start_replies(self, tick: int) -> None:
         """Put the answers to the ID of two ticks ago on the air; only then see which of them is locked on."""
@@ -198,10 +203,11 @@ class Inquiry:
             )
             reply.scanner.replied(reply.heard)
             if outcome == RECEIVED:
-                self.note(frame)
+                self.note(frame, reply)
 
-    def note(self, frame: OnAir) -> None:
-        if frame.source not in [address for _, address in self.found]:
-            self.found.append((frame.end, frame.source))
+    def note(self, frame: OnAir, reply: Reply) -> None:
+        if frame.source not in [address for _, address, _ in self.found]:
+            told = reply.scanner.clock.tick(frame.start) & ~3  # an FHS carries bits 27-2
+            self.found.append((frame.end, frame.source, (told - (reply.tick & ~3)) % (1 << 28)))
             if len(self.found) == self.enough:
                 self.end = frame.end

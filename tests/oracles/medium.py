@@ -4,8 +4,9 @@ The oracles are slow and meant to be obviously right. They import nothing of cos
 specification's sample data as their own oracle) and take draws and reach as callables. Times are integer nanoseconds.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain, takewhile
 from typing import NamedTuple
 
 US = 1_000
@@ -100,10 +101,11 @@ class OnAir(NamedTuple):
 
 
 class Medium:
-    """All frames that were ever on the air."""
+    """All frames that were ever on the air, in the order of their starts, and *noise* of strangers."""
 
-    def __init__(self, reach: Reach) -> None:
+    def __init__(self, reach: Reach, noise: Sequence[OnAir] = ()) -> None:
         self.reach = reach
+        self.noise = noise
         self.frames: list[OnAir] = []
 
     def put(self, start: int, duration: int, source: int, channel: int) -> OnAir:
@@ -113,11 +115,13 @@ class Medium:
 
     def clear(self, frame: OnAir, receiver: int, until: int) -> bool:
         """Return whether *receiver* hears nothing else on the frame's channel from its start to *until*."""
-        for other in reversed(self.frames):
-            if other.start < frame.start - 5_000_000:
-                break
-            if other is frame or other.source == receiver or other.channel != frame.channel:
-                continue
-            if other.start < until and other.end > frame.start and self.reach(other.source, receiver, other.start):
-                return False
-        return True
+        recent = takewhile(lambda other: other.start > frame.start - 5_000_000, reversed(self.frames))
+        return not any(
+            other is not frame
+            and other.source != receiver
+            and other.channel == frame.channel
+            and other.start < until
+            and other.end > frame.start
+            and self.reach(other.source, receiver, other.start)
+            for other in chain(recent, self.noise)
+        )

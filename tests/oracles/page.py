@@ -4,6 +4,7 @@ Readings: ID, 625 us later the response, FHS up to four times until the response
 times until a NULL; each side goes back on its own when the other stays silent.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -25,6 +26,7 @@ from tests.oracles.medium import (
     SLOT,
     Clock,
     Medium,
+    OnAir,
     Reach,
     Sighting,
     Windows,
@@ -82,12 +84,13 @@ class Page:
     reach: Reach
     start: int
     timeout: int = 16384
+    noise: Sequence[OnAir] = ()
     sightings: list[Sighting] = field(default_factory=list)
     connected: int | None = None
     failed: int | None = None
 
     def run(self) -> None:
-        self.medium = Medium(self.reach)
+        self.medium = Medium(self.reach, self.noise)
         self.first = self.clock.first_transmit_tick(self.start)
         self.give_up = self.first + self.timeout
         tick = self.first
@@ -114,6 +117,9 @@ class Page:
         if part is None or page_scan_channel(scanner.word, scanner.clock_at(now, part)) != channel:
             return False
         if not self.reach(self.address, scanner.address, now):
+            return False
+        ident = OnAir(now, now + ID_AIR, self.address, channel)
+        if not self.medium.clear(ident, scanner.address, ident.end):
             return False
         self.note(now, ID_AIR, "ID", True, channel, channel)
         scanner.frozen = scanner.clock_at(now, part)

@@ -113,9 +113,10 @@ class InquiryScanner:
         self._answering: Handle | None = None
 
     def enable(self, now: Time) -> None:
-        """Scan from *now* on; a window in progress counts for its remainder."""
-        self.enabled = True
-        self._scan(now)
+        """Scan from *now* on; a window in progress counts for its remainder. Nothing happens if it scans already."""
+        if not self.enabled:
+            self.enabled = True
+            self._scan(now)
 
     def disable(self) -> None:
         """Stop scanning; an answer that has not been started is not sent."""

@@ -7,14 +7,10 @@ from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.polling import DOWN, DUE, HEARD_DOWN, HEARD_UP, HELD, JOINED, MOST_SLAVES, NEXT, UP
 from cosim.channels.bluetooth.radio import Heard, Reach
+from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address
-from cosim.units import TICK, Time
-
-
-def first_tx_slot(clock: NativeClock, time: Time) -> int:
-    """Return the first tick that 4 divides and that begins at *time* or later."""
-    return (clock.local(time - 1) // (4 * TICK) + 1) * 4
+from cosim.units import Time
 
 
 class Links:
@@ -69,7 +65,7 @@ class Links:
     def advance(self, now: Time) -> None:
         """Decide all TX slots before *now*, which must be idle ones."""
         self.refresh()
-        end = first_tx_slot(self._clock, now)
+        end = first_transmission(self._clock, now)
         if not self._frames.idle_wanted:
             polling.advance(self.piconet, self.table, end, polling.NO_LOG)
             return

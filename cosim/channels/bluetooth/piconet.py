@@ -1,29 +1,26 @@
-"""A connected piconet: one master, up to seven slaves, time division duplex (Core v1.2, Vol 2 Part B, sections 4.5, 7, 8).
+"""A connected piconet: one master, up to seven slaves, time division duplex.
 
 The master transmits in slots that start where 4 divides its tick; only the slave that it addresses answers, in the next
 slot. At every free TX slot the master serves, in this order: the link whose poll is overdue, the head of its queue,
-nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest.
+nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B,
+sections 4.5, 7 and 8.)
 
 All of a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and in reach at that instant.
 Kernel events exist only for slots with a payload in them and for supervision time-outs; idle polls are a loop over
 arrays (``polling``), run when somebody looks. Other piconets do not interfere with this one.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.links import Links, first_tx_slot
-from cosim.channels.bluetooth.packets import ACL, HEADER_AIR, PacketType, smallest
+from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.packets import ACL, PacketType, smallest
 from cosim.channels.bluetooth.polling import (
-    ACKED,
     EVERYONE,
-    FRESH,
-    HEARD,
     HEARD_DOWN,
     HEARD_UP,
     HELD,
@@ -33,12 +30,12 @@ from cosim.channels.bluetooth.polling import (
     NOTHING,
 )
 from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
-from cosim.channels.bluetooth.radio import Heard, Reach
-from cosim.kernel import AIR, WAKE, Handle, Kernel
-from cosim.machine import BROADCAST, Address, LinkEvent, Lost, Outcome, Outgoing, Reception
+from cosim.channels.bluetooth.radio import Reach
+from cosim.channels.bluetooth.scanning import first_transmission
+from cosim.channels.bluetooth.slots import Deliver, Slots
+from cosim.kernel import WAKE, Handle, Kernel
+from cosim.machine import BROADCAST, Address, Lost, Outcome, Outgoing
 from cosim.units import S, Time
-
-Deliver = Callable[[Iterable[Arrival], Iterable[tuple[Address, LinkEvent]]], None]
 
 
 class PiconetSettings(NamedTuple):
@@ -71,7 +68,6 @@ class Piconet:
         """*on_lost* is called with (side, peer) before the side's host learns that its link is lost."""
         self.address = address
         self.clock = clock
-        self.suspended = False
         self.links = Links(address, clock, settings.t_poll_slots, reach, frames)
         self._kernel = kernel
         self._settings = settings
@@ -79,9 +75,7 @@ class Piconet:
         self._deliver = deliver
         self._on_lost = on_lost
         self._queues = Queues(self.links.table)
-        self._receptions: dict[tuple[Address, bool], Reception] = {}
-        self._slot: Handle | None = None
-        self._slot_tick = NOTHING
+        self._slots = Slots(kernel, address, clock, settings.n_bc, self.links, self._queues, frames, deliver)
         self._supervision: Handle | None = None
 
     # ------------------------------------------------------------ links
@@ -105,7 +99,7 @@ class Piconet:
         self.advance(self._kernel.now)
         self.links.admit(self.links.lt_addr[slave], due, self._kernel.now)
         self._supervise()
-        self._arm()
+        self._slots.arm()
 
     def add_slave(self, slave: Address, lt_addr: int, due: int) -> None:
         """Bring both sides of a link up now, without a page."""
@@ -126,7 +120,7 @@ class Piconet:
         heard = self.links.table[polling.DOWN if from_master else polling.UP, k]
         news = self._drop(k, HELD) if from_master or heard else []
         news += self._drop(k, JOINED) if heard or not from_master else []
-        self._arm()
+        self._slots.arm()
         self._tell(news)
 
     def vanish(self, device: Address) -> None:
@@ -137,13 +131,13 @@ class Piconet:
                 self._drop(k, HELD)
         elif device in self.links.lt_addr:
             self._drop(self.links.lt_addr[device], JOINED)
-        self._arm()
+        self._slots.arm()
 
     # ------------------------------------------------------------ time
 
     def advance(self, now: Time) -> None:
         """Decide all slots before *now*; needed before reach changes, and before the state is looked at."""
-        if not self.suspended:
+        if not self._slots.suspended:
             self.links.advance(now)
 
     def reach_changed(self, now: Time) -> None:
@@ -154,15 +148,15 @@ class Piconet:
     def suspend(self) -> None:
         """Leave the piconet's slots alone from now on: the master inquires or pages."""
         self.advance(self._kernel.now)
-        self.suspended = True
-        self._arm()
+        self._slots.suspended = True
+        self._slots.arm()
 
     def resume(self) -> None:
         """Go on at the first TX slot from now on."""
-        self.suspended = False
-        first = first_tx_slot(self.clock, self._kernel.now)
+        self._slots.suspended = False
+        first = first_transmission(self.clock, self._kernel.now)
         self.links.piconet[NEXT] = max(int(self.links.piconet[NEXT]), first)
-        self._arm()
+        self._slots.arm()
 
     def next_pause(self) -> Time | None:
         """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
@@ -171,7 +165,7 @@ class Piconet:
         """
         now = self._kernel.now
         self.advance(now)
-        tick = first_tx_slot(self.clock, now)
+        tick = first_transmission(self.clock, now)
         free = int(self.links.piconet[NEXT])
         if free <= tick and polling.overdue(self.links.table, tick) == NOTHING:
             return None
@@ -197,7 +191,7 @@ class Piconet:
             self._tell(fate(source, outgoing, Outcome.TOO_LONG))
         elif self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))):
             self.advance(self._kernel.now)
-            self._arm()
+            self._slots.arm()
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""
@@ -206,7 +200,7 @@ class Piconet:
             return
         news = self._queues.flush(queue, source, lambda p: p.outgoing.destination == destination and not p.tries)
         self.advance(self._kernel.now)
-        self._arm()
+        self._slots.arm()
         self._tell(news)
 
     def _route(self, source: Address, destination: Address) -> tuple[int, int]:
@@ -220,121 +214,10 @@ class Piconet:
         k = links.lt_addr.get(destination, NOTHING)
         return EVERYONE, k if links.up(k, HELD) else NOTHING
 
-    # ------------------------------------------------------------ slots
-
-    def _arm(self) -> None:
-        """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
-        tick = NOTHING
-        if not self.suspended:
-            busy = self._queues.head(EVERYONE) is not None
-            piconet = self.links.piconet
-            tick = int(piconet[NEXT]) if busy else polling.next_served(piconet, self.links.table)
-        if self._slot is not None:
-            if tick == self._slot_tick:
-                return
-            self._slot.cancel()
-            self._slot = None
-        if tick != NOTHING:
-            self._slot_tick = tick
-            self._slot = self._kernel.at(self.clock.time_of(tick), self._decide, AIR)
-
-    def _decide(self) -> None:
-        self._slot = None
-        tick = self._slot_tick
-        if self._frames.idle_wanted:
-            self.advance(self._kernel.now)
-        self.links.refresh()
-        head = self._queues.head(EVERYONE)
-        wanted = NOTHING if head is None else head.lt_addr
-        k = polling.decide(self.links.piconet, self.links.table, tick, wanted)
-        if k > 0:
-            self._transact(tick, k, head if wanted == k else None)
-        elif k == EVERYONE and head is not None:
-            self._broadcast(tick, head)
-        self._arm()
-
-    def _transact(self, tick: int, k: int, payload: Payload | None) -> None:
-        """Send *payload*, or POLL, to the slave *k*, and let it answer."""
-        links, slave = self.links, self.links.slaves[k]
-        idle = payload is None and self._queues.head(k) is None
-        slots, air, first = _shape(payload)
-        got = polling.ask(links.piconet, links.table, tick, k, first, payload is not None, slots, air)
-        self._note(tick, "POLL", payload, (self.address, slave), links.heard_down, k, idle)
-        if not got:
-            return
-        news = self._queues.pop(k).fate(slave, Outcome.DELIVERED) if got & ACKED else []
-        self._hand_over(tick, air, payload if got & FRESH else None, self.address, slave, news)
-        tick += 2 * slots
-        answer = self._queues.head(k)
-        slots, air, first = _shape(answer)
-        got = polling.reply(links.piconet, links.table, tick, k, first, answer is not None, slots, air)
-        self._note(tick, "NULL", answer, (slave, self.address), links.heard_up, k, idle)
-        news = []
-        if payload is not None and got & HEARD:
-            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.DELIVERED)
-        self._hand_over(tick, air, answer if got & FRESH else None, slave, self.address, news)
-
-    def _broadcast(self, tick: int, payload: Payload) -> None:
-        slaves = self.links.slaves
-        got = polling.broadcast(self.links.piconet, self.links.table, tick, payload.kind.slots, payload.air)
-        self._frames.payloads[payload.kind.name] += 1
-        if self._frames.wanted:
-            length = len(payload.outgoing.payload)
-            for k, slave in sorted(slaves.items()):
-                ends, heard = (self.address, slave), self.links.heard_down(k)
-                self._frames.record(tick, payload.kind.name, payload.air, ends, heard, EVERYONE, length)
-        fresh = got & ~payload.taken
-        payload.taken |= got
-        payload.tries += 1
-        news: News = []
-        if payload.tries >= self._settings.n_bc:
-            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.SENT)
-        reception, data = self._reception(self.address, True), payload.outgoing.payload
-        arrivals = [(slave, data, reception) for k, slave in slaves.items() if fresh >> k & 1]
-        self._deliver_at(tick, payload.air, arrivals, news)
-
-    def _hand_over(
-        self, tick: int, air: Time, payload: Payload | None, source: Address, receiver: Address, news: News
-    ) -> None:
-        """Deliver, at the end of a frame of a transaction, what it brought and the fate of what it acknowledged."""
-        arrivals: list[Arrival] = []
-        if payload is not None:
-            arrivals = [(receiver, payload.outgoing.payload, self._reception(source, False))]
-        self._deliver_at(tick, air, arrivals, news)
-
-    def _deliver_at(self, tick: int, air: Time, arrivals: list[Arrival], news: News) -> None:
-        if arrivals or news:
-            self._kernel.at(self.clock.time_of(tick) + air, partial(self._deliver, arrivals, news))
-
-    def _reception(self, source: Address, broadcast: bool) -> Reception:
-        key = (source, broadcast)
-        if key not in self._receptions:
-            self._receptions[key] = Reception(source, broadcast)
-        return self._receptions[key]
-
-    def _note(
-        self,
-        tick: int,
-        empty: str,
-        payload: Payload | None,
-        ends: tuple[Address, Address],
-        heard: Callable[[int], Heard],
-        k: int,
-        idle: bool,
-    ) -> None:
-        """Count and record one frame of a transaction: *payload*, or a packet of the type *empty*."""
-        kind, air, length = empty, HEADER_AIR, 0
-        if payload is not None:
-            payload.tries += 1
-            kind, air, length = payload.kind.name, payload.air, len(payload.outgoing.payload)
-            self._frames.payloads[kind] += 1
-        if self._frames.idle_wanted or (self._frames.wanted and not idle):
-            self._frames.record(tick, kind, air, ends, heard(k), k, length)
-
     # ------------------------------------------------------------ ends
 
     def _supervise(self) -> None:
-        """Look after the earliest supervision time-out; a deadline that has moved later is found when its event fires."""
+        """Wait for the earliest time-out; that a deadline has moved later is found when its event fires."""
         heard = polling.last_heard(self.links.table)
         if heard == NOTHING:
             return
@@ -356,7 +239,7 @@ class Piconet:
                 if self.links.table[heard, k] <= limit:
                     news += self._drop(k, side)
         self._supervise()
-        self._arm()
+        self._slots.arm()
         if news:
             self._deliver((), news)
 
@@ -379,10 +262,3 @@ class Piconet:
         """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
         if news:
             self._kernel.at(self._kernel.now, partial(self._deliver, (), news), WAKE)
-
-
-def _shape(payload: Payload | None) -> tuple[int, Time, bool]:
-    """Return (slots, air time, whether it goes on the air for the first time) of a packet with or without a payload."""
-    if payload is None:
-        return 1, HEADER_AIR, False
-    return payload.kind.slots, payload.air, payload.tries == 0

@@ -5,8 +5,8 @@ The state of one piconet is two int64 arrays: ``piconet`` (one row: ``NEXT``, ``
 is a tick that 4 divides. ``NEXT`` is the first TX slot about which nothing has been decided yet.
 
 As long as nobody has a payload, the schedule is a pure recurrence: at the first free TX slot c with a link due, the
-link of the smallest (due, k) is polled, ``due`` becomes c + T_POLL and the next TX slot is c + 4, whether or not the slave
-hears or is heard. So an idle hour is a loop over arrays, run when somebody wants to know.
+link of the smallest (due, k) is polled, ``due`` becomes c + T_POLL and the next TX slot is c + 4, whether or not the
+slave hears or is heard. So an idle hour is a loop over arrays, run when somebody wants to know.
 """
 
 from typing import Any, Final, TypeAlias
@@ -71,7 +71,8 @@ def time_of(piconet: State, tick: int) -> int:
     elapsed = tick * TICK - piconet[PHASE]
     rate = MILLION + piconet[PPM]
     whole = elapsed // rate
-    return whole * MILLION - (-(elapsed - whole * rate) * MILLION // rate)
+    time: int = whole * MILLION - (-(elapsed - whole * rate) * MILLION // rate)
+    return time
 
 
 @njit(cache=True)
@@ -154,7 +155,7 @@ def decide(piconet: State, links: State, tick: int, head: int) -> int:
 
     *head* is the LT_ADDR of the head of the master's queue, EVERYONE, or NOTHING.
     """
-    advance(piconet, links, tick, NO_LOG)
+    advance(piconet, links, tick, np.empty((0, 2), dtype=np.int64))
     if piconet[NEXT] > tick:
         return NOTHING
     k = overdue(links, tick)

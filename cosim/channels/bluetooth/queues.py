@@ -1,4 +1,4 @@
-"""What waits to be sent in one piconet: one queue a device, strictly first in, first out, and the fates of its payloads."""
+"""What waits to be sent in one piconet: one queue a device, strictly first in, first out."""
 
 from collections import deque
 from collections.abc import Callable

@@ -8,6 +8,8 @@ from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import Action, Kind, Verdict
 
 Verdicts = tuple[Verdict, Verdict, Verdict, Verdict]
+UNJUDGED: Verdicts = (Verdict.POSSIBLE, Verdict.POSSIBLE, Verdict.POSSIBLE, Verdict.POSSIBLE)
+"""The verdicts of a robot that has not evaluated anything."""
 STEPS = (Action.NORTH, Action.EAST, Action.SOUTH, Action.WEST)
 
 

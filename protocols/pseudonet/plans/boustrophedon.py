@@ -79,15 +79,27 @@ def _links(grid: CoverageGrid, segments: list[Segment]) -> list[tuple[int, int]]
 
 
 def _mow(grid: CoverageGrid, sweeps: list[SweepCell], graph: "nx.Graph[int]") -> Iterator[Cell]:
-    """Yield all cells, sweep cell by sweep cell, each entered at the corner that is nearest to the last cell."""
+    """Yield all cells, sweep cell by sweep cell, depth first; the nearest corner of a neighbour is entered first."""
+    corner_of = {cell: number for number, sweep in enumerate(sweeps) for cell in _corners(sweep)}
+    left = dict.fromkeys(range(len(sweeps)))
+    branch: list[int] = []
     here: Cell | None = None
-    for number in nx.dfs_preorder_nodes(graph):
-        sweep = sweeps[number]
-        corners = (sweep[0][0], sweep[0][-1], sweep[-1][0], sweep[-1][-1])
+    while left:
+        while branch and left.keys().isdisjoint(graph[branch[-1]]):
+            branch.pop()
+        ahead = [number for number in graph[branch[-1]] if number in left] if branch else [next(iter(left))]
+        corners = [cell for number in ahead for cell in _corners(sweeps[number])]
         entry = None if here is None else nearest(grid, here, corners)
-        for cell in _sweep(sweep, corners[0] if entry is None else entry):
+        entry = corners[0] if entry is None else entry
+        branch.append(corner_of[entry])
+        del left[branch[-1]]
+        for cell in _sweep(sweeps[branch[-1]], entry):
             yield cell
             here = cell
+
+
+def _corners(columns: SweepCell) -> tuple[Cell, Cell, Cell, Cell]:
+    return columns[0][0], columns[0][-1], columns[-1][0], columns[-1][-1]
 
 
 def _sweep(columns: SweepCell, entry: Cell) -> Iterator[Cell]:

@@ -87,14 +87,13 @@ def split(order: Sequence[Cell], costs: Costs, team: int) -> tuple[Tour, ...]:
         return ((),) * team
     reached = np.concatenate((np.zeros(1, np.int64), np.cumsum(costs)))
     bound = _least_bound(reached, count)
-    least = _least_ends(reached, count, bound)
     cuts = [0]
-    for part in range(count - 1):
-        start, after = cuts[-1], count - part - 1
-        share = reached[start] + (reached[-1] - reached[start]) // (after + 1)
-        even = int(np.searchsorted(reached, share, "right"))
-        within = int(np.searchsorted(reached, reached[start] + bound, "right"))
-        cuts.append(max(start + 1, least[part], min(even, within, len(order) - after)))
+    for after in range(
+        count - 1, 0, -1
+    ):  # a part that stops at an even share leaves less than that to each one after it
+        here = reached[cuts[-1]]
+        share = min(bound, (reached[-1] - here) // (after + 1))
+        cuts.append(min(int(np.searchsorted(reached, here + share, "right")), len(order) - after))
     cuts.append(len(order))
     parts = tuple(tuple(order[a:b]) for a, b in pairwise(cuts))
     return parts + ((),) * (team - count)
@@ -105,22 +104,20 @@ def _least_bound(reached: Costs, count: int) -> int:
     low, high = 0, int(reached[-1])
     while low < high:
         middle = (low + high) // 2
-        if _least_ends(reached, count + 1, middle)[0] == 0:
+        if _fits(reached, count, middle):
             high = middle
         else:
             low = middle + 1
     return low
 
 
-def _least_ends(reached: Costs, count: int, bound: int) -> list[int]:
-    """Return how far each part but the last must come so that those after it can cover the rest within *bound*."""
-    ends: list[int] = []
-    start = reached.size
-    for _ in range(count - 1):
-        if start > 0:
-            start = int(np.searchsorted(reached, reached[start - 1] - bound, "left"))
-        ends.append(start)
-    return ends[::-1]
+def _fits(reached: Costs, count: int, bound: int) -> bool:
+    start = 0
+    for _ in range(count):
+        start = int(np.searchsorted(reached, reached[start] + bound, "right"))
+        if start == reached.size:
+            return True
+    return False
 
 
 def assign(parts: Sequence[Tour], starts: Sequence[Cell], distances: Callable[[Cell], Ints]) -> tuple[Tour, ...]:

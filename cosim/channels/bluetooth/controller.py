@@ -1,0 +1,264 @@
+"""One Bluetooth device: what its host asks of it, one thing at a time, and whether it may be found and paged meanwhile.
+
+A device is idle, the master of one piconet, or a slave in another's; it inquires or pages, one procedure after the
+other in the order of the commands. It scans only when it has no link and no procedure under way: a connected device
+cannot be found. While a master inquires or pages its piconet is suspended, and a procedure starts only when no link
+is due, so that links which have waited are served between two of them.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, Inquiry, InquiryScanner, InquirySettings
+from cosim.channels.bluetooth.paging import Page as PageProcedure
+from cosim.channels.bluetooth.paging import PageScanner, PageSettings
+from cosim.channels.bluetooth.piconet import Piconet
+from cosim.channels.bluetooth.radio import Air
+from cosim.kernel import Handle, Kernel
+from cosim.machine import (
+    Address,
+    Connected,
+    Discovered,
+    Fate,
+    Inquire,
+    InquiryComplete,
+    LinkEvent,
+    Outcome,
+    Outgoing,
+    Page,
+    PageFailed,
+    Role,
+)
+from cosim.units import TICK, Time
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What tells one device from another."""
+
+    address: Address
+    hop_address: int
+    """The 32-bit UAP/LAP word."""
+    clock: NativeClock
+
+
+class Controller:
+    """The link controller of one device. *peers* holds all devices by address, this one included, before it is used."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        air: Air,
+        identity: Identity,
+        inquiry: InquirySettings,
+        page: PageSettings,
+        t_poll_slots: int,
+        peers: "Sequence[Controller]",
+        tell: Callable[[Address, LinkEvent], None],
+        call: Callable[[Address, int, str, str], None],
+    ) -> None:
+        self.identity = identity
+        self.address = identity.address
+        self.powered = True
+        self.inquiry_time: Time = 0
+        """Time spent inquiring, without what is still under way."""
+        self.paging_time: Time = 0
+        self.master_of: Piconet
+        self.slave_of: Piconet | None = None
+        self.inquiry_scanner: InquiryScanner
+        self.page_scanner: PageScanner
+        self._kernel = kernel
+        self._air = air
+        self._inquiry = inquiry
+        self._page = page
+        self._t_poll = 2 * t_poll_slots
+        self._peers = peers
+        self._tell = tell
+        self._call = call
+        self._scan_wanted = True
+        self._procedure: Inquiry | PageProcedure | None = None
+        self._began: Time = 0
+        self._waiting: deque[Inquire | Page] = deque()
+        self._retry: Handle | None = None
+        self._estimates: dict[Address, int] = {}  # ticks from the own clock to the other's
+
+    def equip(self, piconet: Piconet, inquiry_scanner: InquiryScanner, page_scanner: PageScanner) -> None:
+        """Give the device its piconet, in which it is the master, and its scanners; it scans from now on."""
+        self.master_of = piconet
+        self.inquiry_scanner = inquiry_scanner
+        self.page_scanner = page_scanner
+        self.update_scan()
+
+    # ------------------------------------------------------------ payloads and links
+
+    def piconet(self) -> Piconet:
+        """Return the piconet that the device's payloads go to: its master's, or its own."""
+        return self.slave_of or self.master_of
+
+    def send(self, outgoing: Outgoing) -> None:
+        """Queue a payload, or report that there is no link."""
+        if outgoing.token is not None and self.slave_of is None and not self.master_of.members():
+            self._tell(self.address, Fate(outgoing.token, Outcome.NO_LINK))
+        else:
+            self.piconet().send(self.address, outgoing)
+
+    def became_slave(self, master: Address, lt_addr: int) -> None:
+        """Join the piconet of *master*, whose POLL has just been received."""
+        pager = self._peers[master]
+        self.slave_of = pager.master_of
+        self.slave_of.join(self.address, lt_addr)
+        self.update_scan()
+        self._tell(self.address, self._connected(master, Role.SLAVE, pager.identity))
+
+    def lost(self, peer: Address) -> None:
+        """Note that the link to *peer* is down on this side."""
+        if self.slave_of is not None and peer == self.slave_of.address:
+            self.slave_of = None
+        self.update_scan()
+
+    # ------------------------------------------------------------ scanning and power
+
+    def want_scan(self, enabled: bool) -> None:
+        """Scan whenever nothing stands against it, or not at all."""
+        self._scan_wanted = enabled
+        self.update_scan()
+
+    def update_scan(self) -> None:
+        """Scan if that is wanted and the device is on, without links and without a procedure of its own."""
+        free = self.slave_of is None and self._procedure is None and not self.master_of.members()
+        scan = self.powered and self._scan_wanted and free
+        if scan == self.inquiry_scanner.enabled == self.page_scanner.enabled:
+            return
+        for scanner in (self.inquiry_scanner, self.page_scanner):
+            if scan and not scanner.enabled:
+                scanner.enable(self._kernel.now)
+            elif not scan and scanner.enabled:
+                scanner.disable()
+
+    def switch_off(self) -> None:
+        """Forget everything but the device's identity; nobody is told."""
+        self.powered = False
+        self._waiting.clear()
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        if self._procedure is not None:
+            self._procedure.cancel()
+            self._end()
+        self.master_of.vanish(self.address)
+        if self.slave_of is not None:
+            self.slave_of.vanish(self.address)
+        self.update_scan()
+
+    def switch_on(self) -> None:
+        """Start anew, idle, and scanning if that was wanted last."""
+        self.powered = True
+        self.update_scan()
+
+    # ------------------------------------------------------------ procedures
+
+    def request(self, command: Inquire | Page) -> None:
+        """Inquire or page once the procedures asked for before are over."""
+        self._waiting.append(command)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start the next procedure now, or when the piconet can be left alone."""
+        self._retry = None
+        if self._procedure is not None or not self._waiting:
+            return
+        refused = self._refusal(self._waiting[0])
+        if refused is not None:
+            self._waiting.popleft()
+            self._tell(self.address, refused)
+            self._begin()
+            return
+        if self.master_of.members():
+            again = self.master_of.next_pause()
+            if again is not None:
+                self._retry = self._kernel.at(again, self._begin)
+                return
+        self.master_of.suspend()
+        self._began = self._kernel.now
+        command = self._waiting.popleft()
+        self._procedure = self._inquire(command) if isinstance(command, Inquire) else self._page_to(command.peer)
+        self.update_scan()
+
+    def _refusal(self, command: Inquire | Page) -> LinkEvent | None:
+        """Return the answer to a command that cannot be carried out in this state."""
+        if isinstance(command, Inquire):
+            return InquiryComplete(()) if self.slave_of is not None or command.enough < 1 else None
+        strange = command.peer == self.address or not 0 <= command.peer < len(self._peers)
+        full = self.master_of.free_lt_addr() is None or command.peer in self.master_of.links.lt_addr
+        return PageFailed(command.peer) if strange or full or self.slave_of is not None else None
+
+    def _inquire(self, command: Inquire) -> Inquiry:
+        ticks = max(1, -(-command.duration // (4 * TICK))) * 4
+        self._call(self.address, 2, "lm.inquiry", "")
+        self._call(self.address, 3, "lc.inquiry", f"{ticks // 2} slots, until {command.enough} are found")
+        return Inquiry(
+            self._kernel,
+            self._air,
+            self.address,
+            self.identity.clock,
+            self._inquiry,
+            ticks,
+            command.enough,
+            [peer.inquiry_scanner for peer in self._peers if peer is not self],
+            self._found,
+            self._complete,
+        )
+
+    def _page_to(self, peer: Address) -> PageProcedure:
+        lt_addr = self.master_of.free_lt_addr() or 0  # not 0: a page without a free one is refused before
+        self._call(self.address, 2, "lm.page", f"robot {peer}")
+        self._call(self.address, 3, "lc.page", f"robot {peer}, LT_ADDR {lt_addr}, {self._page.mode}")
+        return PageProcedure(
+            self._kernel,
+            self._air,
+            self.address,
+            self.identity.hop_address,
+            self.identity.clock,
+            self._page,
+            self._peers[peer].page_scanner,
+            self._estimates.get(peer, 0),
+            lt_addr,
+            lambda poll_tick: self._connect(peer, poll_tick),
+            lambda: self._page_failed(peer),
+        )
+
+    def _found(self, peer: Address, estimate: int) -> None:
+        self._estimates[peer] = estimate
+        self._tell(self.address, Discovered(peer))
+
+    def _complete(self, found: tuple[Address, ...]) -> None:
+        self._end()
+        self._tell(self.address, InquiryComplete(found))
+        self._begin()
+
+    def _connect(self, peer: Address, poll_tick: int) -> None:
+        self.master_of.admit(peer, poll_tick + self._t_poll)
+        self._end()
+        self._tell(self.address, self._connected(peer, Role.MASTER, self.identity))
+        self._begin()
+
+    def _page_failed(self, peer: Address) -> None:
+        self._end()
+        self._tell(self.address, PageFailed(peer))
+        self._begin()
+
+    def _end(self) -> None:
+        spent = self._kernel.now - self._began
+        if isinstance(self._procedure, Inquiry):
+            self.inquiry_time += spent
+        else:
+            self.paging_time += spent
+        self._procedure = None
+        self.master_of.resume()
+        self.update_scan()
+
+    def _connected(self, peer: Address, role: Role, master: Identity) -> Connected:
+        hop_clock = master.clock.tick(self._kernel.now) % CLOCK_RANGE
+        return Connected(peer, role, master.hop_address, hop_clock)

@@ -1,0 +1,295 @@
+"""The command line: results on stdout, progress on stderr, and for wrong input one line and exit 2.
+
+Exit 0: done. 1: a run failed, or the computer did (a full disk). 2: the user's input is wrong. 130: interrupted.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from cosim.documents import read_yaml
+from cosim.errors import UserError
+from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
+from cosim.report import report as make_report
+from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
+from cosim.settings import Settings
+from cosim.simulation import Outcome, simulate
+from cosim.sweep import check_floors, default_folder, run_sweep
+from cosim.trace import CALLS, TABLES, Trace, events_table
+from cosim.units import to_seconds
+from cosim.world.floorplan import load_floorplan
+
+_SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
+_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with its code."""
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # a user's own protocol, module:name, stands where the user stands
+    sys.exit(_guarded(arguments))
+
+
+def _guarded(arguments: Sequence[str] | None) -> int:
+    try:
+        code = commands.main(arguments, prog_name="cosim", standalone_mode=False)
+        sys.stdout.flush()
+    except (UserError, click.ClickException) as error:
+        text = error.format_message() if isinstance(error, click.ClickException) else str(error)
+        return _complain(" ".join(text.split()), 2)
+    except (KeyboardInterrupt, click.Abort):
+        return _complain("interrupted: what is finished is kept", 130)
+    except BrokenPipeError:  # the reader has seen enough; Python must not complain about it when it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 0
+    except OSError as error:
+        return _complain(f"{error}: what is finished is kept", 1)
+    return code if isinstance(code, int) else 0
+
+
+def _complain(line: str, code: int) -> int:
+    print(line, file=sys.stderr)
+    return code
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="cosim")
+def commands() -> None:
+    """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
+
+
+# ---------------------------------------------------------------- run
+
+
+@commands.command("run")
+@click.argument("scenario")
+@click.option("--seed", type=click.IntRange(min=0), help="Instead of the scenario's own.")
+@_SETS
+@click.option("--trace", "trace", type=click.Path(file_okay=False, path_type=Path), help="Write the tables there.")
+@_JSON
+def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | None, as_json: bool) -> None:
+    """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
+    chosen = _scenario(scenario, sets)
+    seed = chosen.seed if seed is None else seed
+    tables = (*TABLES.values(), events_table(chosen.protocol.spec.events)) if trace else ()
+    try:
+        with _waiting(f"{chosen.name}, seed {seed}"):
+            outcome = simulate(chosen, seed, tables)
+    except UserError as error:  # shows only when the run is set up, where nobody knows the file
+        raise UserError(f"{scenario}: {error}") from None
+    if trace is not None:
+        outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
+    if as_json:
+        found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
+        click.echo(json.dumps(found, indent=2))
+        return
+    click.echo(_metrics(outcome, seed))
+    if trace is not None:
+        click.echo(f"\none step, as the calls of the rooms:\n{nested_calls(outcome.trace)}\n\ntables in {trace}")
+
+
+def _scenario(text: str, sets: Sequence[str]) -> Scenario:
+    path = find_experiment(text)
+    return base_scenario(path, sets) if is_experiment(read_yaml(path)) else load(path, sets)
+
+
+def _metrics(outcome: Outcome, seed: int) -> str:
+    units = {metric.name: metric.unit for metric in outcome.metric_columns}
+    width = max(map(len, outcome.metrics), default=0)
+    lines = [
+        f"{name:<{width}}  {value:g} {units.get(name, '').removeprefix('1')}".rstrip()
+        for name, value in outcome.metrics.items()
+    ]
+    return "\n".join([*lines, f"{'seed':<{width}}  {seed}", f"{'digest':<{width}}  {outcome.digest}"])
+
+
+def nested_calls(trace: Trace) -> str:
+    """Return the calls of one step in the middle of the run, indented by depth: one robot, from one call at depth 0."""
+    columns = trace.columns(CALLS.name)
+    calls = list(zip(*(columns[field.name] for field in CALLS.fields), strict=True))
+    tops = [number for number, call in enumerate(calls) if call[2] == 0]
+    if not tops:
+        return "(this protocol reports no calls)"
+    first = _deepest(calls, tops[len(tops) // 3 : len(tops) - len(tops) // 3] or tops)
+    time, robot = calls[first][:2]
+    lines = [f"robot {robot} at {to_seconds(time):.6f} s"]
+    for _, source, depth, room, call, detail in calls[first:]:
+        if source == robot:
+            if depth == 0 and len(lines) > 1:
+                break
+            lines.append(f"{'  ' * (depth + 1)}{room}.{call}  {detail}".rstrip())
+    return "\n".join(lines)
+
+
+def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
+    """Return the first of *tops*, numbers of calls at depth 0, below which the calls go deepest."""
+    depths: dict[int, int] = dict.fromkeys(tops, 0)
+    latest: dict[int, int] = {}
+    for number, call in enumerate(calls):
+        if call[2] == 0:
+            latest[call[1]] = number
+        top = latest.get(call[1], -1)
+        if top in depths:
+            depths[top] = max(depths[top], call[2])
+    return max(tops, key=lambda top: depths[top])
+
+
+# ---------------------------------------------------------------- sweep and report
+
+
+@commands.command("sweep")
+@click.argument("experiment")
+@click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
+@click.option("--quick", is_flag=True, help="Cut down for a first look, as the experiment says.")
+@_SETS
+@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
+@_JSON
+def sweep(
+    experiment: str,
+    replicates: int | None,
+    jobs: int | None,
+    quick: bool,
+    sets: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Make all runs of EXPERIMENT, a name or a sweep.yaml, that are not there yet."""
+    chosen = load_experiment(find_experiment(experiment), sets, quick, replicates)
+    with _bar(chosen.name) as told:
+        summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, progress=told)
+    if as_json:
+        click.echo(json.dumps(summary._asdict(), indent=2, default=str))
+    else:
+        click.echo(f"{summary.runs} runs, {summary.resumed} of them were there already, in {summary.folder}")
+        for failure in summary.failures:
+            click.echo(f"failed: {failure}", err=True)
+    return 1 if summary.failures else 0
+
+
+@commands.command("report")
+@click.argument("results", type=click.Path(path_type=Path))
+@_JSON
+def report(results: Path, as_json: bool) -> None:
+    """Print tables and write figures of RESULTS, ours beside the published ones."""
+    with _waiting(f"reading {results}"):
+        found = make_report(results)
+    if as_json:
+        click.echo(json.dumps(found.plain(), indent=2, default=str))
+    else:
+        click.echo(found.text())
+
+
+# ---------------------------------------------------------------- validate and list
+
+
+@commands.command("validate")
+@click.argument("file", type=click.Path(path_type=Path))
+@_SETS
+def validate(file: Path, sets: tuple[str, ...]) -> None:
+    """Say what is wrong with FILE, a scenario or a sweep.yaml, or print it with all defaults and what they mean."""
+    plain = read_yaml(file)
+    if is_experiment(plain):
+        experiment = load_experiment(file, sets)
+        check_floors(experiment)
+        click.echo(yaml.safe_dump(dump(experiment.settings) | {"scenario": experiment.base}, sort_keys=False), nl=False)
+        return
+    scenario = load(file, sets)
+    load_floorplan(scenario.floorplan, scenario.folder)
+    click.echo("\n".join(described(scenario)))
+
+
+def described(settings: Settings, indent: int = 0) -> Iterator[str]:
+    """Yield the lines of *settings* as YAML, with the description of each as a comment."""
+    plain = dump(settings)
+    for name, field in type(settings).model_fields.items():
+        start = f"{'  ' * indent}{name}:"
+        value = getattr(settings, name)
+        comment = f"  # {field.description}" if field.description else ""
+        if isinstance(value, Settings) and type(value).model_fields:
+            yield start + comment
+            yield from described(value, indent + 1)
+        else:
+            flow = yaml.safe_dump(plain[name], default_flow_style=True, width=10**9).removesuffix("...\n").strip()
+            yield f"{start} {flow}{comment}"
+
+
+@commands.command("list")
+@_JSON
+def list_all(as_json: bool) -> None:
+    """Print the experiments, protocols, channels and maps that there are."""
+    found = {
+        "experiments": {
+            name: str(read_yaml(at / "sweep.yaml").get("about", "")) for name, at in experiment_folders().items()
+        },
+        "protocols": {name: _about_protocol(name) for name in protocol_names()},
+        "channels": {name: _first_line(settings) for name, settings in CHANNELS.items()},
+        "maps": _maps(),
+    }
+    if as_json:
+        click.echo(json.dumps(found, indent=2))
+        return
+    width = max(len(name) for names in found.values() for name in names)
+    for kind, names in found.items():
+        click.echo(kind)
+        for name, about in names.items():
+            click.echo(f"  {name:<{width}}  {about}".rstrip())
+
+
+def _about_protocol(name: str) -> str:
+    try:
+        return _first_line(protocol_spec(name).parameters)
+    except ValueError as error:  # somebody's package that is broken must not hide the others
+        return str(error)
+
+
+def _first_line(thing: object) -> str:
+    return (thing.__doc__ or "").strip().partition("\n")[0]
+
+
+def _maps() -> dict[str, str]:
+    maps = {"office": "generated from floorplan.office", "walls": "drawn in the scenario: floorplan.walls and polygons"}
+    for point in entry_points(group="cosim.maps"):
+        spec = find_spec(point.value)
+        for location in (spec.submodule_search_locations or ()) if spec else ():
+            maps |= {str(path): "a floor of ours" for path in sorted(Path(location).glob("*.yaml"))}
+    return maps
+
+
+# ---------------------------------------------------------------- progress
+
+
+@contextmanager
+def _waiting(text: str) -> Iterator[None]:
+    """Show on a terminal that something is under way; its length is not known."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(text):
+        yield
+
+
+@contextmanager
+def _bar(name: str) -> Iterator[Any]:
+    """Give a function (done, total) that moves a bar on a terminal and is silent elsewhere."""
+    console = Console(stderr=True)
+    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        bar = progress.add_task(name, total=None)
+        yield lambda done, total: progress.update(bar, completed=done, total=total)
+
+
+if __name__ == "__main__":
+    main()

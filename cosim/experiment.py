@@ -1,0 +1,284 @@
+"""An experiment: a scenario, axes that vary it, replicates; read from ``experiments/NAME/sweep.yaml`` or a user's file.
+
+    scenario: {...}                     or the name of a scenario file beside this one
+    sweep:
+      team.size: [2, 4, 8]              the column is called by the last part of the path: size
+      floor:                            an axis with a name of its own, and names for its values
+        path: floorplan.map
+        values: {storey: ../floors/storey.yaml, office: office}
+    replicates: 10
+    quick: {replicates: 2, sweep: {size: [2, 4]}, set: {duration_s: 60}}
+
+What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
+It is called with (parameters, seed) and returns metrics as a dict, or observations as a list of dicts.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple, Self, TypeAlias
+
+from pydantic import Field, field_validator, model_validator
+
+from cosim.documents import Assignment, assign, nearest, parse_assignment, parse_place, read_yaml, validated
+from cosim.errors import UserError
+from cosim.results import FIXED
+from cosim.scenario import Scenario, build, digest, dump, given_here
+from cosim.settings import Settings
+
+Label: TypeAlias = str | int | float | bool
+
+
+class AxisSettings(Settings):
+    """One axis of a sweep."""
+
+    path: str = Field(description="the setting that the axis changes")
+    values: Any = Field(description="a list of values, or a mapping of names to values")
+
+    @field_validator("values")
+    @classmethod
+    def _named(cls, values: Any) -> Any:
+        if not isinstance(values, list | dict) or not values:
+            raise ValueError("is not a list of values, or a mapping of names to values")
+        if isinstance(values, list) and not all(isinstance(value, Label) for value in values):
+            raise ValueError("holds values that need names: expected a mapping of names to values")
+        return values
+
+
+class QuickSettings(Settings):
+    """How the experiment is cut down for a first look."""
+
+    replicates: int = Field(default=2, ge=1, description="runs of each arm")
+    sweep: dict[str, Any] = Field(default_factory=dict, description="other values for some axes, by their columns")
+    set: dict[str, Any] = Field(default_factory=dict, description="other settings, by their paths")
+
+
+class ReportSettings(Settings):
+    """What the report shows first."""
+
+    metrics: tuple[str, ...] = Field(default=(), description="columns of the table and figures; all, if none are named")
+    x: str | None = Field(
+        default=None, description="the axis along the figures; the first one with numbers, if not named"
+    )
+
+
+class ExperimentSettings(Settings):
+    """A sweep.yaml."""
+
+    name: str | None = Field(default=None, min_length=1, description="by default that of the folder")
+    about: str = Field(default="", description="one sentence")
+    scenario: dict[str, Any] | str | None = Field(default=None, description="settings, or the name of a file with them")
+    run: str | None = Field(default=None, description="module:function, for what is no run of robots")
+    parameters: dict[str, Any] = Field(default_factory=dict, description="of the function")
+    seed: int = Field(default=1, ge=0, description="of the function's first replicate")
+    sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
+    replicates: int = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
+    quick: QuickSettings = Field(default_factory=QuickSettings)
+    report: ReportSettings = Field(default_factory=ReportSettings)
+
+    @field_validator("sweep", mode="before")
+    @classmethod
+    def _short_form(cls, sweep: Any) -> Any:
+        if not isinstance(sweep, Mapping):
+            return sweep
+        return {
+            name: {"path": name, "values": axis} if isinstance(axis, list) else axis for name, axis in sweep.items()
+        }
+
+    @model_validator(mode="after")
+    def _runs_something(self) -> Self:
+        if (self.scenario is None) == (self.run is None):
+            raise ValueError("expected either scenario or run")
+        return self
+
+
+class Axis(NamedTuple):
+    """An axis by the name of its column, the path of its setting, and its labelled values."""
+
+    name: str
+    path: str
+    values: tuple[tuple[Label, Any], ...]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One combination of the axes' values."""
+
+    labels: dict[str, Label]
+    scenario: Scenario | None
+    run: str | None
+    parameters: dict[str, Any]
+    configuration: str
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment that is ready to run: every arm of it has been validated."""
+
+    name: str
+    source: Path
+    settings: ExperimentSettings
+    base: dict[str, Any]
+    """The scenario's dump, or the function's parameters, before any axis."""
+    axes: tuple[Axis, ...]
+    arms: tuple[Arm, ...]
+    replicates: int
+    seed: int
+
+
+# ---------------------------------------------------------------- finding
+
+
+def experiment_folders() -> dict[str, Path]:
+    """Return the folders of the installed experiments by name."""
+    found = {}
+    for point in sorted(entry_points(group="cosim.experiments"), key=lambda point: point.name):
+        spec = find_spec(point.value)
+        for location in (spec.submodule_search_locations or ()) if spec else ():
+            if (Path(location) / "sweep.yaml").is_file():
+                found[point.name] = Path(location)
+    return found
+
+
+def find_experiment(text: str) -> Path:
+    """Return the sweep.yaml that *text* means: a path of it, its folder, or the name of an installed experiment."""
+    path = Path(text)
+    if path.is_file():
+        return path
+    if (path / "sweep.yaml").is_file():
+        return path / "sweep.yaml"
+    folders = experiment_folders()
+    if text in folders:
+        return folders[text] / "sweep.yaml"
+    raise UserError(f"{text}: is neither a file nor an experiment{nearest(text, folders)}")
+
+
+def is_experiment(plain: Mapping[str, Any]) -> bool:
+    """Return whether a document is a sweep.yaml rather than a scenario."""
+    return bool({"sweep", "run", "replicates", "scenario"} & plain.keys())
+
+
+def find_function(name: str, source: str) -> Callable[[dict[str, Any], int], Any]:
+    """Return the function that ``run: module:function`` names; raise UserError if it is not there."""
+    module, _, function = name.partition(":")
+    try:
+        found: Callable[[dict[str, Any], int], Any] = getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"{source}: run: {name!r} is not module:function: {error}") from None
+    return found
+
+
+# ---------------------------------------------------------------- reading
+
+
+def load_experiment(
+    path: Path, sets: Iterable[str] = (), quick: bool = False, replicates: int | None = None
+) -> Experiment:
+    """Return the experiment in the file *path*, cut down if *quick*, changed by *sets*.
+
+    A path in *sets* that is an axis's leaves only the given value on that axis. Raise UserError for whatever is wrong.
+    """
+    settings = validated(ExperimentSettings, read_yaml(path), str(path))
+    given = [given_here(parse_assignment(text)) for text in sets]
+    axes = _axes(settings, str(path), settings.quick.sweep if quick else {}, given)
+    fixed = [item for item in given if item.place not in {parse_place(axis.path) for axis in axes}]
+    if quick:
+        short = [
+            Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in settings.quick.set.items()
+        ]
+        fixed = [*short, *fixed]
+    base, folder, source = _base(settings, path, fixed)
+    arms = tuple(_arm(settings, base, folder, source, axes, values) for values in _product(axes))
+    wanted = replicates or (settings.quick.replicates if quick else settings.replicates)
+    seed = base["seed"] if settings.scenario is not None else settings.seed
+    name = settings.name or path.resolve().parent.name
+    return Experiment(name, path, settings, base, axes, arms, wanted, seed)
+
+
+def base_scenario(path: Path, sets: Iterable[str] = ()) -> Scenario:
+    """Return the scenario of the experiment in the file *path* as it is before its axes."""
+    settings = validated(ExperimentSettings, read_yaml(path), str(path))
+    if settings.scenario is None:
+        raise UserError(f"{path}: scenario: is missing, this experiment runs {settings.run}")
+    base, folder, source = _base(settings, path, [given_here(parse_assignment(text)) for text in sets])
+    return build(base, source, folder)
+
+
+def _base(settings: ExperimentSettings, path: Path, given: Sequence[Assignment]) -> tuple[dict[str, Any], Path, str]:
+    if settings.run is not None:
+        find_function(settings.run, str(path))
+        return assign(settings.parameters, given), path.parent, f"{path}: parameters"
+    if isinstance(settings.scenario, str):
+        file = path.parent / settings.scenario
+        return dump(build(read_yaml(file), str(file), file.parent, given)), file.parent, str(file)
+    source = f"{path}: scenario"
+    return dump(build(dict(settings.scenario or {}), source, path.parent, given)), path.parent, source
+
+
+def _arm(
+    settings: ExperimentSettings,
+    base: dict[str, Any],
+    folder: Path,
+    source: str,
+    axes: Sequence[Axis],
+    values: Sequence[tuple[Label, Any]],
+) -> Arm:
+    labels = {axis.name: label for axis, (label, _) in zip(axes, values, strict=True)}
+    changes = [
+        Assignment(parse_place(axis.path), value, f"{source} with {axis.path}={label}")
+        for axis, (label, value) in zip(axes, values, strict=True)
+    ]
+    if settings.run is not None:
+        parameters = assign(base, changes)
+        return Arm(labels, None, settings.run, parameters, digest([settings.run, parameters]))
+    scenario = build(base, source, folder, changes)
+    return Arm(labels, scenario, None, {}, digest([dump(scenario), scenario.map_digests()]))
+
+
+def _product(axes: Sequence[Axis]) -> Iterable[tuple[tuple[Label, Any], ...]]:
+    return itertools.product(*(axis.values for axis in axes))
+
+
+def _axes(
+    settings: ExperimentSettings, source: str, quick: Mapping[str, Any], given: Sequence[Assignment]
+) -> tuple[Axis, ...]:
+    names = _columns(settings.sweep, source)
+    for name in quick:
+        if name not in names.values():
+            raise UserError(f"{source}: quick.sweep.{name}: there is no such axis{nearest(name, names.values())}")
+    axes = []
+    for key, axis in settings.sweep.items():
+        place = parse_place(axis.path)
+        if not place or axis.path == "seed":
+            raise UserError(
+                f"{source}: sweep.{key}.path: {axis.path!r} is not the path of a setting that can be an axis"
+            )
+        chosen = quick.get(names[key], axis.values)
+        if isinstance(chosen, list) and isinstance(axis.values, dict):  # names of the full list
+            chosen = {label: axis.values.get(label, label) for label in chosen}
+        pairs = list(chosen.items()) if isinstance(chosen, dict) else [(value, value) for value in chosen]
+        pairs = [(_label(item.value), item.value) for item in given if item.place == place][-1:] or pairs
+        axes.append(Axis(names[key], axis.path, tuple(pairs)))
+    return tuple(axes)
+
+
+def _label(value: Any) -> Label:
+    return value if isinstance(value, Label) else str(value)
+
+
+def _columns(sweep: Mapping[str, AxisSettings], source: str) -> dict[str, str]:
+    """Return the column of every axis: its own name, or the last parts of its path that no other column has."""
+    reserved = {field.name for field in FIXED}
+    columns: dict[str, str] = {}
+    for key in sweep:
+        parts = [str(step) for step in parse_place(key)] or [key]
+        names = ["_".join(parts[-count:]) for count in range(1, len(parts) + 1)]
+        free = [name for name in names if name not in reserved and name not in columns.values()]
+        if not free:
+            raise UserError(f"{source}: sweep.{key}: the column {names[-1]} is taken, expected another name")
+        columns[key] = free[0]
+    return columns

@@ -1,0 +1,263 @@
+"""What a sweep found: means with confidence intervals, figures, and our numbers beside those that a paper printed.
+
+``published.csv``, beside an experiment's sweep.yaml, holds a claim a row:
+
+    id, paper, section, claim     what the paper says, and where
+    quantity, where               the column that answers it, and which rows (a pandas query; all, if empty)
+    unit, published, test         the printed value, and how ours is held against it
+
+``test`` is ``equal`` (every single row), ``within N %``, ``at least`` or ``at most`` (the mean), or the name of a
+function in the experiment's ``figures.py``: (runs, observations) -> (ours, whether the claim holds, or None for open).
+A function ``tables(runs, observations)`` there may add tables by their titles.
+"""
+
+import csv
+import importlib.util
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy import stats
+
+from cosim.errors import UserError
+from cosim.experiment import experiment_folders
+from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+
+CONFIDENCE = 0.95
+_COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
+_WITHIN = re.compile(r"within ([0-9.]+) ?%")
+
+
+class Estimate(NamedTuple):
+    """A mean, half the width of its confidence interval (NaN for a single value), and the number of values."""
+
+    mean: float
+    half: float
+    size: int
+
+    def __str__(self) -> str:
+        if not self.size:
+            return "-"
+        return f"{self.mean:.4g}" if not self.half > 0 else f"{self.mean:.4g} ± {self.half:.2g}"
+
+
+class Verdict(NamedTuple):
+    """A published claim with our answer."""
+
+    id: str
+    claim: str
+    published: str
+    ours: str
+    verdict: str
+    """holds, fails, open (the claim has no test that decides), or no data"""
+
+
+@dataclass
+class Report:
+    """The tables by their titles, the claims, and the figures that were written."""
+
+    name: str
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    verdicts: list[Verdict] = field(default_factory=list)
+    figures: list[Path] = field(default_factory=list)
+    failures: int = 0
+
+    def text(self) -> str:
+        """Return the report for a terminal."""
+        parts = [f"{title}\n{table.to_string(index=False)}" for title, table in self.tables.items()]
+        if self.verdicts:
+            frame = pd.DataFrame(self.verdicts).to_string(index=False)
+            parts.append(f"{self.name}, ours beside the published\n{frame}")
+        if self.failures:
+            parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
+        return "\n\n".join([*parts, "\n".join(f"figure: {path}" for path in self.figures)]).strip()
+
+    def plain(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        return {
+            "experiment": self.name,
+            "tables": {title: table.astype(str).to_dict("records") for title, table in self.tables.items()},
+            "published": [verdict._asdict() for verdict in self.verdicts],
+            "figures": [str(path) for path in self.figures],
+            "failures": self.failures,
+        }
+
+
+def report(folder: Path) -> Report:
+    """Compute the report of the last sweep into *folder*, and write its figures there.
+
+    Raise UserError if *folder* holds no results, or a claim asks for what is not there.
+    """
+    store = RunStore(folder)
+    told = store.description()
+    runs, seen = store.present(), store.present("observations")
+    good = runs[runs["status"] == "done"]
+    axes = [axis for axis in told["axes"] if axis in runs or axis in seen]
+    name = told["experiment"]
+    made = Report(name, failures=len(runs) - len(good))
+    for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
+        metrics = _metrics(frame, axes, [each.name for each in fixed], told["report"]["metrics"])
+        if metrics:
+            kinds = [column for column in frame if not pd.api.types.is_numeric_dtype(frame[column])]
+            by = [*axes, *(str(column) for column in kinds if column not in {*axes, *_fixed()})]
+            made.tables[f"{title}: mean ± half of the 95 % confidence interval"] = _shown(estimates(frame, by, metrics))
+            made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in metrics]
+    source = _source_folder(told)
+    figures = _figures_module(source)
+    if figures is not None and hasattr(figures, "tables"):
+        made.tables |= figures.tables(good, seen)
+    made.verdicts = [judge(claim, good, seen, figures) for claim in _published(source)]
+    return made
+
+
+def _fixed() -> set[str]:
+    return {each.name for each in (*FIXED, *OBSERVATION_FIXED)}
+
+
+def _metrics(frame: pd.DataFrame, axes: Sequence[str], fixed: Iterable[str], named: Sequence[str]) -> list[str]:
+    """Return the columns that are worth a column in the table: those that are named, or else all that vary."""
+    numbers = [str(column) for column in frame.select_dtypes("number").columns] if len(frame) else []
+    free = [column for column in numbers if column not in {*axes, *fixed}]
+    chosen = [column for column in named if column in free]
+    return chosen or [column for column in free if frame[column].nunique() > 1]
+
+
+# ---------------------------------------------------------------- estimates
+
+
+def estimate(values: "pd.Series[float]") -> Estimate:
+    """Return the mean of *values* (empty ones left out) with its 95 % interval by Student's t."""
+    known = values.dropna().to_numpy(dtype=float)
+    if not len(known):
+        return Estimate(math.nan, math.nan, 0)
+    if len(known) == 1:
+        return Estimate(float(known[0]), math.nan, 1)
+    deviation = float(np.std(known, ddof=1)) / math.sqrt(len(known))
+    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(known) - 1))
+    return Estimate(float(np.mean(known)), quantile * deviation, len(known))
+
+
+def estimates(frame: pd.DataFrame, by: Sequence[str], metrics: Sequence[str]) -> pd.DataFrame:
+    """Return a row for each combination of the columns *by*, with an Estimate of each metric."""
+    groups = frame.groupby(list(by), sort=False, dropna=False) if by else [((), frame)]
+    rows = []
+    for key, group in groups:
+        row: dict[str, Any] = dict(zip(by, key, strict=True))
+        rows.append(row | {"n": len(group)} | {metric: estimate(group[metric]) for metric in metrics})
+    return pd.DataFrame(rows)
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    return table.map(lambda value: str(value) if isinstance(value, Estimate) else value)
+
+
+# ---------------------------------------------------------------- claims
+
+
+def _source_folder(told: dict[str, Any]) -> Path | None:
+    """Return the experiment's folder: where it was when it was run, or where the installed one of its name is."""
+    source = Path(told["source"]).parent
+    return source if source.is_dir() else experiment_folders().get(told["experiment"])
+
+
+def _figures_module(folder: Path | None) -> ModuleType | None:
+    path = folder / "figures.py" if folder else None
+    if path is None or not path.is_file():
+        return None
+    spec = importlib.util.spec_from_file_location("figures", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _published(folder: Path | None) -> list[dict[str, str]]:
+    path = folder / "published.csv" if folder else None
+    if path is None or not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for number, row in enumerate(rows, start=2):
+        if set(row) != set(_COLUMNS) or None in row.values():
+            raise UserError(f"{path}: line {number}: expected the columns {', '.join(_COLUMNS)}")
+    return rows
+
+
+def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleType | None) -> Verdict:
+    """Return our answer to *claim*, a row of published.csv."""
+    published = f"{claim['published']} {claim['unit'].removeprefix('1')}".strip()
+    function = (
+        getattr(figures, claim["test"], None) if claim["test"].isidentifier() and claim["test"] != "equal" else None
+    )
+    if function is not None:
+        ours, holds = function(runs, seen)
+        word = "open" if holds is None else "holds" if holds else "fails"
+        return Verdict(claim["id"], claim["claim"], published, str(ours), word)
+    frame = next((each for each in (runs, seen) if claim["quantity"] in each), None)
+    rows = frame.query(claim["where"]) if frame is not None and len(frame) and claim["where"] else frame
+    if rows is None or rows.empty or rows[claim["quantity"]].isna().all():
+        return Verdict(claim["id"], claim["claim"], published, "-", "no data")
+    values = rows[claim["quantity"]]
+    word = "holds" if _passes(claim, values) else "fails"
+    return Verdict(claim["id"], claim["claim"], published, str(estimate(values)), word)
+
+
+def _passes(claim: dict[str, str], values: "pd.Series[float]") -> bool:
+    published, mean, test = float(claim["published"]), float(values.mean()), claim["test"]
+    within = _WITHIN.fullmatch(test)
+    if within:
+        return abs(mean - published) <= abs(published) * float(within[1]) / 100
+    if test == "equal":
+        return bool(np.isclose(values.to_numpy(dtype=float), published, rtol=1e-12, atol=0).all())
+    if test in ("at least", "at most"):
+        return mean >= published if test == "at least" else mean <= published
+    raise UserError(
+        f"published.csv: {claim['id']}: test: {test!r} is neither equal, within N %, at least, at most, "
+        "nor a function in figures.py"
+    )
+
+
+# ---------------------------------------------------------------- figures
+
+
+def draw(frame: pd.DataFrame, axes: Sequence[str], metric: str, x: str | None, folder: Path) -> Path:
+    """Draw *metric* over the axis *x*, a line for each remaining arm, and return the path of the picture.
+
+    Without *x* the first axis with numbers is taken. Of several remaining axes the last one gives the panels.
+    """
+    numeric = [axis for axis in axes if pd.api.types.is_numeric_dtype(frame[axis])]
+    along = x if x in axes else next(iter([*numeric, *axes]), None)
+    others = [axis for axis in axes if axis != along and frame[axis].nunique() > 1]
+    panel = others.pop() if len(others) > 1 else None
+    parts = list(frame.groupby(panel, sort=False)) if panel else [("", frame)]
+    figure = Figure(figsize=(5.0 * len(parts) + 1.5, 4.0), layout="constrained")
+    plots = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
+    for plot, (value, part) in zip(plots, parts, strict=True):
+        _lines(plot, part, along, others, metric)
+        plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "", ylabel=metric)
+        plot.grid(alpha=0.3)
+    if others:
+        plots[-1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    path = folder / f"{metric}.png"
+    with mpl.rc_context({"savefig.dpi": 120}):
+        figure.savefig(path)
+    return path
+
+
+def _lines(plot: Any, frame: pd.DataFrame, along: str | None, others: Sequence[str], metric: str) -> None:
+    groups = frame.groupby(list(others), sort=False) if others else [(("all",), frame)]
+    for key, group in groups:
+        points = estimates(group, [along] if along else [], [metric])
+        places = points[along].tolist() if along else [0.0]
+        means = [value.mean for value in points[metric]]
+        halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
+        plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, label=", ".join(map(str, key)))

@@ -1,0 +1,175 @@
+"""One run: a scenario and a seed in, metrics, a trace and its digest out.
+
+The world's tick is the only place where the control loop closes. Its order (design: ARGoS, one phase order a tick):
+advance lazy channel models, apply the commands given since the last tick, move and collide, mark gains stale, sense,
+observe. Everything else happens between ticks, when frames arrive or deadlines come.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from cosim.channels.base import Channel
+from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import Machine, Metric, ProtocolSpec, Referee, Surroundings
+from cosim.node import Node
+from cosim.randomness import Streams
+from cosim.robots.motion import Fleet
+from cosim.robots.placement import checked_starts
+from cosim.scenario import Scenario
+from cosim.trace import POSES, Table, Trace, events_table
+from cosim.units import Time, to_seconds
+from cosim.world.floorplan import Floorplan, load_floorplan
+from cosim.world.sight import lines_of_sight, seen_by_each
+
+METRICS: Final = (
+    Metric("simulated_s", "s", "simulated time at which the run ended"),
+    Metric("distance_m", "m", "driven by all robots together"),
+    Metric("kernel_events", "1", "events that the kernel executed"),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a run."""
+
+    metrics: dict[str, float]
+    digest: str
+    """Hash of the metrics and of all rows of the trace: equal for equal scenario and seed, wherever it runs."""
+    trace: Trace
+    simulated_s: float
+    metric_columns: tuple[Metric, ...]
+
+
+def simulate(scenario: Scenario, seed: int, tables: Sequence[Table] = (), idle_frames: bool = False) -> Outcome:
+    """Run *scenario* with *seed*, keeping *tables* in the trace besides the protocol's events.
+
+    With *idle_frames*, the frames of an idle piconet are kept too. Raise UserError for input that cannot be set up.
+    """
+    return Simulation(scenario, seed, tables, idle_frames).run()
+
+
+class Simulation:
+    """One run while it is set up and executed."""
+
+    def __init__(self, scenario: Scenario, seed: int, tables: Sequence[Table] = (), idle_frames: bool = False) -> None:
+        self.scenario = scenario
+        self.spec: ProtocolSpec = scenario.protocol.spec
+        self.kernel = Kernel()
+        self.trace = Trace((events_table(self.spec.events), *tables))
+        self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
+        streams = Streams(seed)
+        parameters = scenario.protocol.parameters
+        surroundings = self._surroundings(parameters, streams)
+        knowledge = self.spec.prepare(parameters, surroundings)
+        bodies = [scenario.team.body] * scenario.team.size
+        self.fleet = Fleet(bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
+        self.channel = _channel(scenario, self.kernel, self.trace, streams, idle_frames)
+        self.referee: Referee = self.spec.referee(parameters, knowledge)
+        self.machines: list[Machine] = [
+            self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
+            for robot in range(scenario.team.size)
+        ]
+        self.nodes = [
+            Node(robot, machine, self.kernel, self.channel, self.trace) for robot, machine in enumerate(self.machines)
+        ]
+        for node in self.nodes:
+            self.channel.attach(node.address, node)
+        self._distance_m = 0.0
+        self._sight_m = scenario.team.sight_range_m or float("inf")
+        self._poses_wanted = self.trace.wants(POSES)
+
+    def run(self) -> Outcome:
+        """Execute the run: until all machines have finished, the referee ends it, or its time is over."""
+        self.channel.moved(self.fleet.positions_m)
+        self.kernel.at(0, self._first_tick, WORLD)
+        self.kernel.run(self.scenario.duration)
+        return self._outcome()
+
+    def _surroundings(self, parameters: Any, streams: Streams) -> Surroundings:
+        scenario, floor = self.scenario, self.floorplan
+        body = scenario.team.body
+        surroundings = Surroundings(
+            starts_m=(),
+            radius_m=body.radius_m,
+            speed_mps=body.speed_mps,
+            acceleration_mps2=body.acceleration_mps2,
+            tick=scenario.tick,
+            walls_m=floor.walls_m,
+            bounds_m=floor.bounds_m,
+            forbidden=floor.forbidden,
+        )
+        starts = scenario.team.starts
+        if starts is None:
+            starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
+        checked_starts(starts, [body.radius_m] * len(starts), floor)
+        return surroundings._replace(starts_m=tuple(starts))
+
+    def _first_tick(self) -> None:
+        for node in self.nodes:
+            node.drain(0)
+        self._sense(0)
+
+    def _tick(self) -> None:
+        now = self.kernel.now
+        self.channel.advance(now)
+        for node in self.nodes:
+            if node.motion:
+                self.fleet.apply((node.address, command) for command in node.motion)
+                node.motion.clear()
+        before = self.fleet.positions_m
+        self.fleet.step()
+        after = self.fleet.positions_m
+        self._distance_m += float(np.hypot(*(after - before).T).sum())
+        self.channel.moved(after)
+        self._sense(now)
+
+    def _sense(self, now: Time) -> None:
+        positions = self.fleet.positions_m
+        visible = self._visible(positions)
+        for node, observation in zip(self.nodes, self.fleet.observations(visible), strict=True):
+            if self._poses_wanted:
+                self.trace.row(POSES, now, node.address, observation.x_m, observation.y_m, observation.heading_rad)
+            node.observe(observation, now)
+        over = self.referee.look(positions[:, 0], positions[:, 1], now)
+        if over or all(machine.finished or not node.alive for machine, node in zip(self.machines, self.nodes, strict=True)):
+            self.kernel.stop()
+        else:
+            self.kernel.after(self.scenario.tick, self._tick, WORLD)
+
+    def _visible(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[tuple[int, ...]]:
+        if not self.spec.needs_sight:
+            return []
+        return seen_by_each(lines_of_sight(self.floorplan.grid, positions, self._sight_m))
+
+    def _outcome(self) -> Outcome:
+        now = self.kernel.now
+        simulated_s = to_seconds(now)
+        self.channel.advance(now)
+        metrics = {
+            "simulated_s": simulated_s,
+            "distance_m": self._distance_m,
+            "kernel_events": float(self.kernel.executed),
+            **self.spec.measure(self.machines),
+            **self.referee.verdict(now),
+        }
+        summary = self.channel.summary()
+        columns = (*METRICS, *self.spec.metrics, *(Metric(name, "", "counted by the channel") for name in summary))
+        metrics |= summary
+        counted = {name: value for name, value in metrics.items() if name != "kernel_events"}  # not an outcome
+        content = repr(sorted(counted.items())) + self.trace.digest()
+        return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
+
+
+def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams, idle_frames: bool) -> Channel:
+    size = scenario.team.size
+    match scenario.channel:
+        case IdealSettings() as settings:
+            return IdealChannel(settings, kernel, trace, size)
+        case BluetoothSettings() as settings:
+            return BluetoothChannel(settings, kernel, trace, size, streams, idle_frames)

@@ -1,0 +1,291 @@
+"""A sweep: all arms and replicates of an experiment on several processes, every finished run kept, resumed by itself.
+
+The seed of a run comes from its replicate, never from its arm: all arms see the same worlds (common random numbers),
+and differences between arms are paired. What a row holds does not depend on how many processes there were.
+"""
+
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic, perf_counter
+from typing import Any, NamedTuple, TypeAlias
+
+from cosim.experiment import Arm, Experiment, find_function
+from cosim.machine import Metric
+from cosim.results import PACKAGES, Row, RunStore, code_digest, kind_of, metric_fields, provenance
+from cosim.scenario import digest
+from cosim.simulation import simulate
+from cosim.trace import Field
+from cosim.world.floorplan import load_floorplan
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Told (runs that are finished, runs in all)."""
+
+BATCH_S = 1.0
+"""Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
+
+
+class Task(NamedTuple):
+    """One run that is to be made."""
+
+    arm: Arm
+    replicate: int
+    seed: int
+
+
+@dataclass
+class Finished:
+    """What became of a task."""
+
+    task: Task
+    wall_s: float
+    error: str | None = None
+    digest: str | None = None
+    metrics: dict[str, float] = field(default_factory=dict)
+    columns: tuple[Metric, ...] = ()
+    observations: list[Row] = field(default_factory=list)
+
+
+class Summary(NamedTuple):
+    """What a sweep came to."""
+
+    folder: Path
+    runs: int
+    resumed: int
+    """How many of the runs were there already."""
+    failures: tuple[str, ...]
+    """The errors of the runs that failed, each with its arm."""
+
+
+# ---------------------------------------------------------------- one run
+
+
+def execute(task: Task) -> Finished:
+    """Make one run; whatever goes wrong in it becomes its error, and the sweep goes on."""
+    started = perf_counter()
+    try:
+        result = _simulated(task) if task.arm.scenario is not None else _called(task)
+    except Exception as error:  # noqa: BLE001  # the sweep's guard: one bad run must not take the others with it
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        result = Finished(task, 0.0, error=text)
+    result.wall_s = perf_counter() - started
+    return result
+
+
+def _simulated(task: Task) -> Finished:
+    assert task.arm.scenario is not None
+    outcome = simulate(task.arm.scenario, task.seed)
+    return Finished(task, 0.0, None, outcome.digest, dict(outcome.metrics), tuple(outcome.metric_columns))
+
+
+def _called(task: Task) -> Finished:
+    assert task.arm.run is not None
+    answer = find_function(task.arm.run, "sweep.yaml")(task.arm.parameters, task.seed)
+    if isinstance(answer, dict):
+        return Finished(task, 0.0, None, digest(answer), {name: float(value) for name, value in answer.items()})
+    return Finished(task, 0.0, None, digest(answer), observations=list(answer))
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def default_folder(experiment: Experiment, quick: bool) -> Path:
+    """Return where results go if the user does not say: a quick sweep does not mix with a full one."""
+    return Path("results") / (f"{experiment.name}-quick" if quick else experiment.name)
+
+
+def tasks(experiment: Experiment) -> list[Task]:
+    """Return all runs of *experiment*, replicate by replicate: a sweep that is cut short has seen every arm."""
+    return [
+        Task(arm, replicate, experiment.seed + replicate)
+        for replicate in range(experiment.replicates)
+        for arm in experiment.arms
+    ]
+
+
+def check_floors(experiment: Experiment) -> None:
+    """Load every floor of *experiment* once; raise UserError for one that cannot be used."""
+    floors = {}
+    for arm in experiment.arms:
+        if arm.scenario is not None:
+            floors[digest([arm.scenario.floorplan.model_dump(mode="json"), str(arm.scenario.folder)])] = arm.scenario
+    for scenario in floors.values():
+        load_floorplan(scenario.floorplan, scenario.folder)
+
+
+def run_sweep(
+    experiment: Experiment,
+    folder: Path,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress = lambda done, total: None,
+) -> Summary:
+    """Make the runs of *experiment* that *folder* does not hold yet, on *executor* or on *jobs* processes of our own.
+
+    With one job everything happens in this process. An interrupt leaves what is finished in *folder*, as does an
+    OSError (a full disk, a dead worker process), which is raised.
+    """
+    check_floors(experiment)
+    code = code_digest(_packages(experiment))
+    every = tasks(experiment)
+    store = RunStore(folder)
+    with store.writing():
+        store.describe(_description(experiment, code))
+        done = store.done()
+        todo = [task for task in every if (task.arm.configuration, task.seed, code) not in done]
+        resumed = len(every) - len(todo)
+        _fill(_Batch(store, experiment, code), todo, jobs, executor, lambda n: progress(resumed + n, len(every)))
+    return Summary(folder, len(every), resumed, _failures(store, experiment))
+
+
+def _fill(
+    batch: "_Batch",
+    todo: Sequence[Task],
+    jobs: int | None,
+    executor: Executor | None,
+    progress: Callable[[int], None],
+) -> None:
+    try:
+        with closing(_finished(todo, jobs, executor)) as results:  # a full disk must end the worker processes too
+            for count, finished in enumerate(results, start=1):
+                batch.add(finished)
+                progress(count)
+    finally:  # also when interrupted: what is finished is kept
+        batch.flush()
+
+
+class _Batch:
+    """Finished runs on their way to the disk."""
+
+    def __init__(self, store: RunStore, experiment: Experiment, code: str) -> None:
+        self._store = store
+        self._experiment = experiment
+        self._code = code
+        self._axes = [Field(axis.name, _axis_kind(axis.values), "", axis.path) for axis in experiment.axes]
+        self._metadata = {"experiment": experiment.name, "scenario": json.dumps(experiment.base)} | provenance()
+        self._waiting: list[Finished] = []
+        self._written = monotonic()
+
+    def add(self, finished: Finished) -> None:
+        """Take a finished run, and write the batch if it has waited long enough."""
+        self._waiting.append(finished)
+        if max(finished.wall_s, monotonic() - self._written) >= BATCH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is waiting."""
+        if not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, []
+        metrics = {metric.name: metric for finished in waiting for metric in finished.columns}
+        runs = [self._run(finished) for finished in waiting]
+        seen = [self._key(finished) | row for finished in waiting for row in finished.observations]
+        self._store.append(runs, seen, [*self._axes, *metric_fields(metrics.values())], self._metadata)
+        self._written = monotonic()
+
+    def _key(self, finished: Finished) -> Row:
+        arm, replicate, seed = finished.task
+        key = {"configuration": arm.configuration, "seed": seed, "code": self._code, "replicate": replicate}
+        labels = {axis.name: str(arm.labels[axis.name]) for axis in self._axes if axis.kind == "str"}
+        return key | arm.labels | labels
+
+    def _run(self, finished: Finished) -> Row:
+        fixed = {
+            "experiment": self._experiment.name,
+            "status": "failed" if finished.error else "done",
+            "error": finished.error,
+            "wall_s": finished.wall_s,
+            "digest": finished.digest,
+        }
+        return fixed | self._key(finished) | finished.metrics
+
+
+def _axis_kind(values: Sequence[tuple[Any, Any]]) -> Any:
+    return kind_of(label for label, _ in values)
+
+
+def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
+    rows = store.present().query("status == 'failed'").to_dict("records")
+    names = [axis.name for axis in experiment.axes]
+    return tuple(f"{', '.join(f'{n}={row[n]}' for n in names)}, seed {row['seed']}: {row['error']}" for row in rows)
+
+
+def _description(experiment: Experiment, code: str) -> dict[str, Any]:
+    return {
+        "experiment": experiment.name,
+        "about": experiment.settings.about,
+        "source": str(experiment.source.resolve()),
+        "axes": {
+            axis.name: {"path": axis.path, "values": [label for label, _ in axis.values]} for axis in experiment.axes
+        },
+        "replicates": experiment.replicates,
+        "report": experiment.settings.report.model_dump(mode="json"),
+        "configurations": [arm.configuration for arm in experiment.arms],
+        "code": code,
+    }
+
+
+def _packages(experiment: Experiment) -> set[str]:
+    """Return the packages whose sources decide the results: ours, and those of a user's protocol or function."""
+    modules = {arm.scenario.protocol.spec.parameters.__module__ for arm in experiment.arms if arm.scenario is not None}
+    modules |= {arm.run for arm in experiment.arms if arm.run is not None}
+    return {*PACKAGES, *(module.partition(":")[0].partition(".")[0] for module in modules)} - {"__main__"}
+
+
+# ---------------------------------------------------------------- processes
+
+
+def _finished(todo: Sequence[Task], jobs: int | None, executor: Executor | None) -> Generator[Finished, None, None]:
+    workers = min(jobs or os.cpu_count() or 1, len(todo))
+    if executor is not None:
+        yield from _from(executor, todo)
+    elif workers <= 1:
+        yield from map(execute, todo)
+    else:
+        yield from _from_processes(workers, todo)
+
+
+def _from_processes(workers: int, todo: Sequence[Task]) -> Generator[Finished, None, None]:
+    strangers = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_die_with_parent)
+    try:
+        yield from _from(pool, todo)
+    except BaseException:  # the runs under way would keep us waiting
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - strangers:
+            child.terminate()
+        raise
+    pool.shutdown()
+
+
+def _from(executor: Executor, todo: Sequence[Task]) -> Generator[Finished, None, None]:
+    futures: list[Future[Finished]] = [executor.submit(execute, task) for task in todo]
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    except BrokenExecutor:
+        raise ChildProcessError("a worker process died (killed, or out of memory)") from None
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _die_with_parent() -> None:
+    """Leave interrupts to the parent, and end when it is gone: a worker cannot see that its queue is dead."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -1,0 +1,182 @@
+"""The two complete algorithms: tours planned for the whole team, driven by robots that make room for each other.
+
+Every robot knows the same plan, the same positions and the same covered cells, so every robot computes the whole team's
+next step and takes its own part of it; no two of them want the same cell. What has to be kept alive is progress:
+bodies are solid, and corridors are one cell wide.
+
+Robots decide in the order of their distance to their goals (the first uncovered cell of one's tour), then of their
+numbers; robots without a goal come last. A step may only lead into a cell in which nobody stands. Where all the next
+cells on the shortest ways are taken, those who stand there and have not decided yet are asked to clear them, in a chain
+that ends in an empty cell: so a dormant robot clears the passage that it stands in.
+
+Why everything gets covered: let L be the robot that decides first. Its goal is uncovered, hence empty, and can be
+reached; so beyond whoever stands in L's way there is an empty cell, and the chain exists. It opens L's next cell after
+at most as many steps as the team has robots, and nobody takes that cell from L, who decides first. Thus the least
+distance of a robot to its goal falls again and again (another robot that decides first has a smaller one still), until
+a goal is covered: by L, or by a robot that was pushed onto it. The tours are finite.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from cosim.geometry.grids import Cell, CoverageGrid
+from cosim.machine import Address
+from protocols.pseudonet.algorithms.base import STEPS, Evaluation, judge
+from protocols.pseudonet.knowledge import View
+from protocols.pseudonet.messages import Action, Kind
+from protocols.pseudonet.plans.tours import Tour, assign
+
+Planner: TypeAlias = Callable[[CoverageGrid, Sequence[Cell], int], Sequence[Tour]]
+"""(grid, cells to cover, number of robots) -> a tour for each robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Errand:
+    """Where a robot goes next, and how far that is."""
+
+    robot: Address
+    goal: Cell
+    distance: int
+
+
+class Planned:
+    """One robot's copy of the team's plan."""
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self._tours: dict[Address, Tour] = {}
+        self._next: dict[Address, int] = {}
+        self._stopped = False
+
+    def enlist(self, view: View) -> None:
+        """Divide what is left among the members, each connected part of the floor among those who can drive there."""
+        self._tours = {}
+        left = view.remaining()
+        for group in _groups(view):
+            away = view.knowledge.distances(view.cells[group[0]], view.obstacles)
+            cells = tuple(sorted(cell for cell in left if away[cell] >= 0))
+            starts = tuple(view.cells[robot] for robot in group)
+            key = (cells, starts, view.obstacles)
+            self._tours |= dict(zip(group, view.knowledge.once(key, lambda: self._plan(view, cells, starts)), strict=True))
+        self._next = dict.fromkeys(self._tours, 0)
+
+    def _plan(self, view: View, cells: tuple[Cell, ...], starts: tuple[Cell, ...]) -> tuple[Tour, ...]:
+        grid = view.knowledge.around(view.obstacles)
+        parts = self._planner(grid, cells, len(starts))
+        return assign(parts, starts, lambda cell: view.knowledge.distances(cell, view.obstacles))
+
+    def evaluate(self, view: View) -> Evaluation:
+        """Take my part of the team's next step; stay if somebody has the better claim after all."""
+        action = Action.STAY if view.omitted else joint_step(view, self._errands(view)).get(view.me, Action.STAY)
+        done = not self._stopped and self._goal(view, view.me) is None
+        self._stopped = self._stopped or done
+        return Evaluation(action, judge(view, False, False), Kind.STOP if done and action == Action.STAY else Kind.STATE)
+
+    def directed(self, target: Cell) -> None:
+        """Keep to the plan: this robot never asks."""
+
+    def committed(self, action: Action, cell: Cell) -> None:
+        """Keep no memory: what is covered is in the view."""
+
+    def _goal(self, view: View, robot: Address) -> Cell | None:
+        tour = self._tours.get(robot, ())
+        index = self._next.get(robot, 0)
+        while index < len(tour) and view.is_covered(tour[index]):
+            index += 1
+        return tour[index] if index < len(tour) else None
+
+    def _errands(self, view: View) -> list[Errand]:
+        errands = []
+        for robot in view.members:
+            tour = self._tours.get(robot, ())
+            while self._next.get(robot, 0) < len(tour) and tour[self._next[robot]] in view.covered:
+                self._next[robot] += 1
+            goal = self._goal(view, robot)
+            if goal is not None:
+                errands.append(Errand(robot, goal, _distance(view, robot, goal)))
+        return sorted(errands, key=lambda errand: (errand.distance, errand.robot))
+
+
+def _distance(view: View, robot: Address, goal: Cell) -> int:
+    cell = view.cells[robot]
+    if goal in view.knowledge.steps[cell]:
+        return 1
+    return int(view.knowledge.distances(goal, view.obstacles)[cell])
+
+
+def _groups(view: View) -> list[list[Address]]:
+    """Return the members by connected part of the floor."""
+    groups: list[list[Address]] = []
+    for robot in view.members:
+        away = view.knowledge.distances(view.cells[robot], view.obstacles)
+        for group in groups:
+            if away[view.cells[group[0]]] >= 0:
+                group.append(robot)
+                break
+        else:
+            groups.append([robot])
+    return groups
+
+
+def joint_step(view: View, errands: Sequence[Errand]) -> dict[Address, Action]:
+    """Return the next action of every robot that moves; *errands* in the order in which robots decide."""
+    step = _JointStep(view)
+    for errand in errands:
+        step.decide(errand)
+    return step.actions
+
+
+class _JointStep:
+    """The team's next step while it is being decided."""
+
+    def __init__(self, view: View) -> None:
+        self.actions: dict[Address, Action] = {}
+        self._view = view
+        self._standing = {cell: robot for robot, cell in view.cells.items() if robot in view.members}
+        self._taken = set(self._standing) | view.obstacles
+        self._decided: set[Address] = set()
+
+    def decide(self, errand: Errand) -> None:
+        if errand.robot in self._decided:
+            return  # it makes room for somebody
+        self._decided.add(errand.robot)
+        onward = self._onward(errand)
+        for action, cell in onward:
+            if cell not in self._taken:
+                self._move(errand.robot, action, cell)
+                return
+        for _, cell in onward:
+            if self._clear(cell, {self._view.cells[errand.robot]}):
+                return
+
+    def _onward(self, errand: Errand) -> list[tuple[Action, Cell]]:
+        """Return the steps that bring a robot nearer to its goal."""
+        here = self._view.cells[errand.robot]
+        steps = self._view.knowledge.steps[here]
+        if errand.distance == 1:
+            return [(action, errand.goal) for action in STEPS if steps[action] == errand.goal]
+        away = self._view.knowledge.distances(errand.goal, self._view.obstacles)
+        return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == errand.distance - 1]
+
+    def _move(self, robot: Address, action: Action, cell: Cell) -> None:
+        self.actions[robot] = action
+        self._taken.add(cell)
+
+    def _clear(self, cell: Cell, seen: set[Cell]) -> bool:
+        """Make whoever stands in *cell* leave it, or the next one in a chain leave; return whether that can be done."""
+        robot = self._standing.get(cell)
+        if robot is None or robot in self._decided:
+            return False
+        seen.add(cell)
+        steps = self._view.knowledge.steps[cell]
+        for action in STEPS:
+            if steps[action] >= 0 and steps[action] not in self._taken:
+                self._decided.add(robot)
+                self._move(robot, action, steps[action])
+                return True
+        for action in STEPS:
+            if steps[action] >= 0 and steps[action] not in seen and self._clear(steps[action], seen):
+                self._decided.add(robot)  # it follows when its next cell is empty
+                return True
+        return False

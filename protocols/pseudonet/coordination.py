@@ -1,0 +1,159 @@
+"""The coordination room: where the team is, what each robot means to do, and who gives way (paper 003, section VI).
+
+The rules of conflict. Two robots that mean to enter one cell each send *help* in the next exchange, claiming the cell
+with the reasons why their other actions failed. The more constricted one (fewer possible actions) keeps its action,
+then the one with the lower number; the others drop theirs, evaluate again and confirm with an *answer*. A robot whose
+next cell is somebody's present one always gives way: a body stands there. When no conflict is left everyone answers
+*accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from cosim.geometry.grids import Cell
+from cosim.machine import Address
+from protocols.pseudonet.algorithms.base import UNJUDGED, Algorithm, Evaluation
+from protocols.pseudonet.knowledge import Knowledge, View
+from protocols.pseudonet.messages import Action, Kind, Message, Reply
+
+
+@dataclass(frozen=True, slots=True)
+class Contest:
+    """The outcome of comparing everybody's next cells."""
+
+    claimants: frozenset[Address] = frozenset()
+    """Those who want the same cell as somebody else and have not given their reasons yet."""
+    losers: frozenset[Address] = frozenset()
+    """Those who must choose another action."""
+
+    def settled(self) -> bool:
+        """Return whether nobody is in anybody's way."""
+        return not self.claimants and not self.losers
+
+
+def contest(messages: Mapping[Address, Message], cells: Mapping[Address, Cell], targets: Mapping[Address, Cell]) -> Contest:
+    """Compare the next cells (*targets*) of all robots, which are in *cells* now."""
+    standing = {cell: robot for robot, cell in cells.items()}
+    moving = [robot for robot in sorted(targets) if targets[robot] != cells[robot]]
+    losers = {robot for robot in moving if targets[robot] in standing or targets[robot] < 0}
+    rivals: dict[Cell, list[Address]] = {}
+    for robot in moving:
+        if robot not in losers:
+            rivals.setdefault(targets[robot], []).append(robot)
+    claimants: set[Address] = set()
+    for group in rivals.values():
+        if len(group) < 2:
+            continue
+        if all(messages[robot].kind == Kind.HELP for robot in group):
+            winner = min(group, key=lambda robot: (messages[robot].constricted(), robot))
+            losers.update(robot for robot in group if robot != winner)
+        else:
+            claimants.update(group)
+    return Contest(frozenset(claimants), frozenset(losers))
+
+
+def accepted(messages: Iterable[Message]) -> bool:
+    """Return whether everybody has accepted: the team has agreed on a step."""
+    return all(message.kind == Kind.ANSWER and message.reply == Reply.ACCEPT for message in messages)
+
+
+def in_trouble(message: Message) -> bool:
+    """Return whether the message asks for directions: a trap, or help from a robot that has nowhere to go."""
+    return message.kind == Kind.TRAP or (message.kind == Kind.HELP and message.action == Action.STAY)
+
+
+def helper(asker: Address, messages: Mapping[Address, Message], view: View) -> Address | None:
+    """Return who answers *asker*: the nearest member that is not in trouble itself, then the lowest number."""
+    here = messages[asker]
+    candidates = [
+        (abs(message.x - here.x) + abs(message.y - here.y), robot)
+        for robot, message in messages.items()
+        if robot != asker and not in_trouble(message)
+    ]
+    return min(candidates)[1] if candidates else None
+
+
+class Coordination:
+    """One robot's picture of the team and its coverage algorithm."""
+
+    def __init__(self, knowledge: Knowledge, me: Address, algorithm: Algorithm, stop_at: int | None) -> None:
+        self.view = View(knowledge, me)
+        self.evaluation = Evaluation(Action.STAY, UNJUDGED)
+        self.own_cells = 0
+        self.dormant = False
+        self._algorithm = algorithm
+        self._stop_at = stop_at
+        self._knowledge = knowledge
+        self.plan_due = False
+
+    def localize(self, x_m: float, y_m: float) -> Cell:
+        """Return the cell that the robot stands in (Fig. 12)."""
+        return self._knowledge.grid.cell_at(x_m, y_m)
+
+    def evaluate_actions(self) -> Evaluation:
+        """Scan the action space (Fig. 12): choose the next action, anew or after the present one was given up."""
+        if self._stop_at is not None and self.own_cells >= self._stop_at:
+            kind = Kind.STATE if self.dormant else Kind.STOP
+            self.dormant = True
+            self.evaluation = Evaluation(Action.STAY, UNJUDGED, kind)
+        else:
+            self.evaluation = self._algorithm.evaluate(self.view)
+        return self.evaluation
+
+    def give_up(self) -> Evaluation:
+        """Omit the present action from the list and evaluate again."""
+        self.view.omitted.add(self.evaluation.action)
+        return self.evaluate_actions()
+
+    def team_changed(self, members: tuple[Address, ...]) -> None:
+        """Take a new team; where a dropped robot stood, or was going to stand, may be its body."""
+        for gone in set(self.view.members) - set(members):
+            cell = self.view.cells.pop(gone, None)
+            if cell is not None:
+                self.view.obstacles |= {cell}
+        self.view.members = members
+        self.plan_due = True
+
+    def take_positions(self, messages: Mapping[Address, Message]) -> None:
+        """Take where everybody stands; a cell is covered once its robot has reported from it at rest."""
+        for robot, message in messages.items():
+            cell = self._knowledge.cell(message.x, message.y)
+            if cell is None or cell not in self._knowledge.cells:
+                continue  # nobody can be there: a peer's fault, not ours
+            self.view.cells[robot] = cell
+            if not message.busy and cell not in self.view.covered:
+                self.view.covered.add(cell)
+                self.own_cells += robot == self.view.me
+
+    def plan(self) -> None:
+        """Divide the work if the team is new since the last plan; to be called when everybody stands still."""
+        if self.plan_due:
+            self.plan_due = False
+            self._algorithm.enlist(self.view)
+
+    def targets(self, messages: Mapping[Address, Message]) -> dict[Address, Cell]:
+        """Return the next cell of each member."""
+        return {robot: self.view.target(robot, message.action) for robot, message in messages.items()}
+
+    def commit(self, messages: Mapping[Address, Message]) -> Cell:
+        """Carry the agreed step over into the picture of the team; return my own next cell."""
+        for robot, target in self.targets(messages).items():
+            self.view.cells[robot] = target
+        self.view.omitted.clear()
+        mine = self.view.cells[self.view.me]
+        self._algorithm.committed(self.evaluation.action, mine)
+        return mine
+
+    def directed(self, message: Message) -> None:
+        """Take an answer that names a cell."""
+        cell = self._knowledge.cell(*message.target)
+        if message.reply == Reply.DIRECT and cell in self._knowledge.cells and cell is not None:
+            self._algorithm.directed(cell)
+
+    def direction_for(self, asker: Address, messages: Mapping[Address, Message]) -> Cell | None:
+        """Return where to direct *asker*, if it is me who answers and if I know an uncovered cell."""
+        if helper(asker, messages, self.view) != self.view.me:
+            return None
+        taken = self.view.occupied() | {self.view.cells[self.view.me]}
+        return self.view.nearest_uncovered(self.view.cells[asker], taken)
+

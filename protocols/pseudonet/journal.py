@@ -1,0 +1,75 @@
+"""What a Pseudonet machine reports: typed events, and the calls from room to room of Fig. 12."""
+
+from dataclasses import dataclass, field
+
+from cosim.machine import Call, Event
+
+
+@dataclass(frozen=True, slots=True)
+class TeamFormed:
+    """A robot has learnt who is in the team."""
+
+    size: int = field(metadata={"meaning": "number of robots in the team"})
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped:
+    """The team has agreed on a step."""
+
+    step: int = field(metadata={"meaning": "number of the step"})
+    action: str = field(metadata={"meaning": "what the robot does in the step"})
+    column: int = field(metadata={"meaning": "column of the cell that the step leads to"})
+    row: int = field(metadata={"meaning": "row of the cell that the step leads to"})
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSent:
+    """A message was handed to the broadcast room."""
+
+    kind: str = field(metadata={"meaning": "message type"})
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDropped:
+    """A robot has missed its poll, or its link is gone."""
+
+    robot: int = field(metadata={"meaning": "the robot that the team goes on without"})
+
+
+@dataclass(frozen=True, slots=True)
+class BadBytes:
+    """Bytes came in that are no packet."""
+
+    reason: str = field(metadata={"meaning": "what is wrong, or why it ended"})
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A robot has ended."""
+
+    reason: str = field(metadata={"meaning": "what is wrong, or why it ended"})
+
+
+EVENTS = (TeamFormed, Stepped, MessageSent, RobotDropped, BadBytes, Finished)
+
+
+class Journal:
+    """Collects the events of one machine until its driver drains them."""
+
+    def __init__(self, calls: bool) -> None:
+        self._calls = calls
+        self._events: list[Event] = []
+
+    def note(self, event: Event) -> None:
+        """Report *event*."""
+        self._events.append(event)
+
+    def call(self, depth: int, room: str, name: str, detail: object = "") -> None:
+        """Report a call to *room*, if calls are wanted."""
+        if self._calls:
+            self._events.append(Call(depth, room, name, str(detail)))
+
+    def drain(self) -> list[Event]:
+        """Return what was reported since the last time."""
+        events, self._events = self._events, []
+        return events

@@ -1,0 +1,41 @@
+"""The times that one Pseudonet machine measures: setting up, exchanging, and standing still for the radio's sake."""
+
+from cosim.units import Time
+
+
+class Records:
+    """Counts and sums; only the master's exchanges have a known beginning, so only it fills the latter two."""
+
+    def __init__(self, start: Time) -> None:
+        self.start = start
+        self.setup: Time | None = None
+        self.exchanges = 0
+        self.exchange_time: Time = 0
+        self.radio_wait: Time = 0
+        self._began: Time | None = None
+        self._step_began: Time | None = None
+
+    def team(self, now: Time) -> None:
+        """A team was called up; the first time ends the set-up."""
+        if self.setup is None:
+            self.setup = now - self.start
+        self._step_began = None
+
+    def began(self, now: Time) -> None:
+        """The master begins an exchange; the first one of a step begins the wait."""
+        self._began = now
+        if self._step_began is None:
+            self._step_began = now
+
+    def exchanged(self, now: Time) -> None:
+        """An exchange is complete."""
+        self.exchanges += 1
+        if self._began is not None:
+            self.exchange_time += now - self._began
+            self._began = None
+
+    def agreed(self, now: Time) -> None:
+        """The team drives on."""
+        if self._step_began is not None:
+            self.radio_wait += now - self._step_began
+            self._step_began = None

@@ -1,0 +1,154 @@
+"""What cosim must know of Pseudonet: the entry point ``pseudonet`` names ``SPEC``."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.geometry.grids import CoverageGrid, coverage_grid
+from cosim.machine import Address, Metric, ProtocolSpec, Surroundings
+from cosim.units import Time, to_seconds
+from protocols.pseudonet.algorithms.base import Algorithm
+from protocols.pseudonet.algorithms.oscard import Oscard
+from protocols.pseudonet.algorithms.planned import Planned
+from protocols.pseudonet.algorithms.random_walk import RandomWalk
+from protocols.pseudonet.application import Pseudonet
+from protocols.pseudonet.coverage import CoverageReferee
+from protocols.pseudonet.journal import EVENTS
+from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.messages import Kind
+from protocols.pseudonet.parameters import Parameters, timing
+from protocols.pseudonet.plans.boustrophedon import boustrophedon
+from protocols.pseudonet.plans.spanning_tree import spanning_tree
+
+TEAM_LIMIT = 8
+"""The 3-bit source address, and one master with at most seven active slaves."""
+COLUMN_LIMIT = 4096
+"""The 12-bit columns and rows of messages."""
+PLANNERS = {"boustrophedon": boustrophedon, "spanning_tree": spanning_tree}
+FREE_STEPS = 4
+"""Default step limit of the algorithms that need not end: so many times each robot's share of the cells."""
+
+METRICS = (
+    Metric("coverage", "1", "share of the reachable cells that robots have been in"),
+    Metric("time_to_cover_s", "s", "when all were covered; NaN if never"),
+    Metric("overlap_ratio", "1", "entries of cells that were covered already, over the cells covered"),
+    Metric("cells", "1", "cells that can be reached"),
+    Metric("steps", "1", "steps that the team agreed on"),
+    *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in list(Kind)[:5]),
+    Metric("exchanges", "1", "exchanges completed"),
+    Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by the master"),
+    Metric("radio_wait_s", "s", "time in which the team stood still while messages were exchanged"),
+    Metric("setup_s", "s", "from the start until the team was called up, mean over robots"),
+    Metric("inquiry_s", "s", "time spent in inquiry by the master"),
+    Metric("page_s", "s", "time spent in paging by the master"),
+    Metric("robots_dropped", "1", "robots that the team went on without"),
+)
+
+
+def _grid(parameters: Parameters, surroundings: Surroundings, starts_m: Sequence[tuple[float, float]]) -> CoverageGrid:
+    if 2 * surroundings.radius_m > parameters.cell_m:
+        raise UserError(
+            f"protocol.parameters.cell_m: {parameters.cell_m} is not >= {2 * surroundings.radius_m}, "
+            "the diameter of the largest robot"
+        )
+    grid = coverage_grid(
+        surroundings.bounds_m,
+        parameters.cell_m,
+        surroundings.radius_m,
+        surroundings.walls_m,
+        surroundings.forbidden,
+        starts_m,
+    )
+    if max(grid.nx, grid.ny) > COLUMN_LIMIT:
+        raise UserError(f"protocol.parameters.cell_m: {parameters.cell_m} makes more than {COLUMN_LIMIT} cells a side")
+    if not grid.reachable.any():
+        raise UserError(f"protocol.parameters.cell_m: no cell of {parameters.cell_m} m is free on this floor")
+    return grid
+
+
+def place(
+    parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Spread *size* robots over random cells of the largest part of the floor that hangs together (Fig. 10)."""
+    grid = _grid(parameters, surroundings, ())
+    cells = np.flatnonzero(grid.reachable)
+    if len(cells) < size:
+        raise UserError(f"team.size: {size} robots, but the floor has {len(cells)} cells")
+    return [grid.centre_m(int(cell)) for cell in stream.choice(cells, size=size, replace=False)]
+
+
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Lay the grid over the floor; raise UserError where a robot stands in no free cell, or two in one."""
+    grid = _grid(parameters, surroundings, surroundings.starts_m)
+    taken: dict[int, int] = {}
+    for robot, (x_m, y_m) in enumerate(surroundings.starts_m):
+        cell = grid.cell_at(x_m, y_m)
+        if not grid.free[cell]:
+            raise UserError(f"team.starts[{robot}]: ({x_m}, {y_m}) is not in a cell that the robot fits into")
+        if cell in taken:
+            raise UserError(f"team.starts[{robot}]: ({x_m}, {y_m}) is in the same cell as team.starts[{taken[cell]}]")
+        taken[cell] = robot
+    return Knowledge(grid, len(surroundings.starts_m), timing(parameters, surroundings))
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Pseudonet:
+    """Return the machine of robot *me*."""
+    share = math.ceil(len(knowledge.cells) / knowledge.size)
+    step_limit = parameters.step_limit
+    if step_limit is None and parameters.algorithm not in PLANNERS:
+        step_limit = FREE_STEPS * share
+    stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(knowledge.cells))
+    return Pseudonet(
+        parameters, knowledge, me, algorithm(parameters, stream), (step_limit, stop_at), knowledge.timing, start
+    )
+
+
+def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
+    """Return a robot's copy of the coverage algorithm that *parameters* name."""
+    if parameters.algorithm in PLANNERS:
+        return Planned(PLANNERS[parameters.algorithm])
+    if parameters.algorithm == "random_walk":
+        return RandomWalk(stream)
+    return Oscard(stream, parameters.patience, parameters.history, parameters.revisits, parameters.k_forced)
+
+
+def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
+    """Return what the machines have counted."""
+    masters = [machine for machine in machines if machine.broadcast.find_master() == machine.me]
+    exchanges = sum(machine.records.exchanges for machine in masters)
+    setups = [machine.records.setup for machine in machines if machine.records.setup is not None]
+    sums = {f"messages_{kind.name.lower()}": float(sum(m.messaging.sent[kind] for m in machines)) for kind in list(Kind)[:5]}
+    return sums | {
+        "cells": float(len(machines[0].coordination.view.knowledge.cells)),
+        "steps": float(max(machine.steps for machine in machines)),
+        "exchanges": float(exchanges),
+        "exchange_s": to_seconds(sum(m.records.exchange_time for m in masters)) / exchanges if exchanges else math.nan,
+        "radio_wait_s": to_seconds(sum(machine.records.radio_wait for machine in masters)),
+        "setup_s": to_seconds(sum(setups)) / len(setups) if setups else math.nan,
+        "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
+        "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
+        "robots_dropped": float(sum(len(machine.broadcast.dropped) for machine in machines)),
+    }
+
+
+def referee(parameters: Parameters, knowledge: Knowledge) -> CoverageReferee:
+    """Return the judge of coverage."""
+    return CoverageReferee(knowledge)
+
+
+SPEC = ProtocolSpec(
+    name="pseudonet",
+    parameters=Parameters,
+    place=place,
+    prepare=prepare,
+    make=make,
+    referee=referee,
+    metrics=METRICS,
+    measure=measure,
+    events=EVENTS,
+    team_limit=TEAM_LIMIT,
+)

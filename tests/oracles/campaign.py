@@ -1,0 +1,127 @@
+"""Random cases for the oracles: where numbers come from, outages and noise near frames, planted faults.
+
+A case is drawn from a ``Choice``, of hypothesis (which shrinks what it finds) or of a seeded generator
+(which is quick).
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from tests.oracles.medium import OnAir, Sighting
+
+Item = TypeVar("Item")
+PACKAGE = "cosim.channels.bluetooth"
+STRANGER = 99
+"""Address of whoever makes the noise."""
+
+
+class Choice(Protocol):
+    """A source of integers."""
+
+    def integer(self, low: int, high: int) -> int:
+        """Return an integer in [low, high]."""
+
+
+class Seeded:
+    """Integers of a seeded generator."""
+
+    def __init__(self, *seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def integer(self, low: int, high: int) -> int:
+        return int(self._random.integers(low, high, endpoint=True))
+
+
+class Drawn:
+    """Integers of hypothesis."""
+
+    def __init__(self, data: st.DataObject) -> None:
+        self._data = data
+
+    def integer(self, low: int, high: int) -> int:
+        return self._data.draw(st.integers(low, high))
+
+
+def pick(choice: Choice, items: Sequence[Item]) -> Item:
+    return items[choice.integer(0, len(items) - 1)]
+
+
+def chance(choice: Choice, one_in: int) -> bool:
+    return choice.integer(1, one_in) == 1
+
+
+def nudge(choice: Choice) -> int:
+    """Return nothing, one nanosecond more or less, or a little."""
+    return pick(choice, (-1, 0, 0, 1, choice.integer(-2_000, 2_000)))
+
+
+@dataclass(frozen=True)
+class Outages:
+    """Who does not hear whom and when: rows (transmitter, receiver, from, until), the end not included."""
+
+    rows: tuple[tuple[int, int, int, int], ...] = ()
+
+    def reach(self, source: int, destination: int, time: int) -> bool:
+        return not any(a == source and b == destination and s <= time < e for a, b, s, e in self.rows)
+
+
+def draw_outages(choice: Choice, frames: Sequence[Sighting]) -> Outages:
+    """Draw outages that begin or end within a nanosecond of the starts of *frames*."""
+    rows = []
+    for _ in range(choice.integer(1, 3)):
+        frame = pick(choice, frames)
+        length = pick(choice, (1, 2, 1_250_000, choice.integer(1, 3_000_000), choice.integer(1, 50_000_000)))
+        begin = frame.start + pick(choice, (-1, 0, 1))
+        if chance(choice, 3):
+            begin -= length
+        rows.append((frame.source, frame.destination, begin, begin + length))
+    return Outages(tuple(rows))
+
+
+def draw_noise(choice: Choice, frames: Sequence[Sighting]) -> tuple[OnAir, ...]:
+    """Draw frames of a stranger that just touch, or just miss, some of *frames* on their channels."""
+    noise = []
+    for _ in range(choice.integer(1, 3)):
+        frame = pick(choice, frames)
+        length = pick(choice, (68_000, 366_000, 2_870_000))
+        edges = (-length, -length + 1, 0, 67_999, 68_000, frame.duration - 1, frame.duration)
+        begin = frame.start + pick(choice, edges)
+        if begin >= 0:
+            noise.append(OnAir(begin, begin + length, STRANGER, frame.channel))
+    return tuple(sorted(noise))
+
+
+def soak_count(full: int) -> int:
+    """Return how many of *full* cases the environment's SOAK_SHARE asks for."""
+    return max(1, round(full * float(os.environ.get("SOAK_SHARE", "1"))))
+
+
+def plant(monkeypatch: pytest.MonkeyPatch, chain: Sequence[str], module: str, old: str, new: str) -> ModuleType:
+    """Load *chain*, modules of the Bluetooth channel, afresh with *old* replaced by *new* in the source of *module*.
+
+    Return the last one of the chain. Compiled functions become plain Python.
+    """
+    loaded = ModuleType("")
+    package: Any = import_module(PACKAGE)
+    for name in chain:
+        original = import_module(f"{PACKAGE}.{name}")
+        source = Path(str(original.__file__)).read_text(encoding="utf-8")
+        if name == module:
+            assert source.count(old) == 1, f"{name}.py has no single {old!r} to plant a fault at"
+            source = source.replace(old, new)
+        loaded = ModuleType(original.__name__)
+        monkeypatch.setitem(sys.modules, original.__name__, loaded)
+        monkeypatch.setattr(package, name, loaded)
+        code = compile(source.replace("@njit(cache=True)\n", ""), str(original.__file__), "exec")
+        exec(code, loaded.__dict__)
+    return loaded
