@@ -24,11 +24,10 @@ from cosim.experiment import base_scenario, experiment_folders, find_experiment,
 from cosim.report import report as make_report
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
-from cosim.simulation import Outcome, simulate
-from cosim.sweep import check_floors, default_folder, run_sweep
-from cosim.trace import CALLS, TABLES, Trace, events_table
+from cosim.simulation import Outcome, Simulation, simulate
+from cosim.sweep import check_set_up, default_folder, run_sweep
+from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
-from cosim.world.floorplan import load_floorplan
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
@@ -81,13 +80,12 @@ def commands() -> None:
 def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | None, as_json: bool) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
     chosen = _scenario(scenario, sets)
+    if trace and "trace_calls" in type(chosen.protocol.parameters).model_fields:
+        chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
-    tables = (*TABLES.values(), events_table(chosen.protocol.spec.events)) if trace else ()
-    try:
-        with _waiting(f"{chosen.name}, seed {seed}"):
-            outcome = simulate(chosen, seed, tables)
-    except UserError as error:  # shows only when the run is set up, where nobody knows the file
-        raise UserError(f"{scenario}: {error}") from None
+    tables = tuple(TABLES.values()) if trace else ()
+    with _naming(scenario), _waiting(f"{chosen.name}, seed {seed}"):
+        outcome = simulate(chosen, seed, tables)
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
     if as_json:
@@ -102,6 +100,15 @@ def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | No
 def _scenario(text: str, sets: Sequence[str]) -> Scenario:
     path = find_experiment(text)
     return base_scenario(path, sets) if is_experiment(read_yaml(path)) else load(path, sets)
+
+
+@contextmanager
+def _naming(source: str) -> Iterator[None]:
+    """Put *source* before errors that show only when a run is set up, where nobody knows the file."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
 
 
 def _metrics(outcome: Outcome, seed: int) -> str:
@@ -202,11 +209,12 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
     plain = read_yaml(file)
     if is_experiment(plain):
         experiment = load_experiment(file, sets)
-        check_floors(experiment)
+        check_set_up(experiment)
         click.echo(yaml.safe_dump(dump(experiment.settings) | {"scenario": experiment.base}, sort_keys=False), nl=False)
         return
     scenario = load(file, sets)
-    load_floorplan(scenario.floorplan, scenario.folder)
+    with _naming(str(file)):
+        Simulation(scenario, scenario.seed)
     click.echo("\n".join(described(scenario)))
 
 

@@ -46,18 +46,18 @@ class Outcome:
     metric_columns: tuple[Metric, ...]
 
 
-def simulate(scenario: Scenario, seed: int, tables: Sequence[Table] = (), idle_frames: bool = False) -> Outcome:
+def simulate(scenario: Scenario, seed: int, tables: Sequence[Table] = ()) -> Outcome:
     """Run *scenario* with *seed*, keeping *tables* in the trace besides the protocol's events.
 
-    With *idle_frames*, the frames of an idle piconet are kept too. Raise UserError for input that cannot be set up.
+    Raise UserError for input that cannot be set up.
     """
-    return Simulation(scenario, seed, tables, idle_frames).run()
+    return Simulation(scenario, seed, tables).run()
 
 
 class Simulation:
     """One run while it is set up and executed."""
 
-    def __init__(self, scenario: Scenario, seed: int, tables: Sequence[Table] = (), idle_frames: bool = False) -> None:
+    def __init__(self, scenario: Scenario, seed: int, tables: Sequence[Table] = ()) -> None:
         self.scenario = scenario
         self.spec: ProtocolSpec = scenario.protocol.spec
         self.kernel = Kernel()
@@ -69,7 +69,7 @@ class Simulation:
         knowledge = self.spec.prepare(parameters, surroundings)
         bodies = [scenario.team.body] * scenario.team.size
         self.fleet = Fleet(bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
-        self.channel = _channel(scenario, self.kernel, self.trace, streams, idle_frames)
+        self.channel = _channel(scenario, self.kernel, self.trace, streams)
         self.referee: Referee = self.spec.referee(parameters, knowledge)
         self.machines: list[Machine] = [
             self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
@@ -166,10 +166,10 @@ class Simulation:
         return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
 
 
-def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams, idle_frames: bool) -> Channel:
+def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams) -> Channel:
     size = scenario.team.size
     match scenario.channel:
         case IdealSettings() as settings:
             return IdealChannel(settings, kernel, trace, size)
         case BluetoothSettings() as settings:
-            return BluetoothChannel(settings, kernel, trace, size, streams, idle_frames)
+            return BluetoothChannel(settings, kernel, trace, size, streams)

@@ -9,7 +9,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -17,13 +17,13 @@ from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple, TypeAlias
 
+from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function
 from cosim.machine import Metric
 from cosim.results import PACKAGES, Row, RunStore, code_digest, kind_of, metric_fields, provenance
 from cosim.scenario import digest
-from cosim.simulation import simulate
+from cosim.simulation import Simulation, simulate
 from cosim.trace import Field
-from cosim.world.floorplan import load_floorplan
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Told (runs that are finished, runs in all)."""
@@ -110,14 +110,23 @@ def tasks(experiment: Experiment) -> list[Task]:
     ]
 
 
-def check_floors(experiment: Experiment) -> None:
-    """Load every floor of *experiment* once; raise UserError for one that cannot be used."""
-    floors = {}
+def check_set_up(experiment: Experiment) -> None:
+    """Set up a run on every floor with every team of *experiment*; raise UserError for one that cannot be."""
+    different: dict[str, Arm] = {}
     for arm in experiment.arms:
         if arm.scenario is not None:
-            floors[digest([arm.scenario.floorplan.model_dump(mode="json"), str(arm.scenario.folder)])] = arm.scenario
-    for scenario in floors.values():
-        load_floorplan(scenario.floorplan, scenario.folder)
+            plain = arm.scenario.model_dump(mode="json", include={"floorplan", "team"})
+            different.setdefault(digest([plain, str(arm.scenario.folder)]), arm)
+    for arm in different.values():
+        assert arm.scenario is not None
+        try:
+            Simulation(arm.scenario, experiment.seed)
+        except UserError as error:
+            raise UserError(f"{experiment.source} with {_named(arm.labels)}: {error}") from None
+
+
+def _named(labels: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={label}" for name, label in labels.items())
 
 
 def run_sweep(
@@ -132,7 +141,7 @@ def run_sweep(
     With one job everything happens in this process. An interrupt leaves what is finished in *folder*, as does an
     OSError (a full disk, a dead worker process), which is raised.
     """
-    check_floors(experiment)
+    check_set_up(experiment)
     code = code_digest(_packages(experiment))
     every = tasks(experiment)
     store = RunStore(folder)
@@ -214,7 +223,7 @@ def _axis_kind(values: Sequence[tuple[Any, Any]]) -> Any:
 def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
     rows = store.present().query("status == 'failed'").to_dict("records")
     names = [axis.name for axis in experiment.axes]
-    return tuple(f"{', '.join(f'{n}={row[n]}' for n in names)}, seed {row['seed']}: {row['error']}" for row in rows)
+    return tuple(f"{_named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
 
 
 def _description(experiment: Experiment, code: str) -> dict[str, Any]:

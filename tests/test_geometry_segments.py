@@ -68,7 +68,10 @@ def test_no_sight_line_slips_through_a_corner_of_two_walls():
 
 def test_a_wall_that_only_reaches_up_to_an_observer_does_not_blind_it():
     grid = segment_grid([(0, 0, 0, 5)])
-    assert sees(grid, [(0, 0), (0, 0), (-1, 0), (0, -1)], [(3, 1), (0, 3), (1, 0), (0, 6)]).tolist() == [True, *[False] * 3]
+    assert sees(grid, [(0, 0), (0, 0), (-1, 0), (0, -1)], [(3, 1), (0, 3), (1, 0), (0, 6)]).tolist() == [
+        True,
+        *[False] * 3,
+    ]
 
 
 def test_a_wall_without_length_is_a_point_that_blocks():

@@ -193,7 +193,7 @@ def draw_case(choice: Choice) -> Case:
     """Draw a case; half of them near edges, and half of these with outages or noise near their own frames."""
     ppm = choice.integer(-250, 250)
     start = choice.integer(0, 5_000_000)
-    duration = 4 * pick(choice, (choice.integer(1, 20), choice.integer(20, 200), choice.integer(200, 600)))
+    duration = 4 * pick(choice, (choice.integer(1, 20), choice.integer(20, 200), choice.integer(200, 2000)))
     base = pick(choice, (choice.integer(0, 1 << 28), (1 << 28) - choice.integer(0, duration)))
     if chance(choice, 2):  # a block boundary within the inquiry
         base = (choice.integer(1, 1 << 16) << 12) - choice.integer(0, duration)

@@ -98,7 +98,9 @@ def test_the_origin_is_the_pose_of_the_lower_left_corner(tmp_path):
 )
 def test_all_kinds_of_pgm_are_read(tmp_path, image):
     (tmp_path / "m.pgm").write_bytes(image)
-    np.testing.assert_allclose(read_image(tmp_path / "m.pgm")[:, :, 0], np.array([[0, 254], [205, 254]]) / 255, atol=1e-4)
+    np.testing.assert_allclose(
+        read_image(tmp_path / "m.pgm")[:, :, 0], np.array([[0, 254], [205, 254]]) / 255, atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "LA", "P", "1", "I;16"])

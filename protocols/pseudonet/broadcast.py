@@ -81,7 +81,7 @@ class Broadcast:
         self._acknowledge = acknowledge
         self._tell = tell
         self._heard: dict[Address, Message] = {}
-        self._early: dict[Address, Message] = {}
+        self._early: dict[tuple[Address, int], Message] = {}
         self._submitted: Message | None = None
         self._last: bytes | None = None
         self._roll_call = False
@@ -113,6 +113,7 @@ class Broadcast:
     def _announce(self, members: tuple[Address, ...], now: Time) -> None:
         self.members = members
         self.exchange = (self.exchange + 1) % EXCHANGES
+        self._early = {}
         self._roll_call = True
         self._pending = []
         self.deadline = None
@@ -145,9 +146,8 @@ class Broadcast:
     def _proceed(self, now: Time) -> None:
         """Go on if the polled slave has answered; poll it again if its answer was empty, but not for ever."""
         slave = self._pending[0]
-        message = self._early.get(slave)
-        if message is not None and message.exchange == self.exchange:
-            del self._early[slave]
+        message = self._early.pop((slave, self.exchange), None)
+        if message is not None:
             self._heard[slave] = message
             self._pending.pop(0)
             self._send_to_all(encode(message))
@@ -161,7 +161,7 @@ class Broadcast:
     def _drop(self, slave: Address, now: Time) -> None:
         """A robot that misses its poll is unlikely to come back (section IV.A): the others learn the new team."""
         self.dropped.append(slave)
-        self._early.pop(slave, None)
+        self._early = {key: message for key, message in self._early.items() if key[0] != slave}
         self.out.append(Disconnect(slave))
         self._announce(tuple(member for member in self.members if member != slave), now)
 
@@ -242,7 +242,8 @@ class Broadcast:
         if packet.kind == Kind.ANSWER and packet.addressee is not None:
             self._forward(packet, data, now)
             return
-        self._early[packet.source] = packet
+        # it may be ahead of its poll: a slave loads its next message once it has heard all others
+        self._early[packet.source, packet.exchange] = packet
         if self._acknowledge and packet.kind in (Kind.HELP, Kind.TRAP):
             self.out.append(Outgoing(packet.source, encode(Acknowledgement(self.me, packet.exchange))))
 

@@ -15,6 +15,7 @@ from tests.channels.bluetooth_field import Field, clock_in_block, random_clock
 
 ID, FHS = 68 * US, 366 * US
 CONTINUOUS = 0.01125
+ZERO = NativeClock(0)
 INQUIRER = 0
 
 
@@ -33,7 +34,7 @@ class FixedDraws(Draws):
 class InquiryField(Field):
     """One inquirer (address 0, clock 0 unless said otherwise) and its scanners."""
 
-    def __init__(self, clock=NativeClock(0)):
+    def __init__(self, clock=ZERO):
         super().__init__()
         self.clock = clock
         self.scanners = []

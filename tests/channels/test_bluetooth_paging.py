@@ -9,11 +9,12 @@ from cosim.channels.bluetooth.paging import Page, PageScanner, PageSettings
 from cosim.channels.bluetooth.radio import Heard
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.kernel import WAKE
-from cosim.units import MS, SLOT, TICK, US, S
+from cosim.units import MS, TICK, US, S
 from tests.channels.bluetooth_field import CLOCK_RANGE, Field, clock_in_block, random_clock
 
 ID, FHS, POLL = 68 * US, 366 * US, 126 * US
 CONTINUOUS = 0.01125
+ZERO = NativeClock(0)
 MASTER, SLAVE = 0, 1
 MASTER_WORD, SLAVE_WORD = 0x6587CBA9, 0x2A96EF25
 RECEIVED, LOST, NOT_TUNED = Heard.RECEIVED, Heard.OUT_OF_RANGE, Heard.NOT_TUNED
@@ -22,7 +23,7 @@ RECEIVED, LOST, NOT_TUNED = Heard.RECEIVED, Heard.OUT_OF_RANGE, Heard.NOT_TUNED
 class PageField(Field):
     """A pager (address 0, clock 0 unless said otherwise), a scanner (address 1) and what they are told, with times."""
 
-    def __init__(self, scanner_clock, clock=NativeClock(0), interval_s=CONTINUOUS, offset=0, interlaced=False):
+    def __init__(self, scanner_clock, clock=ZERO, interval_s=CONTINUOUS, offset=0, interlaced=False):
         super().__init__()
         self.clock = clock
         self.slave_connected = []

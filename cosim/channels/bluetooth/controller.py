@@ -21,11 +21,9 @@ from cosim.machine import (
     Address,
     Connected,
     Discovered,
-    Fate,
     Inquire,
     InquiryComplete,
     LinkEvent,
-    Outcome,
     Outgoing,
     Page,
     PageFailed,
@@ -99,10 +97,7 @@ class Controller:
 
     def send(self, outgoing: Outgoing) -> None:
         """Queue a payload, or report that there is no link."""
-        if outgoing.token is not None and self.slave_of is None and not self.master_of.members():
-            self._tell(self.address, Fate(outgoing.token, Outcome.NO_LINK))
-        else:
-            self.piconet().send(self.address, outgoing)
+        self.piconet().send(self.address, outgoing)
 
     def became_slave(self, master: Address, lt_addr: int) -> None:
         """Join the piconet of *master*, whose POLL has just been received."""
@@ -162,7 +157,8 @@ class Controller:
     def request(self, command: Inquire | Page) -> None:
         """Inquire or page once the procedures asked for before are over."""
         self._waiting.append(command)
-        self._begin()
+        if self._retry is None:
+            self._begin()
 
     def _begin(self) -> None:
         """Start the next procedure now, or when the piconet can be left alone."""

@@ -6,7 +6,6 @@ the old reach first, so that what they compute late is what would have happened.
 """
 
 from collections.abc import Iterable
-from functools import partial
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -154,9 +153,9 @@ class BluetoothChannel(Channel):
         device = self.devices[address]
         if on == device.powered:
             return
-        self._reach_changes()
         if not on:
             device.switch_off()
+        self._reach_changes()
         self._on[address] = on
         self._update_reach()
         if on:

@@ -60,7 +60,7 @@ BACKOFF_PURPOSE: Final = 1
 class InquirySettings(Settings):
     """How a device inquires."""
 
-    n_inquiry: int = Field(256, ge=1)
+    n_inquiry: int = Field(default=256, ge=1)
     """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
     first_train: Train = "A"
 

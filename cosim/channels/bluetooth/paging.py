@@ -61,7 +61,7 @@ class PageSettings(Settings):
 
     mode: Literal["R0", "R1", "R2"] = "R1"
     """Scan mode that the paged devices are taken to have: R0 continuous, R1 every 1.28 s, R2 every 2.56 s."""
-    timeout_slots: int = Field(8192, ge=2, multiple_of=2)
+    timeout_slots: int = Field(default=8192, ge=2, multiple_of=2)
     """pageTO in slots of 625 us."""
 
     @property

@@ -142,8 +142,9 @@ class Piconet:
 
     def reach_changed(self, now: Time) -> None:
         """Note that from *now* on devices may hear others than before; asked again when it matters."""
-        self.advance(now)
-        self.links.reach_changed(now)
+        if self.links.slaves:
+            self.advance(now)
+            self.links.reach_changed(now)
 
     def suspend(self) -> None:
         """Leave the piconet's slots alone from now on: the master inquires or pages."""

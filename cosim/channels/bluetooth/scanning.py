@@ -36,7 +36,7 @@ _NEVER = 1 << 62
 class ScanSettings(Settings):
     """How often a device scans."""
 
-    interval_s: float = Field(1.28, ge=0.01125, le=2.56)
+    interval_s: float = Field(default=1.28, ge=0.01125, le=2.56)
     """From the start of a window to the next; the shortest, the length of a window, is a continuous scan."""
     interlaced: bool = False
     """Two windows back to back, the second half a hop cycle ahead (v1.2)."""

@@ -1,0 +1,326 @@
+"""The laws of machines, as one function for everybody's tests: ``check_machine(make)``.
+
+A team of machines is driven as a run would drive it: by nodes, over the ideal channel, with bodies that are where they
+were sent one tick later. The same drive is repeated with one thing changed that must not matter (nothing, the start time,
+every wake called twice, own frames fed back), and what the machines left in their queues is compared. Then bytes and inputs of
+every kind are put to machines that are new and to machines in the midst of things.
+
+That encoded frames decode to equal frames cannot be seen from outside; it is left to each protocol's own tests.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.errors import CosimError, LocalProtocolError
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Command,
+    Connected,
+    Discovered,
+    Event,
+    Fate,
+    GoTo,
+    InquiryComplete,
+    LinkCommand,
+    LinkEvent,
+    Lost,
+    Machine,
+    Observation,
+    Outcome,
+    Outgoing,
+    PageFailed,
+    Reception,
+    Role,
+)
+from cosim.node import Node
+from cosim.randomness import Streams
+from cosim.trace import Trace
+from cosim.units import MS, S, Time
+
+Maker: TypeAlias = Callable[[Address, Time], Machine]
+"""(own address, start time) -> a new machine; equal arguments give equal machines, with streams in equal states."""
+Entry: TypeAlias = tuple[Time, str, Any]
+"""(time since the start, what was called, what it returned)"""
+
+SHIFT: Final[Time] = 86_399 * S + 123_456_789
+"""By how much the start is shifted: no multiple of a slot, and more than a 28-bit Bluetooth clock counts."""
+JUNK: Final = 200
+"""How many random byte strings a machine is given."""
+LONG: Final = 16
+"""From this length on, random bytes are rarely a frame by chance."""
+TRACED: Final = 0.9
+"""The share of long random strings that must become an event; the rest may have been frames by chance."""
+
+
+class LawBroken(CosimError, AssertionError):
+    """A machine breaks one of the laws that :func:`check_machine` knows; the text says which, and where."""
+
+
+def check_machine(make: Maker, team: int = 3, duration: Time = 10 * S, tick: Time = 100 * MS, seed: int = 1) -> None:
+    """Raise LawBroken unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
+
+    *team* machines (two or more) are driven for *duration* with a world tick every *tick*; *seed* is that of the random
+    bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure and lies in the future after ``wake``; ``wake``
+    is idempotent; a queue that was drained is empty; own frames that come back change nothing; a later start makes all
+    deadlines later by as much; bytes of any kind never raise, and those that mean nothing become an event; every other
+    input is taken or refused by LocalProtocolError, in every state.
+    """
+    drill = _Drill(make, team, duration, tick)
+    plain = drill.run()
+    _compare("equal inputs give equal outputs", plain, drill.run(), repr)
+    _compare("wake is idempotent", plain, drill.run(twice=True), repr)
+    _compare("own frames that come back change nothing", plain, drill.run(echo=True), repr)
+    _compare("a later start makes all deadlines later by as much", plain, drill.run(start=SHIFT), _outline)
+    payloads = list(dict.fromkeys(chain.from_iterable(watched.payloads for watched in plain)))
+    for machines in (drill.fresh(), drill.run()):
+        _check_bytes(machines, payloads, Streams(seed)("check_machine"))
+    for given in _inputs(team):
+        for machines in (drill.fresh(), drill.run(until=duration // 10), drill.run()):
+            _check_input(machines, given)
+
+
+class _Watched:
+    """A machine that is watched while a node drives it: writes down what it returns and checks what can be seen at once."""
+
+    def __init__(
+        self, machine: Machine, address: Address, start: Time, twice: bool = False, echo: bool = False
+    ) -> None:
+        self.machine = machine
+        self.address = address
+        self.now = start
+        self.log: list[Entry] = []
+        self.payloads: list[bytes] = []
+        self._start = start
+        self._twice = twice
+        self._echo = echo
+        self._returning: list[Outgoing] = []
+
+    @property
+    def finished(self) -> bool:
+        return self.machine.finished
+
+    @finished.setter
+    def finished(self, value: bool) -> None:
+        raise LocalProtocolError("only the machine itself knows when it has finished")
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        self.now = now
+        self.machine.receive(data, reception, now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        self.now = now
+        self.machine.link(event, now)
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        self.now = now
+        self.machine.observe(observation, now)
+
+    def wake(self, now: Time) -> None:
+        self.now = now
+        self.machine.wake(now)
+        deadline = self.machine.wake_at()
+        if deadline is not None and deadline <= now:
+            raise LawBroken(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+        if self._twice:
+            self.machine.wake(now)
+
+    def wake_at(self) -> Time | None:
+        deadline = self.machine.wake_at()
+        again = self.machine.wake_at()
+        if deadline != again:
+            raise LawBroken(f"machine {self.address}: wake_at() is {deadline} ns, then {again} ns at the same instant")
+        self._note("wake_at", None if deadline is None else deadline - self._start)
+        return deadline
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        items = self._drain("outbox", self.machine.outbox)
+        sent = [item for item in items if isinstance(item, Outgoing)]
+        self.payloads += [item.payload for item in sent]
+        self._returning += sent
+        return items
+
+    def commands(self) -> list[Command]:
+        return self._drain("commands", self.machine.commands)
+
+    def events(self) -> list[Event]:
+        items = self._drain("events", self.machine.events)
+        if self._echo:
+            self._feed_back()
+        return items
+
+    def drain(self) -> list[Event]:
+        """Drain all queues and return the events."""
+        self.outbox()
+        self.commands()
+        return self.events()
+
+    def _drain(self, name: str, queue: Callable[[], list[Any]]) -> list[Any]:
+        items = list(queue())
+        again = queue()
+        if again:
+            raise LawBroken(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
+        self._note(name, items)
+        self._note("finished", self.finished)
+        return items
+
+    def _note(self, name: str, value: Any) -> None:
+        self.log.append((self.now - self._start, name, value))
+
+    def _feed_back(self) -> None:
+        """Give the machine what it has sent since the last time; an event that notes this is all that it may leave."""
+        returning, self._returning = self._returning, []
+        for item in returning:
+            with _nothing_raised(f"machine {self.address}: its own frame {item.payload!r} fed back"):
+                self.machine.receive(item.payload, Reception(self.address, item.destination == BROADCAST), self.now)
+            left = [*self.machine.outbox(), *self.machine.commands()]
+            self.machine.events()
+            if left:
+                raise LawBroken(
+                    f"own frames that come back change nothing: machine {self.address}: {item.payload!r} gave {left[0]!r}"
+                )
+
+
+@dataclass(frozen=True)
+class _Drill:
+    make: Maker
+    team: int
+    duration: Time
+    tick: Time
+
+    def fresh(self) -> list[_Watched]:
+        """Return machines that nothing has happened to yet."""
+        return [_Watched(self.make(address, 0), address, 0) for address in range(self.team)]
+
+    def run(
+        self, start: Time = 0, until: Time | None = None, twice: bool = False, echo: bool = False
+    ) -> list[_Watched]:
+        """Drive a team from *start* for *until* (or the whole duration) and return its machines."""
+        kernel = Kernel()
+        kernel.run(start)
+        trace = Trace()
+        channel = IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, self.team)
+        machines = [_Watched(self.make(a, start), a, start, twice, echo) for a in range(self.team)]
+        nodes = [Node(watched.address, watched, kernel, channel, trace) for watched in machines]
+        for node in nodes:
+            channel.attach(node.address, node)
+        with _nothing_raised("a drive as in a run"):
+            for node in nodes:
+                node.drain(start)
+            _Floor(kernel, nodes, self.tick)
+            kernel.run(start + (self.duration if until is None else until))
+        for watched in machines:
+            watched.now = kernel.now
+        return machines
+
+
+class _Floor:
+    """An empty floor on which robots are where they were sent at the next tick, and see each other."""
+
+    def __init__(self, kernel: Kernel, nodes: list[Node], tick: Time) -> None:
+        self._kernel = kernel
+        self._nodes = nodes
+        self._ticks = tick
+        self._places = [(float(node.address), 0.0) for node in nodes]
+        kernel.after(tick, self._tick, WORLD)
+
+    def _tick(self) -> None:
+        for node in self._nodes:
+            for command in node.motion:
+                if isinstance(command, GoTo):
+                    self._places[node.address] = command.x_m, command.y_m
+            node.motion.clear()
+        for node in self._nodes:
+            others = tuple(other.address for other in self._nodes if other is not node)
+            node.observe(Observation(*self._places[node.address], 0.0, 0.0, True, False, others), self._kernel.now)
+        self._kernel.after(self._ticks, self._tick, WORLD)
+
+
+def _compare(law: str, one: list[_Watched], other: list[_Watched], view: Callable[[Any], Any]) -> None:
+    for first, second in zip(one, other, strict=True):
+        logs = [[(time, name, view(value)) for time, name, value in watched.log] for watched in (first, second)]
+        for entry, changed in zip(*logs, strict=False):
+            if entry != changed:
+                raise LawBroken(f"{law}: machine {first.address}: {entry} became {changed}")
+        if len(logs[0]) != len(logs[1]):
+            raise LawBroken(f"{law}: machine {first.address}: {len(logs[0])} entries became {len(logs[1])}")
+
+
+def _outline(value: Any) -> Any:
+    """Return what may not depend on the start time: deadlines, and how many items a queue held (they may hold times)."""
+    return len(value) if isinstance(value, list) else value
+
+
+@contextmanager
+def _nothing_raised(what: str) -> Iterator[None]:
+    try:
+        yield
+    except LawBroken:
+        raise
+    except Exception as error:
+        raise LawBroken(f"{what} raised {error!r}") from error
+
+
+def _check_bytes(machines: list[_Watched], payloads: list[bytes], stream: np.random.Generator) -> None:
+    """Give every machine random bytes, and damaged frames of the team's own."""
+    junk = [b"", b"\x00", b"\xff", *(stream.bytes(int(size)) for size in stream.integers(1, 65, JUNK))]
+    damaged = [_damage(payload, stream) for payload in payloads[:JUNK]]
+    for watched in machines:
+        long = traced = 0
+        source = (watched.address + 1) % len(machines)
+        for index, data in enumerate([*junk, *damaged]):
+            with _nothing_raised(f"bytes never raise: machine {watched.address}: receive({data!r})"):
+                watched.receive(data, Reception(source, bool(index % 2)), watched.now)
+                events = watched.drain()
+            if LONG <= len(data) and index < len(junk):
+                long += 1
+                traced += bool(events)
+        if traced < TRACED * long:
+            raise LawBroken(
+                f"bytes that mean nothing become an event: machine {watched.address}: {traced} of {long} random strings did"
+            )
+
+
+def _damage(payload: bytes, stream: np.random.Generator) -> bytes:
+    """Cut *payload* short, flip a bit in it, or add a byte."""
+    place = int(stream.integers(len(payload) + 1))
+    match int(stream.integers(3)):
+        case 0:
+            return payload[:place]
+        case 1 if place < len(payload):
+            return payload[:place] + bytes([payload[place] ^ 1 << int(stream.integers(8))]) + payload[place + 1 :]
+        case _:
+            return payload[:place] + stream.bytes(1) + payload[place:]
+
+
+def _inputs(team: int) -> list[LinkEvent | Observation | None]:
+    """Return inputs of every kind but bytes, about each machine of the team; None stands for a wake."""
+    links: list[LinkEvent] = [InquiryComplete(()), InquiryComplete(tuple(range(1, team)))]
+    for peer in range(team):
+        links += [Discovered(peer), PageFailed(peer), Lost(peer), *(Connected(peer, role) for role in Role)]
+    links += [Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome]
+    seen = tuple(range(1, team))
+    bodies = [Observation(0.0, 0.0, 0.0, 0.0, a, b, seen) for a in (False, True) for b in (False, True)]
+    return [*links, *bodies, None]
+
+
+def _check_input(machines: list[_Watched], given: LinkEvent | Observation | None) -> None:
+    for watched in machines:
+        with _nothing_raised(f"every input is taken or refused: machine {watched.address}: {given or 'wake'}"):
+            try:
+                if given is None:
+                    watched.wake(watched.now)
+                elif isinstance(given, Observation):
+                    watched.observe(given, watched.now)
+                else:
+                    watched.link(given, watched.now)
+                watched.drain()
+            except LocalProtocolError:
+                continue

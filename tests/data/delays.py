@@ -1,0 +1,21 @@
+"""Functions for experiments that are no runs of robots."""
+
+import time
+
+
+def metrics(parameters, seed):
+    """Return metrics; the seed and the parameters decide them."""
+    if parameters["size"] == parameters.get("broken"):
+        raise ZeroDivisionError("nobody is there")
+    return {"delay_s": parameters["size"] * 0.5 + seed, "rounds": 2 * parameters["size"]}
+
+
+def observations(parameters, seed):
+    """Return a row for each robot."""
+    return [{"robot": robot, "slots": 2 * robot + seed, "kind": "poll"} for robot in range(parameters["size"])]
+
+
+def slow(parameters, seed):
+    """Return metrics after a while."""
+    time.sleep(parameters["wait_s"])
+    return {"delay_s": float(seed)}

@@ -1,0 +1,277 @@
+"""The connected piconet of cosim equals the slot-by-slot oracle: frames, deliveries, fates, lost links, counters."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.channels.base import Arrival
+from cosim.channels.bluetooth import piconet as fast_piconet
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.packets import ACL
+from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.kernel import WAKE, WORLD, Kernel
+from cosim.machine import Address, Fate, LinkEvent, Lost, Outgoing
+from tests.oracles import polling as oracle
+from tests.oracles.campaign import (
+    Choice,
+    Drawn,
+    Outages,
+    Seeded,
+    chance,
+    draw_outages,
+    pick,
+    plant,
+    soak_count,
+)
+from tests.oracles.medium import SLOT, TICK, US, Clock, Sighting
+from tests.oracles.polling import ALL, Flush, Input, Join, Send, Suspend
+
+MASTER = 0
+CHAIN = ("polling", "frames", "links", "queues", "slots", "piconet")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One piconet from time 0 to *end*."""
+
+    phase: int
+    ppm: int
+    word: int
+    inputs: tuple[Input, ...]
+    end: int
+    t_poll: int
+    n_bc: int
+    kinds: tuple[str, ...]
+    supervision: int
+    idle: bool
+    """Whether idle polls are recorded, or else counted."""
+    outages: Outages = Outages()
+
+
+class Trace(NamedTuple):
+    """All that must be equal. Deliveries are (time, source, receiver, payload, broadcast)."""
+
+    sightings: list[Sighting]
+    deliveries: list[tuple[int, int, int, bytes, bool]]
+    verdicts: list[tuple[int, int, int, str]]
+    losses: list[tuple[int, int, int]]
+    counts: dict[str, int]
+
+
+def payload_of(wish: Send) -> bytes:
+    """Return a payload that tells its token, if it is long enough for that."""
+    return (wish.token.to_bytes(2, "big") * wish.length)[: wish.length]
+
+
+def run_slowly(case: Case) -> Trace:
+    piconet = oracle.Piconet(
+        MASTER,
+        case.word,
+        Clock(case.phase, case.ppm),
+        case.inputs,
+        case.outages.reach,
+        0,
+        case.end,
+        case.t_poll,
+        case.n_bc,
+        case.kinds,
+        case.supervision,
+    )
+    piconet.run()
+    payloads = {wish.token: payload_of(wish) for wish in case.inputs if isinstance(wish, Send)}
+    seen = sorted(piconet.sightings + piconet.idle)
+    counts = Counter({(row.start, row.kind): row.kind for row in seen}.values())
+    counts["idle"] = sum(row.kind == "POLL" for row in piconet.idle)
+    return Trace(
+        seen if case.idle else piconet.sightings,
+        sorted((t, s, r, payloads[token], b) for t, s, r, token, b in piconet.deliveries if t < case.end),
+        [tuple(row) for row in piconet.verdicts if row.time < case.end],
+        [tuple(row) for row in piconet.losses],
+        {name: count for name, count in counts.items() if count},
+    )
+
+
+def run_fast(case: Case, model: Any = fast_piconet) -> Trace:
+    kernel, trace = Kernel(), Trace([], [], [], [], {})
+
+    def record(frame: Frame, heard: Heard) -> None:
+        row = (frame.start, frame.duration, frame.kind, frame.source, frame.destination, frame.channel, heard.value)
+        trace.sightings.append(Sighting(*row))
+
+    def deliver(arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
+        for receiver, payload, reception in arrivals:
+            trace.deliveries.append((kernel.now, reception.source, receiver, payload, reception.broadcast))
+        for owner, event in news:
+            if isinstance(event, Fate):
+                trace.verdicts.append((kernel.now, owner, event.token, event.outcome.value))
+            elif isinstance(event, Lost):
+                trace.losses.append((kernel.now, owner, event.peer))
+
+    clock = NativeClock(case.phase, case.ppm)
+    air = Air(case.outages.reach, record)
+    frames = model.FrameLog(air, clock, case.word, wanted=True, idle_wanted=case.idle)
+    parameters = model.PiconetSettings(
+        tuple(ACL[name] for name in case.kinds), case.n_bc, case.t_poll, case.supervision
+    )
+    piconet = model.Piconet(kernel, MASTER, clock, parameters, case.outages.reach, frames, deliver)
+    for time in sorted({edge for row in case.outages.rows for edge in row[2:] if 0 <= edge < case.end}):
+        kernel.at(time, partial(piconet.reach_changed, time), WORLD)
+    for wish in sorted(case.inputs, key=lambda wish: wish.time):
+        match wish:
+            case Join(time, address, lt_addr, due):
+                kernel.at(time, partial(piconet.add_slave, address, lt_addr, due), WAKE)
+            case Send(time, source, destination):
+                outgoing = Outgoing(destination, payload_of(wish), wish.token)
+                kernel.at(time, partial(piconet.send, source, outgoing), WAKE)
+            case Flush(time, source, destination):
+                kernel.at(time, partial(piconet.flush, source, destination), WAKE)
+            case Suspend(time, until):
+                kernel.at(time, piconet.suspend, WAKE)
+                kernel.at(until, piconet.resume, WAKE)
+    kernel.run(case.end)
+    trace.counts.update({name: count for name, count in piconet.counts().items() if count})
+    for rows in trace[:4]:
+        rows.sort()  # type: ignore[attr-defined]
+    return trace
+
+
+def compare(case: Case, model: Any = fast_piconet) -> tuple[Trace, Trace]:
+    return run_slowly(case), run_fast(case, model)
+
+
+# ---------------------------------------------------------------- drawing cases
+
+
+def draw_case(choice: Choice) -> Case:
+    """Draw a case; half of them with hosts that act at exact slot instants, outages at frames, time-outs at slots."""
+    near = chance(choice, 2)
+    ppm = choice.integer(-250, 250)
+    slots = pick(choice, (choice.integer(20, 200), choice.integer(200, 1000)))
+    base = pick(choice, (choice.integer(0, 1 << 28), (1 << 28) - choice.integer(0, 2 * slots)))
+    phase = max(0, base * TICK + pick(choice, (0, 1, -1, choice.integer(0, TICK - 1))))
+    clock, end = Clock(phase, ppm), slots * SLOT
+    kinds = pick(choice, (tuple(oracle.KINDS), ("DM1", "DH1"), ("DM1", "DM3", "DM5"), ("DH5",), ("DH1", "DH3")))
+    case = Case(
+        phase=phase,
+        ppm=ppm,
+        word=choice.integer(0, (1 << 32) - 1),
+        inputs=(),
+        end=end,
+        t_poll=2 * choice.integer(8, 40),
+        n_bc=choice.integer(1, 3),
+        kinds=kinds,
+        supervision=pick(
+            choice,
+            (20_000_000_000, choice.integer(20_000_000, 400_000_000), choice.integer(30, 300) * SLOT - 126 * US),
+        ),
+        idle=chance(choice, 2),
+    )
+    when = partial(_draw_instant, choice, clock, end, near)
+    joins = _draw_joins(choice, clock, case, when)
+    inputs: list[Input] = [*joins, *_draw_sends(choice, case, [join.address for join in joins], when)]
+    for _ in range(choice.integer(0, 2)):
+        source, destination = MASTER, pick(choice, (ALL, pick(choice, joins).address))
+        if chance(choice, 3):
+            source, destination = pick(choice, joins).address, MASTER
+        inputs.append(Flush(when(), source, destination))
+    if chance(choice, 3):
+        begin, until = sorted((when(), when()))
+        inputs.append(Suspend(begin, until + 1))
+    case = replace(case, inputs=tuple(inputs))
+    for _ in range(choice.integer(0, 3) if near or chance(choice, 2) else 0):
+        frames = run_slowly(replace(case, idle=True)).sightings
+        if frames:
+            more = draw_outages(choice, frames)
+            case = replace(case, outages=Outages(case.outages.rows + more.rows))
+    return case
+
+
+def _draw_instant(choice: Choice, clock: Clock, end: int, near: bool) -> int:
+    """Draw an instant; near: within a nanosecond of the start of a slot pair, or of an answer's slot."""
+    time = choice.integer(0, end - 1)
+    if near and not chance(choice, 4):
+        time = clock.start(clock.tick(time) // 4 * 4 + pick(choice, (0, 0, 2))) + pick(choice, (-1, 0, 0, 1))
+    return max(0, time)
+
+
+def _draw_joins(choice: Choice, clock: Clock, case: Case, when: Callable[[], int]) -> list[Join]:
+    """Draw 1 to 7 slaves with LT_ADDR in any order; most are there from the beginning."""
+    addresses = list(range(1, pick(choice, (1, 2, 3, choice.integer(1, 7))) + 1))
+    lt_addrs = list(range(1, 8))
+    same = choice.integer(0, 2 * case.t_poll)
+    joins = []
+    for address in addresses:
+        lt_addr = lt_addrs.pop(choice.integer(0, len(lt_addrs) - 1))
+        time = 0 if chance(choice, 2) else when() if chance(choice, 2) else choice.integer(0, 20_000_000)
+        ahead = pick(choice, (same, 2 * case.t_poll, choice.integer(0, 2 * case.t_poll)))
+        joins.append(Join(time, address, lt_addr, (clock.tick(time) + ahead) // 4 * 4))
+    return joins
+
+
+def _draw_sends(choice: Choice, case: Case, slaves: list[int], when: Callable[[], int]) -> list[Send]:
+    """Draw what hosts send: single payloads and bursts, of all lengths that lie at an edge of a packet type."""
+    sends: list[Send] = []
+    most = max(oracle.KINDS[name].capacity for name in case.kinds)
+    for _ in range(choice.integer(0, 8)):
+        time = when()
+        for _ in range(pick(choice, (1, 1, 2, choice.integer(1, 8)))):
+            slave = pick(choice, slaves)
+            pairs = ((MASTER, ALL), (MASTER, slave), (slave, MASTER), (slave, MASTER))
+            source, destination = pick(choice, pairs)
+            if chance(choice, 30):
+                source, destination = pick(choice, ((MASTER, 8), (slave, ALL), (slave, slave % 7 + 1)))
+            lengths = (0, 1, 17, 18, 27, 28, 121, 122, 183, 184, 224, 225, choice.integer(0, 339))
+            length = pick(choice, lengths)
+            if not chance(choice, 12):
+                length = min(length, most)
+            sends.append(Send(time, source, destination, length, len(sends)))
+    return sends
+
+
+# ---------------------------------------------------------------- comparing
+
+
+def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
+    return (draw_case(Seeded(4, number)) for number in range(first, first + count))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@given(st.data())
+@pytest.mark.slow
+def test_polling_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:
+    slow, fast = compare(draw_case(Drawn(data)))
+    assert fast == slow
+
+
+@pytest.mark.slow
+def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
+    seen: Counter[str] = Counter()
+    for case in seeded_cases(300):
+        slow, fast = compare(case)
+        assert fast == slow, case
+        seen.update(row.outcome for row in slow.sightings)
+        seen.update(row.kind for row in slow.sightings)
+        seen.update(outcome for *_, outcome in slow.verdicts)
+        seen.update("lost by the master" if owner == MASTER else "lost by a slave" for _, owner, _ in slow.losses)
+    outcomes = ("received", "out_of_range", "not_tuned", "delivered", "sent", "flushed", "no_link", "too_long")
+    others = ("POLL", "NULL", *oracle.KINDS, "lost by the master", "lost by a slave")
+    assert all(seen[what] >= 5 for what in (*outcomes, *others)), seen
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("part", range(4))
+def test_polling_equals_the_oracle_over_ten_thousand_cases(
+    part: int, record_property: Callable[[str, object], None]
+) -> None:
+    count = soak_count(2_500)
+    for case in seeded_cases(count, 1_000_000 * (part + 1)):
+        slow, fast = compare(case)
+        assert fast == slow, case
+    record_property("equal polling cases", count)
+    print(f"{count} polling cases equal")
