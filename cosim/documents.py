@@ -155,7 +155,7 @@ def _copy(plain: Any) -> Any:
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence that names what *name* may have been meant to be."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
     if close:
         return f", did you mean {' or '.join(close)}?"
     return f", expected one of {', '.join(names)}" if names else ", nothing is expected there"

@@ -1,9 +1,9 @@
 """The laws of machines, as one function for everybody's tests: ``check_machine(make)``.
 
 A team of machines is driven as a run would drive it: by nodes, over the ideal channel, with bodies that are where they
-were sent one tick later. The same drive is repeated with one thing changed that must not matter (nothing, the start time,
-every wake called twice, own frames fed back), and what the machines left in their queues is compared. Then bytes and inputs of
-every kind are put to machines that are new and to machines in the midst of things.
+were sent one tick later. The same drive is repeated with one thing changed that must not matter (nothing, the start
+time, every wake called twice, own frames fed back), and what the machines left in their queues is compared. Then bytes
+and inputs of every kind are put to machines that are new and to machines in the midst of things.
 
 That encoded frames decode to equal frames cannot be seen from outside; it is left to each protocol's own tests.
 """
@@ -60,18 +60,18 @@ TRACED: Final = 0.9
 """The share of long random strings that must become an event; the rest may have been frames by chance."""
 
 
-class LawBroken(CosimError, AssertionError):
+class LawError(CosimError, AssertionError):
     """A machine breaks one of the laws that :func:`check_machine` knows; the text says which, and where."""
 
 
 def check_machine(make: Maker, team: int = 3, duration: Time = 10 * S, tick: Time = 100 * MS, seed: int = 1) -> None:
-    """Raise LawBroken unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
+    """Raise LawError unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
 
     *team* machines (two or more) are driven for *duration* with a world tick every *tick*; *seed* is that of the random
-    bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure and lies in the future after ``wake``; ``wake``
-    is idempotent; a queue that was drained is empty; own frames that come back change nothing; a later start makes all
+    bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure, and in the future after ``wake``; that is
+    idempotent; a queue that was drained is empty; own frames that come back change nothing; a later start makes all
     deadlines later by as much; bytes of any kind never raise, and those that mean nothing become an event; every other
-    input is taken or refused by LocalProtocolError, in every state.
+    input is taken or refused by LocalProtocolError, by a new machine and by one that was driven.
     """
     drill = _Drill(make, team, duration, tick)
     plain = drill.run()
@@ -82,13 +82,13 @@ def check_machine(make: Maker, team: int = 3, duration: Time = 10 * S, tick: Tim
     payloads = list(dict.fromkeys(chain.from_iterable(watched.payloads for watched in plain)))
     for machines in (drill.fresh(), drill.run()):
         _check_bytes(machines, payloads, Streams(seed)("check_machine"))
-    for given in _inputs(team):
+    for kind in range(len(_inputs(1, team))):
         for machines in (drill.fresh(), drill.run(until=duration // 10), drill.run()):
-            _check_input(machines, given)
+            _check_input(machines, kind)
 
 
 class _Watched:
-    """A machine that is watched while a node drives it: writes down what it returns and checks what can be seen at once."""
+    """A machine that is watched while a node drives it: notes what it returns, checks what can be seen at once."""
 
     def __init__(
         self, machine: Machine, address: Address, start: Time, twice: bool = False, echo: bool = False
@@ -128,7 +128,7 @@ class _Watched:
         self.machine.wake(now)
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
-            raise LawBroken(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+            raise LawError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
         if self._twice:
             self.machine.wake(now)
 
@@ -136,7 +136,7 @@ class _Watched:
         deadline = self.machine.wake_at()
         again = self.machine.wake_at()
         if deadline != again:
-            raise LawBroken(f"machine {self.address}: wake_at() is {deadline} ns, then {again} ns at the same instant")
+            raise LawError(f"machine {self.address}: wake_at() is {deadline} ns, then {again} ns at the same instant")
         self._note("wake_at", None if deadline is None else deadline - self._start)
         return deadline
 
@@ -166,7 +166,7 @@ class _Watched:
         items = list(queue())
         again = queue()
         if again:
-            raise LawBroken(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
+            raise LawError(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
         self._note(name, items)
         self._note("finished", self.finished)
         return items
@@ -183,9 +183,7 @@ class _Watched:
             left = [*self.machine.outbox(), *self.machine.commands()]
             self.machine.events()
             if left:
-                raise LawBroken(
-                    f"own frames that come back change nothing: machine {self.address}: {item.payload!r} gave {left[0]!r}"
-                )
+                raise LawError(f"machine {self.address}: its own frame {item.payload!r} fed back gave {left[0]!r}")
 
 
 @dataclass(frozen=True)
@@ -248,13 +246,13 @@ def _compare(law: str, one: list[_Watched], other: list[_Watched], view: Callabl
         logs = [[(time, name, view(value)) for time, name, value in watched.log] for watched in (first, second)]
         for entry, changed in zip(*logs, strict=False):
             if entry != changed:
-                raise LawBroken(f"{law}: machine {first.address}: {entry} became {changed}")
+                raise LawError(f"{law}: machine {first.address}: {entry} became {changed}")
         if len(logs[0]) != len(logs[1]):
-            raise LawBroken(f"{law}: machine {first.address}: {len(logs[0])} entries became {len(logs[1])}")
+            raise LawError(f"{law}: machine {first.address}: {len(logs[0])} entries became {len(logs[1])}")
 
 
 def _outline(value: Any) -> Any:
-    """Return what may not depend on the start time: deadlines, and how many items a queue held (they may hold times)."""
+    """Return what may not depend on the start time: deadlines, and the number of items, which may hold times."""
     return len(value) if isinstance(value, list) else value
 
 
@@ -262,10 +260,10 @@ def _outline(value: Any) -> Any:
 def _nothing_raised(what: str) -> Iterator[None]:
     try:
         yield
-    except LawBroken:
+    except LawError:
         raise
     except Exception as error:
-        raise LawBroken(f"{what} raised {error!r}") from error
+        raise LawError(f"{what} raised {error!r}") from error
 
 
 def _check_bytes(machines: list[_Watched], payloads: list[bytes], stream: np.random.Generator) -> None:
@@ -279,13 +277,12 @@ def _check_bytes(machines: list[_Watched], payloads: list[bytes], stream: np.ran
             with _nothing_raised(f"bytes never raise: machine {watched.address}: receive({data!r})"):
                 watched.receive(data, Reception(source, bool(index % 2)), watched.now)
                 events = watched.drain()
-            if LONG <= len(data) and index < len(junk):
+            if len(data) >= LONG and index < len(junk):
                 long += 1
                 traced += bool(events)
         if traced < TRACED * long:
-            raise LawBroken(
-                f"bytes that mean nothing become an event: machine {watched.address}: {traced} of {long} random strings did"
-            )
+            share = f"{traced} of {long} random strings did"
+            raise LawError(f"bytes that mean nothing become an event: machine {watched.address}: {share}")
 
 
 def _damage(payload: bytes, stream: np.random.Generator) -> bytes:
@@ -300,19 +297,26 @@ def _damage(payload: bytes, stream: np.random.Generator) -> bytes:
             return payload[:place] + stream.bytes(1) + payload[place:]
 
 
-def _inputs(team: int) -> list[LinkEvent | Observation | None]:
-    """Return inputs of every kind but bytes, about each machine of the team; None stands for a wake."""
-    links: list[LinkEvent] = [InquiryComplete(()), InquiryComplete(tuple(range(1, team)))]
-    for peer in range(team):
-        links += [Discovered(peer), PageFailed(peer), Lost(peer), *(Connected(peer, role) for role in Role)]
-    links += [Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome]
-    seen = tuple(range(1, team))
-    bodies = [Observation(0.0, 0.0, 0.0, 0.0, a, b, seen) for a in (False, True) for b in (False, True)]
-    return [*links, *bodies, None]
+def _inputs(peer: Address, team: int) -> list[LinkEvent | Observation | None]:
+    """Return inputs of every kind but bytes, the news being about *peer*; None stands for a wake."""
+    seen = tuple(range(team))
+    return [
+        Discovered(peer),
+        InquiryComplete(()),
+        InquiryComplete((peer,)),
+        *(Connected(peer, role) for role in Role),
+        PageFailed(peer),
+        Lost(peer),
+        *(Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome),
+        *(Observation(0.0, 0.0, 0.0, 0.0, a, b, seen) for a in (False, True) for b in (False, True)),
+        None,
+    ]
 
 
-def _check_input(machines: list[_Watched], given: LinkEvent | Observation | None) -> None:
+def _check_input(machines: list[_Watched], kind: int) -> None:
+    """Give every machine the input number *kind*, about the next machine of the team."""
     for watched in machines:
+        given = _inputs((watched.address + 1) % len(machines), len(machines))[kind]
         with _nothing_raised(f"every input is taken or refused: machine {watched.address}: {given or 'wake'}"):
             try:
                 if given is None:

@@ -48,12 +48,14 @@ def test_a_body_as_wide_as_the_passage_passes():
 
 
 def test_only_what_the_starts_lead_to_is_reachable():
-    walls = [*ROOM, (4, 0, 4, 4)]
-    west = coverage_grid((0, 0, 6, 4), 0.5, 0.2, walls, nowhere)
-    east = coverage_grid((0, 0, 6, 4), 0.5, 0.2, walls, nowhere, starts_m=[(5.1, 1.1)])
+    walls = [*ROOM, (2, 0, 2, 4)]
+    east = coverage_grid((0, 0, 6, 4), 0.5, 0.2, walls, nowhere)
+    west = coverage_grid((0, 0, 6, 4), 0.5, 0.2, walls, nowhere, starts_m=[(1.1, 1.1)])
     x = west.centres_m()[:, 0]
-    assert west.reachable.tolist() == (x < 4).tolist()  # the larger room, without starts
-    assert east.reachable.tolist() == (x > 4).tolist()
+    assert east.reachable.tolist() == (x > 2).tolist()  # the larger room, without starts
+    assert west.reachable.tolist() == (x < 2).tolist()
+    both = coverage_grid((0, 0, 6, 4), 0.5, 0.2, walls, nowhere, starts_m=[(1.1, 1.1), (5, 3)])
+    assert both.reachable.all()
 
 
 def test_a_start_off_the_grid_is_an_error_and_so_is_a_floor_without_cells():

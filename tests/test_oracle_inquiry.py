@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple
 
 import pytest
@@ -130,8 +130,8 @@ def _draw(draws: Draws, bound: int, tick: int) -> int:
     return draws.below(bound, tick, 0, 1)
 
 
-def run_fast(case: Case, starts: list[int], model: Any = fast_inquiry) -> Trace:
-    """Run the case through *model*; *starts* are the instants at which inquiries start."""
+def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
+    """Run the case through *model*; a second inquiry starts where the *slow* one has it."""
     kernel, trace = Kernel(), Trace([], [], [], [])
 
     def record(frame: Frame, heard: Heard) -> None:
@@ -170,20 +170,15 @@ def run_fast(case: Case, starts: list[int], model: Any = fast_inquiry) -> Trace:
             lambda addresses: trace.ends.append(kernel.now),
         )
 
-    for start in starts:
+    start = case.start
+    kernel.at(start, inquire)
+    if case.pause is not None:
+        start = slow.ends[0] + case.pause
         kernel.at(start, inquire)
-    kernel.run(starts[-1] + (case.duration + 40) * TICK)
+    kernel.run(start + (case.duration + 40) * TICK)
     trace.sightings.sort()
     trace.n.extend(scanner.n for scanner in scanners)
     return trace
-
-
-def compare(case: Case, model: Any = fast_inquiry) -> tuple[Trace, Trace]:
-    slow = run_slowly(case)
-    starts = [case.start]
-    if case.pause is not None:
-        starts.append(slow.ends[0] + case.pause)
-    return slow, run_fast(case, starts, model)
 
 
 # ---------------------------------------------------------------- drawing cases
@@ -247,9 +242,7 @@ def _draw_focus(choice: Choice, case: Case) -> int:
     return tick - tick % 4 + choice.integer(0, 1)
 
 
-def _draw_device(
-    choice: Choice, case: Case, address: int, version: Literal["1.1", "1.2"], focus: int | None
-) -> Device:
+def _draw_device(choice: Choice, case: Case, address: int, version: Literal["1.1", "1.2"], focus: int | None) -> Device:
     """Draw a scanner; one that meets the ID of the tick *focus*, if there is one, at an edge of its own."""
     interlaced = version == "1.2" and chance(choice, 2)
     intervals = (100, 256, 512, 2048, 4095, 4096, 8192)
@@ -307,20 +300,29 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(2, number)) for number in range(first, first + count))
 
 
+DEFAULT = 400
+
+
+@cache
+def default_cases() -> list[tuple[Case, Trace]]:
+    """Return the cases of the default run and what the oracle says of them."""
+    return [(case, run_slowly(case)) for case in seeded_cases(DEFAULT)]
+
+
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(st.data())
 @pytest.mark.slow
 def test_inquiry_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:
-    slow, fast = compare(draw_case(Drawn(data)))
-    assert fast == slow
+    case = draw_case(Drawn(data))
+    slow = run_slowly(case)
+    assert run_fast(case, slow) == slow
 
 
 @pytest.mark.slow
 def test_inquiry_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case in seeded_cases(400):
-        slow, fast = compare(case)
-        assert fast == slow, case
+    for case, slow in default_cases():
+        assert run_fast(case, slow) == slow, case
         seen.update(f"{row.kind} {row.outcome}" for row in slow.sightings)
     fates = ("received", "out_of_range", "not_tuned", "busy", "collided")
     assert all(seen[kind] >= 5 for kind in ("ID received", *(f"FHS {fate}" for fate in fates))), seen
@@ -333,7 +335,69 @@ def test_inquiry_equals_the_oracle_over_ten_thousand_cases(
 ) -> None:
     count = soak_count(2_500)
     for case in seeded_cases(count, 1_000_000 * (part + 1)):
-        slow, fast = compare(case)
-        assert fast == slow, case
+        slow = run_slowly(case)
+        assert run_fast(case, slow) == slow, case
     record_property("equal inquiry cases", count)
     print(f"{count} inquiry cases equal")
+
+
+# ---------------------------------------------------------------- planted faults
+
+FAULTS = [
+    ("the window opens a tick late", "scanning", "edge + part * WINDOW)", "edge + part * WINDOW + 1)"),
+    ("the window closes a tick late", "scanning", "(part + 1) * WINDOW)", "(part + 1) * WINDOW + 1)"),
+    ("the window opens 1 ns late", "scanning", "_tick(ph, pm, opening - 1) + 1", "_tick(ph, pm, opening) + 1"),
+    ("the window closes 1 ns early", "scanning", "closing - ID_DURATION", "closing - ID_DURATION - 1"),
+    ("an ID across the close is heard", "scanning", "closing - ID_DURATION", "closing"),
+    ("listening starts 1 ns late", "scanning", "since - 1) + 1", "since) + 1"),
+    ("the scanner's block ends a tick late", "scanning", "(block + 1) << 12) - 1)", "(block + 1) << 12))"),
+    ("the inquirer's block ends a tick late", "scanning", "<< 12) - est - 1", "<< 12) - est"),
+    ("the train ends a tick late", "scanning", "(turn + 1) * switch - 1", "(turn + 1) * switch"),
+    (
+        "the train in use changes a tick late",
+        "scanning",
+        "(tick - self.first) // (32",
+        "(tick - self.first - 1) // (32",
+    ),
+    ("the second window is not 16 on", "scanning", "n + 16 * part", "n + 15 * part"),
+    ("the scanner's clock has 27 bits", "scanning", "lo)) >> 12", "lo)) % (1 << 28) >> 12"),
+    ("N is not counted", "inquiry", "self.n += 1", "self.n += 0"),
+    ("the back-off is short by one", "inquiry", "slots * SLOT", "max(slots - 1, 0) * SLOT"),
+    (
+        "the short back-off begins too late",
+        "inquiry",
+        "SHORT_BACKOFF_BELOW: Final = 4096",
+        "SHORT_BACKOFF_BELOW: Final = 4095",
+    ),
+    ("the response time-out is short by one slot", "inquiry", "128 * SLOT", "127 * SLOT"),
+    ("the answer is a tick late", "inquiry", "start + RESPONSE_DELAY", "start + RESPONSE_DELAY + 312_500"),
+    (
+        "the answer is expected a slot pair late",
+        "inquiry",
+        "listens = reply.frame, reply.tick + 2",
+        "listens = reply.frame, reply.tick + 6",
+    ),
+    ("the answer in a second window is not 16 on", "inquiry", "16 * meeting.second", "0 * meeting.second"),
+    (
+        "IDs are sent while an FHS is received",
+        "inquiry",
+        "return self._locked is None or not",
+        "return self._locked is not None or not",
+    ),
+    (
+        "a second FHS can be locked on",
+        "inquiry",
+        "frame.start < self._locked.end",
+        "frame.start < self._locked.frame.start",
+    ),
+    ("one reply too many is waited for", "inquiry", ">= self._enough", "> self._enough"),
+    ("the inquiry ends a tick early", "inquiry", "self.ids.end + 1", "self.ids.end"),
+    ("the clock in the FHS does not wrap", "inquiry", "* 4 % CLOCK_RANGE", "* 4"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "old", "new"), [fault[1:] for fault in FAULTS], ids=[fault[0] for fault in FAULTS])
+def test_a_planted_fault_in_inquiry_is_found(module: str, old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = plant(monkeypatch, CHAIN, module, old, new)
+    assert any(run_fast(case, slow, model) != slow for case, slow in default_cases())

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple
 
 import pytest
@@ -131,10 +131,6 @@ def run_fast(case: Case, model: Any = fast_paging) -> Trace:
     return trace
 
 
-def compare(case: Case, model: Any = fast_paging) -> tuple[Trace, Trace]:
-    return run_slowly(case), run_fast(case, model)
-
-
 # ---------------------------------------------------------------- drawing cases
 
 
@@ -236,20 +232,28 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(3, number)) for number in range(first, first + count))
 
 
+DEFAULT = 400
+
+
+@cache
+def default_cases() -> list[tuple[Case, Trace]]:
+    """Return the cases of the default run and what the oracle says of them."""
+    return [(case, run_slowly(case)) for case in seeded_cases(DEFAULT)]
+
+
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(st.data())
 @pytest.mark.slow
 def test_page_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:
-    slow, fast = compare(draw_case(Drawn(data)))
-    assert fast == slow
+    case = draw_case(Drawn(data))
+    assert run_fast(case) == run_slowly(case)
 
 
 @pytest.mark.slow
 def test_page_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case in seeded_cases(400):
-        slow, fast = compare(case)
-        assert fast == slow, case
+    for case, slow in default_cases():
+        assert run_fast(case) == slow, case
         seen.update(f"{row.kind} {row.outcome}" for row in slow.sightings)
         seen.update(name for name in ("slave", "master", "failed") if getattr(slow, name))
     lost = [f"{kind} out_of_range" for kind in ("ID", "FHS", "POLL", "NULL")]
@@ -265,7 +269,48 @@ def test_page_equals_the_oracle_over_ten_thousand_cases(
 ) -> None:
     count = soak_count(2_500)
     for case in seeded_cases(count, 1_000_000 * (part + 1)):
-        slow, fast = compare(case)
-        assert fast == slow, case
+        assert run_fast(case) == run_slowly(case), case
     record_property("equal page cases", count)
     print(f"{count} page cases equal")
+
+
+# ---------------------------------------------------------------- planted faults
+
+FAULTS = [
+    ("the window opens a tick late", "scanning", "edge + part * WINDOW)", "edge + part * WINDOW + 1)"),
+    ("the window closes a tick late", "scanning", "(part + 1) * WINDOW)", "(part + 1) * WINDOW + 1)"),
+    ("the window opens 1 ns late", "scanning", "_tick(ph, pm, opening - 1) + 1", "_tick(ph, pm, opening) + 1"),
+    ("listening starts 1 ns late", "scanning", "since - 1) + 1", "since) + 1"),
+    ("the paged device's block ends a tick late", "scanning", "(block + 1) << 12) - 1)", "(block + 1) << 12))"),
+    ("the estimated block ends a tick late", "scanning", "<< 12) - est - 1", "<< 12) - est"),
+    ("the train ends a tick late", "scanning", "(turn + 1) * switch - 1", "(turn + 1) * switch"),
+    ("the train of the exchange is read too late", "paging", "train(meeting.tick)]", "train(meeting.tick + 4)]"),
+    ("the second window is not 16 on", "paging", "meeting.second << 16", "meeting.second << 15"),
+    (
+        "the response is late by one tick",
+        "paging",
+        "start + RESPONSE_DELAY, self._respond",
+        "start + RESPONSE_DELAY + 312_500, self._respond",
+    ),
+    ("the first FHS is late by one slot pair", "paging", "self._base + 4, partial", "self._base + 8, partial"),
+    ("the FHS goes out three times", "paging", "FHS_TRIES: Final = 4", "FHS_TRIES: Final = 3"),
+    (
+        "paging goes on a slot pair late",
+        "paging",
+        "self._fail(self._base + 4 * (n + 1))",
+        "self._fail(self._base + 4 * (n + 2))",
+    ),
+    ("the response time-out is short by one slot", "paging", "[Time] = 8 * SLOT", "[Time] = 7 * SLOT"),
+    ("the connection time-out is short by one slot", "paging", "[Time] = 32 * SLOT", "[Time] = 31 * SLOT"),
+    ("there are fifteen POLLs", "paging", "POLL_TRIES: Final = 16", "POLL_TRIES: Final = 15"),
+    ("the channel clock stops at 28 bits", "paging", "hop_address, tick)", "hop_address, min(tick, (1 << 28) - 1))"),
+    ("the page lasts a slot pair too long", "paging", "2 * settings.timeout_slots", "2 * settings.timeout_slots + 4"),
+    ("the exchange under way is cut off", "paging", "max(tick, self.ids.end)", "self.ids.end"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "old", "new"), [fault[1:] for fault in FAULTS], ids=[fault[0] for fault in FAULTS])
+def test_a_planted_fault_in_paging_is_found(module: str, old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = plant(monkeypatch, CHAIN, module, old, new)
+    assert any(run_fast(case, model) != slow for case, slow in default_cases())

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import pytest
@@ -141,10 +141,6 @@ def run_fast(case: Case, model: Any = fast_piconet) -> Trace:
     return trace
 
 
-def compare(case: Case, model: Any = fast_piconet) -> tuple[Trace, Trace]:
-    return run_slowly(case), run_fast(case, model)
-
-
 # ---------------------------------------------------------------- drawing cases
 
 
@@ -152,7 +148,7 @@ def draw_case(choice: Choice) -> Case:
     """Draw a case; half of them with hosts that act at exact slot instants, outages at frames, time-outs at slots."""
     near = chance(choice, 2)
     ppm = choice.integer(-250, 250)
-    slots = pick(choice, (choice.integer(20, 200), choice.integer(200, 1000)))
+    slots = pick(choice, (choice.integer(20, 200), choice.integer(200, 1500)))
     base = pick(choice, (choice.integer(0, 1 << 28), (1 << 28) - choice.integer(0, 2 * slots)))
     phase = max(0, base * TICK + pick(choice, (0, 1, -1, choice.integer(0, TICK - 1))))
     clock, end = Clock(phase, ppm), slots * SLOT
@@ -187,7 +183,7 @@ def draw_case(choice: Choice) -> Case:
     for _ in range(choice.integer(0, 3) if near or chance(choice, 2) else 0):
         frames = run_slowly(replace(case, idle=True)).sightings
         if frames:
-            more = draw_outages(choice, frames)
+            more = draw_outages(choice, frames, min(case.end, 2 * case.supervision))
             case = replace(case, outages=Outages(case.outages.rows + more.rows))
     return case
 
@@ -241,20 +237,28 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(4, number)) for number in range(first, first + count))
 
 
+DEFAULT = 300
+
+
+@cache
+def default_cases() -> list[tuple[Case, Trace]]:
+    """Return the cases of the default run and what the oracle says of them."""
+    return [(case, run_slowly(case)) for case in seeded_cases(DEFAULT)]
+
+
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(st.data())
 @pytest.mark.slow
 def test_polling_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:
-    slow, fast = compare(draw_case(Drawn(data)))
-    assert fast == slow
+    case = draw_case(Drawn(data))
+    assert run_fast(case) == run_slowly(case)
 
 
 @pytest.mark.slow
 def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
-    for case in seeded_cases(300):
-        slow, fast = compare(case)
-        assert fast == slow, case
+    for case, slow in default_cases():
+        assert run_fast(case) == slow, case
         seen.update(row.outcome for row in slow.sightings)
         seen.update(row.kind for row in slow.sightings)
         seen.update(outcome for *_, outcome in slow.verdicts)
@@ -271,7 +275,59 @@ def test_polling_equals_the_oracle_over_ten_thousand_cases(
 ) -> None:
     count = soak_count(2_500)
     for case in seeded_cases(count, 1_000_000 * (part + 1)):
-        slow, fast = compare(case)
-        assert fast == slow, case
+        assert run_fast(case) == run_slowly(case), case
     record_property("equal polling cases", count)
     print(f"{count} polling cases equal")
+
+
+# ---------------------------------------------------------------- planted faults
+
+FAULTS = [
+    ("T_poll is long by one slot", "polling", "2 * t_poll_slots", "2 * t_poll_slots + 2"),
+    ("a poll that is due is not yet overdue", "polling", "links[DUE, k] <= tick", "links[DUE, k] < tick"),
+    ("of equals the last is polled", "polling", "due[k] < due[best]", "due[k] <= due[best]"),
+    ("idle slots go on one too far", "polling", "or tick >= end", "or tick > end"),
+    ("after an answer a slot pair is lost", "polling", "tick + 2 * slots\n", "tick + 2 * slots + 4\n"),
+    (
+        "the master forgets to repeat SEQN",
+        "polling",
+        "if first:\n        links[SEQ_DOWN, k] ^= 1",
+        "links[SEQ_DOWN, k] ^= 1",
+    ),
+    ("the slave's SEQN does not change", "polling", "links[SEQ_UP, k] ^= 1", "links[SEQ_UP, k] ^= 0"),
+    ("ARQN outlives its packet", "polling", "links[ARQN, k] = 0\n    piconet[NEXT]", "piconet[NEXT]"),
+    (
+        "polls that nobody hears keep ARQN",
+        "polling",
+        "        links[ARQN, k] = 0\n        piconet[NULLS]",
+        "        piconet[NULLS]",
+    ),
+    ("ticks begin 1 ns late", "polling", "return time\n", "return time + 1\n"),
+    ("the channel clock stops at 28 bits", "frames", "hop_address, tick)", "hop_address, min(tick, (1 << 28) - 1))"),
+    ("a slot at its very start is over", "links", "clock.local(time - 1)", "clock.local(time)"),
+    ("slots are decided before hosts act", "slots", "self._decide, AIR)", "self._decide)"),
+    ("one broadcast too many", "slots", ">= self._n_bc", "> self._n_bc"),
+    ("repeated broadcasts are delivered again", "slots", "got & ~payload.taken", "got"),
+    ("the supervision time-out is exceeded by 1 ns", "piconet", "[heard, k] <= limit", "[heard, k] < limit"),
+    (
+        "supervision is long by 1 ns",
+        "piconet",
+        "deadline = heard + self._settings.supervision",
+        "deadline = heard + self._settings.supervision + 1",
+    ),
+    ("what has been on the air is flushed", "piconet", " and not p.tries", ""),
+    (
+        "a resumed piconet waits a slot pair",
+        "piconet",
+        "int(self.links.piconet[NEXT]), first)",
+        "int(self.links.piconet[NEXT]), first + 4)",
+    ),
+    ("broadcasts outlive the last link", "queues", "master_alone and p.lt_addr", "not master_alone and p.lt_addr"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "old", "new"), [fault[1:] for fault in FAULTS], ids=[fault[0] for fault in FAULTS])
+def test_a_planted_fault_in_polling_is_found(module: str, old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = plant(monkeypatch, CHAIN, module, old, new)
+    assert any(run_fast(case, model) != slow for case, slow in default_cases())

@@ -289,7 +289,6 @@ def test_a_crowd_never_overlaps_nor_enters_a_wall(seed):
     assert check_crowd(seed, 8, 30) > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_a_dense_crowd_never_overlaps_nor_enters_a_wall(seed):
     assert check_crowd(seed, 24, 200) > 100

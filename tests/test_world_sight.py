@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cosim.geometry.segments import segment_grid, sees
+from cosim.geometry.segments import sees, segment_grid
 from cosim.world.sight import lines_of_sight, seen_by_each
 
 

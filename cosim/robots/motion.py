@@ -243,10 +243,10 @@ def _to_goal(state: _Bodies, limits: _Limits, i: int) -> tuple[float, float]:
     if state.landing[i]:
         state.way[i] = state.turn[i] = 0.0
         return goal_x, goal_y
-    error = wrapped(math.atan2(goal_y, goal_x) - state.heading[i])
+    bearing = math.atan2(goal_y, goal_x)
     if standing and not limits.turns_first[i]:
-        state.heading[i] = wrapped(state.heading[i] + error)
-        error = 0.0
+        state.heading[i] = bearing
+    error = wrapped(bearing - state.heading[i])
     if abs(error) > ALIGNED_RAD and slower == 0.0 and limits.turns_first[i]:
         sign = 1.0 if error > 0.0 else -1.0
         turn = approach(abs(error), sign * state.turn[i], limits.turn[i], limits.turn_change[i])

@@ -1,7 +1,7 @@
 """Reading what a user wrote, with errors that name file, place, value and what was expected, in one line."""
 
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -10,6 +10,8 @@ from cosim.errors import UserError
 from cosim.settings import Settings
 
 Model = TypeVar("Model", bound=Settings)
+LONGEST: Final = 60
+"""How many characters of a wrong value are shown."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -47,8 +49,17 @@ def checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
-        expected = first["msg"][0].lower() + first["msg"][1:]
-        value = "" if first["type"] == "missing" else f" {first['input']!r}:"
-        raise UserError(f"{path}: {place}:{value} {expected}" if place else f"{path}:{value} {expected}") from None
+        raise UserError(f"{path}: {_told(error)}") from None
+
+
+def _told(error: ValidationError) -> str:
+    """Say where the first fault is, which value it is about and what was expected."""
+    first = error.errors(include_url=False)[0]
+    expected = first["msg"].removeprefix("Value error, ")
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    if not place:
+        return expected
+    expected = expected[0].lower() + expected[1:]
+    value = repr(first["input"])
+    value = value if len(value) <= LONGEST else f"{value[:LONGEST]}..."
+    return f"{place}: {expected}" if first["type"] == "missing" else f"{place}: {value}: {expected}"

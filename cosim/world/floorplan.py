@@ -93,7 +93,7 @@ class FloorplanSettings(Settings):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Floorplan:
     """A floor. The sides of its extent are walls too: nothing leaves it."""
 

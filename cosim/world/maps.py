@@ -37,7 +37,7 @@ _PASSABLE: Final = frozenset(".GS")
 _BLOCKED: Final = frozenset("@OTW")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OccupancyMap:
     """Cells of *cell_m* metres, row 0 at the bottom; the lower left corner of cell (0, 0) has the pose *origin*."""
 
@@ -156,7 +156,7 @@ def read_image(path: Path) -> Floats:
                 return np.asarray(image, np.float64)[:, :, np.newaxis] / 65535
             clear = "A" in image.getbands() or "transparency" in image.info
             plain = image.convert("RGBA" if clear else "RGB")
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:  # Pillow's ways to say no
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:  # Pillow's ways to say no
         reason = "unknown format" if isinstance(error, UnidentifiedImageError) else str(error)
         raise UserError(f"{path}: not an image, expected PGM or PNG: {reason}") from None
     return np.asarray(plain, np.float64) / 255

@@ -88,6 +88,8 @@ class BluetoothChannel(Channel):
         self._reach_rows: list[list[bool]] = []
         self._update_reach()
         self._calls_wanted = trace.wants(CALLS)
+        self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
+        self._range_m = settings.range_m
         self._air = Air(self.hears, self._record if trace.wants(FRAMES) else None)
         self._news: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
@@ -140,7 +142,7 @@ class BluetoothChannel(Channel):
 
     def moved(self, positions_m: Positions) -> None:
         """Take the robots' new positions; nothing changes unless somebody has come into reach or left it."""
-        range_m = self.settings.range_m
+        range_m = self._range_m
         if range_m is None or not _reach_differs(positions_m, range_m, self._near):
             return
         self._reach_changes()
@@ -163,7 +165,7 @@ class BluetoothChannel(Channel):
 
     def advance(self, now: Time) -> None:
         """Record idle frames up to *now* if they are wanted; nothing else needs it, for reach changes in ``moved``."""
-        if self.settings.idle_frames and self.trace.wants(FRAMES):
+        if self._idle_wanted:
             for device in self.devices:
                 device.master_of.advance(now)
 
@@ -272,7 +274,7 @@ class BluetoothChannel(Channel):
             from_seconds(settings.supervision_s),
         )
         wanted = self.trace.wants(FRAMES)
-        frames = FrameLog(self._air, identity.clock, identity.hop_address, wanted, wanted and settings.idle_frames)
+        frames = FrameLog(self._air, identity.clock, identity.hop_address, wanted, self._idle_wanted)
         return Piconet(
             self.kernel, identity.address, identity.clock, piconet, self.hears, frames, self._deliver, self._lost
         )

@@ -108,7 +108,6 @@ def advance(piconet: State, links: State, end: int, log: State) -> int:
         count += 1
         polled |= 1 << k
         links[DUE, k] = tick + piconet[T_POLL]
-        links[ARQN, k] = 0
         piconet[NULLS] += links[DOWN, k] & links[JOINED, k]
         piconet[NEXT] = tick + 4
     for k in range(1, MOST_SLAVES + 1):

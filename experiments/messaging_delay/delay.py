@@ -1,0 +1,292 @@
+"""Fig. 9b of paper 003 measured: how many slots the air interface needs until every robot knows every robot's state.
+
+Each strategy is a pair of machines on the real Bluetooth channel: the piconet is set up by inquiry and paging, the slaves
+load their state, and some time later the master begins. The count is taken from the frames: from the start of the first
+frame to the end of the last slot pair. Nothing of a formula enters it.
+"""
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Final
+
+from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from cosim.errors import CosimError
+from cosim.kernel import Kernel
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Command,
+    Event,
+    Fate,
+    LinkCommand,
+    LinkEvent,
+    Machine,
+    Observation,
+    Outgoing,
+    Reception,
+)
+from cosim.node import Node
+from cosim.randomness import Streams
+from cosim.settings import Settings
+from cosim.trace import FRAMES, Trace
+from cosim.units import MS, SLOT, S, Time
+from protocols.pseudonet.algorithms.base import UNJUDGED
+from protocols.pseudonet.bluetooth import Bluetooth
+from protocols.pseudonet.broadcast import Broadcast, Exchanged, MessageWanted, TeamChanged, Upcall
+from protocols.pseudonet.messages import Action, Kind, Message, Sync, decode, encode
+
+INQUIRY: Final = (10 * S + 240 * MS, 5)
+SETTLE: Final = 10 * MS
+"""Between the set-up and the exchange that is measured."""
+T_POLL_SLOTS: Final = 96_000
+"""No poll but those of the strategy: the next one of the link controller is a minute away."""
+SUPERVISION_S: Final = 120.0
+
+
+class Strategy(StrEnum):
+    """How states travel."""
+
+    BROADCAST = "broadcast"
+    """Pseudonet: poll, answer, broadcast (Fig. 9a)."""
+    UNICAST = "unicast"
+    """Each state to each robot in a packet of its own; polls carry nothing."""
+    PIGGYBACK = "unicast_piggyback"
+    """The master's state rides on the polls, the slaves' on the answers; the rest is unicast."""
+    ONE_BROADCAST = "one_message_broadcast"
+    """The state of one slave only, polled and broadcast."""
+    ONE_UNICAST = "one_message_unicast"
+    """The state of one slave only, polled and sent to each other slave in turn."""
+
+
+class Parameters(Settings):
+    """What the experiment varies."""
+
+    team_size: int
+    strategy: Strategy
+    n_bc: int = 1
+
+
+def state(source: Address, exchange: int = 0) -> bytes:
+    """Return a state message as Pseudonet encodes it: one slot long."""
+    return encode(_message(source, exchange))
+
+
+def _message(source: Address, exchange: int) -> Message:
+    return Message(source, Kind.STATE, exchange, 0, 0, Action.STAY, UNJUDGED)
+
+
+class _Endpoint:
+    """What the machines of all strategies share: the set-up, and nothing to observe or to drive."""
+
+    finished = False
+
+    def __init__(self, me: Address, size: int, start: Time) -> None:
+        self.me = me
+        self.size = size
+        self.deadline: Time | None = start
+        self.began: Time | None = None
+        self.out: list[Outgoing | LinkCommand] = []
+        self.setup = Bluetooth(size, INQUIRY, 3, self._ready)
+
+    def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+        if len(slaves) != self.size - 1:
+            raise CosimError(f"only {len(slaves)} of {self.size - 1} slaves were found")
+        self.deadline = now + SETTLE
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """See nothing."""
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Set up."""
+        self.setup.link(event, now)
+
+    def wake(self, now: Time) -> None:
+        """Start the set-up, later the exchange."""
+        if self.deadline is None or now < self.deadline:
+            return
+        self.deadline = None
+        if self.setup.state.name == "OFF":
+            self.setup.start(initiate=self.me == 0, now=now)
+        else:
+            self.began = now
+            self._begin(now)
+
+    def _begin(self, now: Time) -> None:
+        """Begin the exchange, as the master."""
+
+    def wake_at(self) -> Time | None:
+        """Return when the next thing begins."""
+        return self.deadline
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain."""
+        out = self.setup.out + self.out
+        self.setup.out = []
+        self.out = []
+        return out
+
+    def commands(self) -> list[Command]:
+        """Drive nowhere."""
+        return []
+
+    def events(self) -> list[Event]:
+        """Report nothing."""
+        return []
+
+
+class UnicastSlave(_Endpoint):
+    """A slave that has its state loaded for whatever packet addresses it first."""
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Load the state once the link is up."""
+        before = self.setup.state
+        super().link(event, now)
+        if self.setup.state is not before and self.setup.state.name == "CONNECTED":
+            self.out.append(Outgoing(0, state(self.me)))
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Know one state more."""
+
+
+class UnicastMaster(_Endpoint):
+    """A master that collects the slaves' states and sends every state on by unicast."""
+
+    def __init__(self, me: Address, size: int, start: Time, strategy: Strategy) -> None:
+        super().__init__(me, size, start)
+        self.strategy = strategy
+        self._states: dict[Address, bytes] = {}
+        self._awaited: set[Address] = set()
+
+    def _begin(self, now: Time) -> None:
+        slaves = self.setup.slaves[:1] if self.strategy.startswith("one_message") else self.setup.slaves
+        piggyback = self.strategy is Strategy.PIGGYBACK
+        poll = state(self.me) if piggyback else encode(Sync(self.me, 0, tuple(range(self.size)), False))
+        self.out += [Outgoing(slave, poll) for slave in slaves]
+        self._awaited = set(slaves)
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a slave's state; with the last one, send all on."""
+        if reception.source not in self._awaited:
+            return  # a state that nobody asked for: it came with the acknowledgement of a packet to that slave
+        self._states[reception.source] = data
+        self._awaited.remove(reception.source)
+        if self._awaited:
+            return
+        if self.strategy is Strategy.ONE_BROADCAST:
+            self.out.append(Outgoing(BROADCAST, data))
+            return
+        known = dict(self._states)
+        if self.strategy is Strategy.UNICAST:
+            known = {self.me: state(self.me), **known}
+        self.out += [
+            Outgoing(slave, message)
+            for source, message in known.items()
+            for slave in self.setup.slaves
+            if slave != source
+        ]
+
+
+class BroadcastMember(_Endpoint):
+    """Master or slave of Pseudonet's own broadcast room, without an application: the first exchange is a roll call."""
+
+    def __init__(self, me: Address, size: int, start: Time) -> None:
+        super().__init__(me, size, start)
+        self.room = Broadcast(me, 200 * MS, 4, acknowledge=False, tell=self._upcall)
+
+    def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+        super()._ready(slaves, hop, now)
+        self.deadline = None
+        self.room.assemble(tuple(range(self.size)), hop, now)
+
+    def _upcall(self, upcall: Upcall, now: Time) -> None:
+        master = self.me == 0
+        match upcall:
+            case TeamChanged():
+                self._load(now)
+            case Exchanged(roll_call=True) if master:
+                self.deadline = now + SETTLE
+            case Exchanged() | MessageWanted() if not master:
+                self._load(now)
+
+    def _load(self, now: Time) -> None:
+        message = _message(self.me, self.room.exchange)
+        if self.me == 0:
+            self.room.begin(message, now)
+        else:
+            self.room.submit(message)
+
+    def _begin(self, now: Time) -> None:
+        self._load(now)
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a packet."""
+        decode(data)
+        self.room.receive(data, reception, now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Set up, or learn a poll's fate."""
+        if isinstance(event, Fate):
+            self.room.fate(event, now)
+        else:
+            super().link(event, now)
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain both rooms."""
+        out, self.room.out = super().outbox() + self.room.out, []
+        return out
+
+
+def measure(parameters: dict[str, object], seed: int) -> dict[str, float]:
+    """Run one exchange and return its length in slots, beside what the paper and the air interface let expect."""
+    given = Parameters.model_validate(parameters)
+    slots = exchange_slots(given, seed)
+    expected = formula(given)
+    return {
+        "slots": float(slots),
+        "formula_slots": float(expected),
+        "difference_slots": float(slots - expected),
+        "paper_ideal_slots": float(2 * (given.team_size - 1) + 1),
+    }
+
+
+def formula(parameters: Parameters) -> int:
+    """Return the closed form, in slots, that the count is compared with."""
+    m, n_bc = parameters.team_size, parameters.n_bc
+    match parameters.strategy:
+        case Strategy.BROADCAST:
+            return 2 * n_bc * m + 2 * (m - 1)
+        case Strategy.UNICAST:
+            return 2 * m * (m - 1)
+        case Strategy.PIGGYBACK:
+            return 2 * (m - 1) ** 2
+        case Strategy.ONE_BROADCAST:
+            return 2 + 2 * n_bc
+        case Strategy.ONE_UNICAST:
+            return 2 * (m - 1)
+
+
+def exchange_slots(parameters: Parameters, seed: int) -> int:
+    """Return the slots from the start of the first frame to the end of the last slot pair of one exchange."""
+    kernel, trace, size = Kernel(), Trace((FRAMES,)), parameters.team_size
+    settings = BluetoothSettings(
+        n_bc=parameters.n_bc, t_poll_slots=T_POLL_SLOTS, supervision_s=SUPERVISION_S, clock_ppm=0
+    )
+    channel = BluetoothChannel(settings, kernel, trace, size, Streams(seed))
+    machines = [_machine(parameters, robot, size) for robot in range(size)]
+    for robot, machine in enumerate(machines):
+        node = Node(robot, machine, kernel, channel, trace)
+        channel.attach(robot, node)
+        node.drain(0)
+    kernel.run(60 * S)
+    began = machines[0].began
+    if began is None:
+        raise CosimError("the set-up took more than a minute")
+    frames = trace.columns("frames")
+    pairs = [time for time, source in zip(frames["time_ns"], frames["source"], strict=True) if time >= began and not source]
+    return (max(pairs) - min(pairs)) // SLOT + 2
+
+
+def _machine(parameters: Parameters, robot: Address, size: int) -> "_Endpoint | Machine":
+    if parameters.strategy is Strategy.BROADCAST:
+        return BroadcastMember(robot, size, 0)
+    return UnicastMaster(robot, size, 0, parameters.strategy) if robot == 0 else UnicastSlave(robot, size, 0)

@@ -1,0 +1,90 @@
+"""A connected piconet without pages: links come up by hand, and all that happens is written down."""
+
+from collections.abc import Iterable
+
+from cosim.channels.base import Arrival
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
+from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import Address, Fate, LinkEvent, Lost, Outcome, Outgoing
+from cosim.units import SLOT, Time
+
+PAIR = 2 * SLOT
+MASTER = 0
+WORD = 0x2A96EF25
+
+
+class Bench:
+    """A piconet of a master, 0, and slaves 1 to *size*, with LT_ADDR = address, and all that comes out of it."""
+
+    def __init__(
+        self,
+        size: int = 1,
+        clock: NativeClock | None = None,
+        first_due: int = 80,
+        idle: bool = True,
+        **settings: object,
+    ) -> None:
+        self.kernel = Kernel()
+        self.clock = clock or NativeClock(0)
+        self.frames: list[tuple[Frame, Heard]] = []
+        self.arrivals: list[tuple[Time, Address, bytes]] = []
+        self.news: list[tuple[Time, Address, LinkEvent]] = []
+        self.deliveries = 0
+        self.deaf: set[tuple[Address, Address]] = set()
+        air = Air(self.reach, lambda frame, heard: self.frames.append((frame, heard)))
+        log = FrameLog(air, self.clock, WORD, wanted=True, idle_wanted=idle)
+        self.piconet = Piconet(
+            self.kernel,
+            MASTER,
+            self.clock,
+            PiconetSettings(**settings),  # type: ignore[arg-type]
+            self.reach,
+            log,
+            self.deliver,
+        )
+        for slave in range(1, size + 1):
+            self.piconet.add_slave(slave, slave, first_due)
+
+    def reach(self, transmitter: Address, receiver: Address, at: Time) -> bool:
+        return (transmitter, receiver) not in self.deaf
+
+    def outage(self, start: Time, end: Time, *ways: tuple[Address, Address]) -> None:
+        """Nothing goes the *ways* (transmitter, receiver) from *start* until just before *end*."""
+        self.kernel.at(start, lambda: self.change(self.deaf | set(ways)), WORLD)
+        self.kernel.at(end, lambda: self.change(self.deaf - set(ways)), WORLD)
+
+    def change(self, deaf: set[tuple[Address, Address]]) -> None:
+        self.piconet.reach_changed(self.kernel.now)
+        self.deaf = deaf
+
+    def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
+        self.deliveries += 1
+        self.arrivals += [(self.kernel.now, receiver, data) for receiver, data, _ in arrivals]
+        self.news += [(self.kernel.now, address, event) for address, event in news]
+
+    def send(
+        self, at: Time, source: Address, destination: Address, payload: bytes = b"x", token: int | None = None
+    ) -> None:
+        self.kernel.at(at, lambda: self.piconet.send(source, Outgoing(destination, payload, token)))
+
+    def run(self, until: Time) -> None:
+        self.kernel.run(until)
+        self.piconet.advance(until)
+        self.frames.sort(key=lambda item: item[0].start)
+
+    def on_air(self, *kinds: str) -> list[tuple[int, str, int]]:
+        """Return (master's tick, type, LT_ADDR) of the frames of these types, or of all."""
+        return [
+            (self.clock.tick(frame.start), frame.kind, frame.lt_addr)
+            for frame, _ in self.frames
+            if not kinds or frame.kind in kinds
+        ]
+
+    def fates(self) -> list[tuple[Time, Address, int, Outcome]]:
+        return [(time, address, e.token, e.outcome) for time, address, e in self.news if isinstance(e, Fate)]
+
+    def lost(self) -> list[tuple[Time, Address, Address]]:
+        return [(time, address, e.peer) for time, address, e in self.news if isinstance(e, Lost)]

@@ -1,0 +1,158 @@
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cosim.errors import UserError
+from cosim.experiment import base_scenario, experiment_folders, find_experiment, load_experiment
+
+DATA = Path(__file__).parent / "data"
+SCENARIO = {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}}
+SWEEP = {
+    "scenario": SCENARIO,
+    "sweep": {
+        "team.size": [2, 4],
+        "radio": {"path": "channel", "values": {"near": {"kind": "ideal"}, "far": {"kind": "ideal", "delay_s": 1}}},
+    },
+    "replicates": 3,
+    "quick": {"replicates": 1, "sweep": {"size": [2], "radio": ["far"]}, "set": {"protocol.parameters.calls": 1}},
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder that holds a user's own protocol and functions."""
+    for name in ("beacon.py", "delays.py"):
+        shutil.copy(DATA / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def written(plain: dict[str, object]) -> Path:
+    path = Path("sweep.yaml")
+    path.write_text(yaml.safe_dump(plain, sort_keys=False))
+    return path
+
+
+def complaint(plain: dict[str, object], *sets: str, quick: bool = False) -> str:
+    with pytest.raises(UserError) as raised:
+        load_experiment(written(plain), sets, quick)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+def test_arms_are_the_product_of_the_axes_in_order():
+    experiment = load_experiment(written(SWEEP))
+    assert [arm.labels for arm in experiment.arms] == [
+        {"size": 2, "radio": "near"},
+        {"size": 2, "radio": "far"},
+        {"size": 4, "radio": "near"},
+        {"size": 4, "radio": "far"},
+    ]
+    assert [arm.scenario.channel.delay_s for arm in experiment.arms if arm.scenario] == [1e-6, 1, 1e-6, 1]
+    assert len({arm.configuration for arm in experiment.arms}) == 4
+    assert (experiment.replicates, experiment.seed) == (3, 1)
+
+
+def test_an_experiment_is_called_like_its_folder(folder: Path):
+    assert load_experiment(written(SWEEP)).name == folder.name
+    assert load_experiment(written(SWEEP | {"name": "calls"})).name == "calls"
+
+
+def test_quick_cuts_axes_replicates_and_settings_down():
+    experiment = load_experiment(written(SWEEP), quick=True)
+    (arm,) = experiment.arms
+    assert arm.labels == {"size": 2, "radio": "far"}
+    assert arm.scenario is not None
+    assert arm.scenario.channel.delay_s == 1
+    assert arm.scenario.protocol.parameters.calls == 1
+    assert experiment.replicates == 1
+
+
+def test_a_value_on_the_command_line_is_all_that_is_left_of_its_axis():
+    experiment = load_experiment(written(SWEEP), ["team.size=3", "duration_s=7"])
+    assert [arm.labels["size"] for arm in experiment.arms] == [3, 3]
+    assert {arm.scenario.duration_s for arm in experiment.arms if arm.scenario} == {7}
+
+
+def test_a_scenario_may_stand_in_a_file_of_its_own():
+    Path("scenarios").mkdir()
+    Path("scenarios/base.yaml").write_text(yaml.safe_dump(SCENARIO))
+    path = written(SWEEP | {"scenario": "scenarios/base.yaml"})
+    arms = load_experiment(path).arms
+    assert {arm.scenario.folder for arm in arms if arm.scenario} == {Path("scenarios")}
+    assert base_scenario(path, ["team.size=2"]).team.size == 2
+
+
+def test_a_function_runs_on_parameters():
+    plain = {"run": "delays:metrics", "parameters": {"size": 1}, "sweep": {"size": [2, 3]}, "seed": 4}
+    experiment = load_experiment(written(plain))
+    assert [arm.parameters for arm in experiment.arms] == [{"size": 2}, {"size": 3}]
+    assert experiment.seed == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            {"sweep": {"team.szie": [1]}},
+            "sweep.yaml: scenario with team.szie=1: there is no team.szie, did you mean size?",
+        ),
+        ({"sweep": {"team.size": [4, 9]}}, "sweep.yaml: scenario with team.size=9: 9 is more than the 8 robots that "),
+        ({"sweep": {"team.size": []}}, "sweep.yaml: sweep.team.size.values: [] is not a list of values, or a mapping"),
+        (
+            {"sweep": {"channel": [{"kind": "ideal"}]}},
+            "sweep.yaml: sweep.channel.values: [{'kind': 'ideal'}] holds values",
+        ),
+        (
+            {"sweep": {"s": {"path": "seed", "values": [1, 2]}}},
+            "sweep.yaml: sweep.s.path: 'seed' is not the path of a setting that can be an axis",
+        ),
+        ({"scenario": SCENARIO | {"tick_s": -1}}, "sweep.yaml: scenario: tick_s: -1 is not > 0"),
+        ({"scenario": None}, "sweep.yaml: "),
+        (
+            {"scenario": None, "run": "nowhere:f"},
+            "sweep.yaml: run: 'nowhere:f' is not module:function: No module named",
+        ),
+        ({"replicates": 0}, "sweep.yaml: replicates: 0 is not >= 1"),
+        (
+            {"replicate": 1},
+            "sweep.yaml: replicate: 1 is not expected here: there is no such key, did you mean replicates?",
+        ),
+    ],
+)
+def test_a_wrong_experiment_is_told_in_one_line(change: dict[str, object], expected: str):
+    assert complaint(SWEEP | change).startswith(expected)
+
+
+def test_a_quick_axis_that_is_none_is_told():
+    quick = {"sweep": {"team": [2]}}
+    assert complaint(SWEEP | {"quick": quick}, quick=True).startswith(
+        "sweep.yaml: quick.sweep.team: there is no such axis"
+    )
+
+
+def test_columns_have_names_of_their_own():
+    plain = SWEEP | {"sweep": {"team.size": [2], "floorplan.office.seed": [1, 2]}}
+    assert [axis.name for axis in load_experiment(written(plain)).axes] == ["size", "office_seed"]
+    plain = {
+        "run": "delays:metrics",
+        "parameters": {"seed": 1},
+        "sweep": {"seed": {"path": "parameters", "values": [1]}},
+    }
+    assert complaint(plain).startswith("sweep.yaml: sweep.seed: the column seed is taken, expected another name")
+
+
+def test_installed_experiments_are_found_by_name():
+    assert find_experiment("pseudonet_coverage") == experiment_folders()["pseudonet_coverage"] / "sweep.yaml"
+    with pytest.raises(UserError, match=r"^pseudonet_covrage: is neither .*, did you mean pseudonet_coverage\?$"):
+        find_experiment("pseudonet_covrage")
+
+
+def test_the_coverage_experiment_is_valid_as_it_stands():
+    experiment = load_experiment(find_experiment("pseudonet_coverage"))
+    assert [axis.name for axis in experiment.axes] == ["algorithm", "team_size", "channel", "floor"]
+    assert experiment.replicates == 10
+    assert len(load_experiment(find_experiment("pseudonet_coverage"), quick=True).arms) < len(experiment.arms)

@@ -1,0 +1,148 @@
+import fcntl
+import os
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from cosim import trace
+from cosim.errors import UserError
+from cosim.results import RunStore, code_digest, kind_of, provenance
+from cosim.trace import Field
+
+
+def run_row(seed: int, **more: Any) -> dict[str, Any]:
+    row = {"experiment": "calls", "replicate": seed - 1, "configuration": "c", "seed": seed, "code": "k"}
+    return row | {"status": "done", "error": None, "wall_s": 0.5, "digest": "d"} | more
+
+
+def key(seed: int) -> dict[str, Any]:
+    return {"configuration": "c", "seed": seed, "code": "k", "replicate": seed - 1}
+
+
+DESCRIPTION = {"configurations": ["c"], "code": "k", "replicates": 10}
+
+
+def test_what_is_appended_is_read_and_done(tmp_path: Path):
+    store = RunStore(tmp_path / "calls")
+    with store.writing():
+        store.append([run_row(1, size=2, heard=3.0), run_row(2, size=4, heard=None)], [], [], {})
+        store.append([run_row(3, size=2, heard=1.5)], [key(3) | {"robot": 0}, key(3) | {"robot": 1}], [], {})
+    assert store.read()["heard"].fillna(-1).tolist() == [3.0, -1, 1.5]
+    assert store.read("observations")["robot"].tolist() == [0, 1]
+    assert store.done() == {("c", 1, "k"), ("c", 2, "k"), ("c", 3, "k")}
+
+
+def test_a_batch_is_one_row_group_with_units_and_metadata(tmp_path: Path):
+    store = RunStore(tmp_path)
+    field = Field("heard", "float", "1", "payloads heard", optional=True)
+    with store.writing():
+        store.append([run_row(seed, heard=1.0) for seed in (1, 2, 3)], [], [field], {"commit": "abc"})
+    (part,) = (tmp_path / "runs").glob("*.parquet")
+    assert pq.ParquetFile(part).num_row_groups == 1
+    assert pq.read_schema(part).metadata[b"commit"] == b"abc"
+    assert store.units()["heard"] == ("1", "payloads heard")
+    assert store.units()["wall_s"][0] == "s"
+
+
+def test_columns_that_come_later_are_empty_before(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1, error="E: broken", status="failed", digest=None)], [], [], {})
+        store.append([run_row(2, heard=2.0)], [], [], {})
+    frame = store.read()
+    assert frame["heard"].isna().tolist() == [True, False]
+    assert frame["error"].tolist()[0] == "E: broken"
+
+
+def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(2), run_row(1), run_row(3, code="old"), run_row(1, configuration="b")], [], [], {})
+        store.describe(DESCRIPTION | {"configurations": ["b", "c"], "replicates": 2})
+    rows = store.present()[["configuration", "seed"]].to_numpy().tolist()
+    assert rows == [["b", 1], ["c", 1], ["c", 2]]
+
+
+def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    store = RunStore(tmp_path)
+
+    def full(table: Any, name: str) -> None:
+        Path(name).write_bytes(b"PAR1 half")
+        raise OSError(28, "No space left on device")
+
+    with store.writing():
+        store.append([run_row(1)], [], [], {})
+        monkeypatch.setattr(trace.pq, "write_table", full)
+        with pytest.raises(OSError, match="No space left"):
+            store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
+    assert store.done() == {("c", 1, "k")}
+    assert sorted(path.suffix for path in tmp_path.rglob("*") if path.is_file()) == ["", ".parquet"]  # .lock, one part
+
+
+def test_what_a_killed_writer_left_is_ignored_and_cleared_away(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [key(1) | {"robot": 0}], [], {})
+    draft = tmp_path / "runs" / ".part-00001-aa.parquet.xyz.part"
+    orphan = tmp_path / "observations" / "part-00001-aa.parquet"
+    draft.write_bytes(b"PAR1 half")
+    orphan.write_bytes((next((tmp_path / "observations").glob("*.parquet"))).read_bytes())
+    assert len(store.read()) == 1
+    assert len(store.read("observations")) == 1
+    with store.writing():
+        assert not draft.exists()
+        assert not orphan.exists()
+    assert len(store.read("observations")) == 1
+
+
+def test_two_writers_do_not_share_a_folder(tmp_path: Path):
+    lock = os.open(tmp_path / ".lock", os.O_CREAT | os.O_RDWR)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    with pytest.raises(UserError, match="another sweep is writing there"), RunStore(tmp_path).writing():
+        pass
+    os.close(lock)
+    with RunStore(tmp_path).writing():
+        pass
+
+
+def test_a_folder_without_results_is_told(tmp_path: Path):
+    with pytest.raises(UserError, match="holds no results, expected a folder that cosim sweep has written"):
+        RunStore(tmp_path).description()
+    assert list(RunStore(tmp_path).read()["seed"]) == []
+
+
+def test_the_code_digest_notices_an_edit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "gadget").mkdir()
+    (tmp_path / "gadget" / "__init__.py").write_text("")
+    source = tmp_path / "gadget" / "wheel.py"
+    source.write_text("x = 1\n")
+    (tmp_path / "single_gadget.py").write_text("y = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = code_digest(["gadget", "single_gadget"])
+    assert code_digest(["single_gadget", "gadget"]) == before
+    source.write_text("x = 2\n")
+    edited = code_digest(["gadget", "single_gadget"])
+    assert edited != before
+    (tmp_path / "single_gadget.py").write_text("y = 2\n")
+    assert code_digest(["gadget", "single_gadget"]) not in (before, edited)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        ([1, 2], "int"),
+        ([1, 2.5], "float"),
+        ([True, False], "bool"),
+        ([1, "a"], "str"),
+        ([1, True], "str"),
+        ([None], "null"),
+    ],
+)
+def test_a_column_holds_all_of_its_values(values: list[Any], kind: str):
+    assert kind_of(values) == kind
+
+
+def test_provenance_names_versions():
+    assert provenance()["version.simpy"].startswith("4.")

@@ -1,0 +1,245 @@
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+import yaml
+
+from cosim import trace
+from cosim.errors import UserError
+from cosim.experiment import Experiment, load_experiment
+from cosim.results import RunStore
+from cosim.sweep import execute, run_sweep, tasks
+
+DATA = Path(__file__).parent / "data"
+ROBOTS = {
+    "name": "calls",
+    "scenario": {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}},
+    "sweep": {"team.size": [2, 3], "protocol.parameters.calls": [1, 2]},
+    "replicates": 2,
+}
+DELAYS = {
+    "name": "delays",
+    "run": "delays:metrics",
+    "parameters": {"size": 1},
+    "sweep": {"size": [2, 3]},
+    "replicates": 3,
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder that holds a user's own protocol and functions."""
+    for name in ("beacon.py", "delays.py"):
+        shutil.copy(DATA / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def experiment(plain: dict[str, Any], *sets: str) -> Experiment:
+    path = Path("sweep.yaml")
+    path.write_text(yaml.safe_dump(plain, sort_keys=False))
+    return load_experiment(path, sets)
+
+
+def rows(folder: Path) -> pd.DataFrame:
+    return RunStore(folder).present().drop(columns="wall_s")
+
+
+def test_all_arms_of_a_replicate_share_its_seed():
+    listed = tasks(experiment(ROBOTS, "seed=7"))
+    assert [(task.replicate, task.seed) for task in listed] == [(0, 7)] * 4 + [(1, 8)] * 4
+
+
+def test_a_sweep_of_robots_fills_the_table_of_runs(tmp_path: Path):
+    summary = run_sweep(experiment(ROBOTS), tmp_path / "r", jobs=1)
+    assert (summary.runs, summary.resumed, summary.failures) == (8, 0, ())
+    table = rows(tmp_path / "r")
+    assert table[["size", "calls", "replicate"]].to_numpy().tolist() == [
+        [size, calls, replicate] for size in (2, 3) for calls in (1, 2) for replicate in (0, 1)
+    ]
+    # on the ideal channel every call reaches everyone else
+    assert table["heard"].tolist() == [size * (size - 1) * calls for size in (2, 3) for calls in (1, 2) for _ in (0, 1)]
+    assert table["digest"].nunique() == 8
+    assert set(table["status"]) == {"done"}
+
+
+def test_the_same_sweep_again_has_nothing_to_do(tmp_path: Path):
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    before = sorted((tmp_path / "r" / "runs").iterdir())
+    summary = run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    assert (summary.runs, summary.resumed) == (6, 6)
+    assert sorted((tmp_path / "r" / "runs").iterdir()) == before
+
+
+def test_more_replicates_and_arms_only_add_what_is_missing(tmp_path: Path):
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    summary = run_sweep(experiment(DELAYS | {"sweep": {"size": [2, 3, 4]}, "replicates": 4}), tmp_path / "r", jobs=1)
+    assert (summary.runs, summary.resumed) == (12, 6)
+    assert rows(tmp_path / "r")["delay_s"].tolist() == [s * 0.5 + seed for s in (2, 3, 4) for seed in (1, 2, 3, 4)]
+
+
+def test_edited_code_is_run_again(tmp_path: Path):
+    run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    source = tmp_path / "delays.py"
+    source.write_text(source.read_text() + "\n# edited\n")
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 0
+    assert len(rows(tmp_path / "r")) == 6
+    assert len(RunStore(tmp_path / "r").read()) == 12
+
+
+def test_a_failed_run_is_a_row_and_the_sweep_goes_on(tmp_path: Path):
+    plain = DELAYS | {"parameters": {"size": 1, "broken": 2}}
+    summary = run_sweep(experiment(plain), tmp_path / "r", jobs=1)
+    assert summary.failures[0] == "size=2, seed 1: ZeroDivisionError: nobody is there"
+    assert len(summary.failures) == 3
+    table = rows(tmp_path / "r")
+    assert table["status"].tolist() == ["failed"] * 3 + ["done"] * 3
+    assert table["delay_s"].isna().tolist() == [True] * 3 + [False] * 3
+
+
+def test_observations_go_to_a_table_of_their_own(tmp_path: Path):
+    run_sweep(experiment(DELAYS | {"run": "delays:observations"}), tmp_path / "r", jobs=1)
+    seen = RunStore(tmp_path / "r").present("observations")
+    assert seen["slots"].tolist() == [
+        2 * robot + seed for size in (2, 3) for seed in (1, 2, 3) for robot in range(size)
+    ]
+    assert seen["size"].tolist() == [2] * 6 + [3] * 9
+
+
+def test_values_of_several_kinds_share_a_column(tmp_path: Path):
+    plain = DELAYS | {"sweep": {"size": {"path": "size", "values": {"two": 2, 3: 3}}}}
+    run_sweep(experiment(plain), tmp_path / "r", jobs=1)
+    assert rows(tmp_path / "r")["size"].tolist() == ["two"] * 3 + ["3"] * 3
+
+
+def test_any_executor_will_do(tmp_path: Path):
+    run_sweep(experiment(DELAYS), tmp_path / "one", jobs=1)
+    with ThreadPoolExecutor(3) as executor:
+        run_sweep(experiment(DELAYS), tmp_path / "three", executor=executor)
+    pd.testing.assert_frame_equal(rows(tmp_path / "three"), rows(tmp_path / "one"))
+
+
+@pytest.mark.slow
+def test_the_number_of_jobs_changes_no_row(tmp_path: Path):
+    run_sweep(experiment(ROBOTS), tmp_path / "one", jobs=1)
+    summary = run_sweep(experiment(ROBOTS), tmp_path / "two", jobs=2)
+    assert summary.failures == ()
+    pd.testing.assert_frame_equal(rows(tmp_path / "two"), rows(tmp_path / "one"))
+
+
+def test_progress_counts_what_was_there(tmp_path: Path):
+    told: list[tuple[int, int]] = []
+    run_sweep(experiment(DELAYS | {"replicates": 1}), tmp_path / "r", jobs=1)
+    run_sweep(experiment(DELAYS | {"replicates": 2}), tmp_path / "r", jobs=1, progress=lambda *now: told.append(now))
+    assert told == [(3, 4), (4, 4)]
+
+
+def test_an_interrupt_keeps_what_is_finished(tmp_path: Path):
+    def interrupt(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1, progress=interrupt)
+    assert len(rows(tmp_path / "r")) == 2
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 2
+
+
+def test_a_full_disk_ends_the_sweep_and_keeps_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    run_sweep(experiment(DELAYS | {"replicates": 1}), tmp_path / "r", jobs=1)
+
+    def full(table: Any, name: str) -> None:
+        Path(name).write_bytes(b"PAR1 half")
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trace.pq, "write_table", full)
+        with pytest.raises(OSError, match="No space left"):
+            run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
+    assert not list((tmp_path / "r").rglob("*.part"))
+    assert len(rows(tmp_path / "r")) == 2
+    assert run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1).resumed == 2
+    assert len(rows(tmp_path / "r")) == 6
+
+
+def test_input_that_cannot_be_set_up_writes_nothing(tmp_path: Path):
+    with pytest.raises(
+        UserError, match=r"^sweep\.yaml with size=2, calls=1: floorplan\.map: 'nowhere\.yaml' is neither"
+    ):
+        run_sweep(experiment(ROBOTS, "floorplan.map=nowhere.yaml"), tmp_path / "r", jobs=1)
+    assert not (tmp_path / "r").exists()
+
+
+def test_the_guard_takes_errors_but_no_interrupts(monkeypatch: pytest.MonkeyPatch):
+    (task, *_) = tasks(experiment(ROBOTS, "protocol.parameters.fail_at_size=2"))
+    assert execute(task).error == "RuntimeError: the beacons have broken down"
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cosim.sweep.simulate", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        execute(task)
+
+
+def _command(*words: str) -> list[str]:
+    return [sys.executable, "-m", "cosim.cli", *words]
+
+
+def _wait_for(condition: Any, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.02)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+SLOW = {"name": "slow", "run": "delays:slow", "parameters": {"wait_s": 0.3}, "replicates": 12}
+
+
+@pytest.mark.slow
+def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path):
+    Path("sweep.yaml").write_text(yaml.safe_dump(SLOW))
+    command = _command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    _wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    process.kill()
+    process.wait()
+    kept = len(rows(tmp_path / "r"))
+    assert 0 < kept < 12
+    again = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert again.stdout == f"12 runs, {kept} of them were there already, in r\n"
+    table = rows(tmp_path / "r")
+    assert table["seed"].tolist() == list(range(1, 13))
+    assert not [path for path in (tmp_path / "r").rglob("*") if path.name.endswith(".part")]
+    _wait_for(lambda: not any(_alive(int(pid)) for pid in workers), 10)
+
+
+@pytest.mark.slow
+def test_an_interrupted_sweep_ends_with_130_and_keeps_what_is_finished(tmp_path: Path):
+    Path("sweep.yaml").write_text(yaml.safe_dump(SLOW))
+    command = _command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    _wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
+    os.kill(process.pid, signal.SIGINT)
+    _, complaint = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert complaint == "interrupted: what is finished is kept\n"
+    assert 0 < len(rows(tmp_path / "r")) < 12
