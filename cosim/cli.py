@@ -49,7 +49,7 @@ def _guarded(arguments: Sequence[str] | None) -> int:
         return _complain(" ".join(text.split()), 2)
     except (KeyboardInterrupt, click.Abort):
         return _complain("interrupted: what is finished is kept", 130)
-    except BrokenPipeError:  # the reader has seen enough; Python must not complain about it when it ends
+    except (BrokenPipeError, SystemExit):  # (click's answer to a closed pipe) the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
     except OSError as error:

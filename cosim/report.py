@@ -78,7 +78,8 @@ class Report:
             parts.append(f"{self.name}, ours beside the published\n{frame}")
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
-        return "\n\n".join([*parts, "\n".join(f"figure: {path}" for path in self.figures)]).strip()
+        parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
+        return "\n\n".join(parts) or f"{self.name}: no runs"
 
     def plain(self) -> dict[str, Any]:
         """Return the report as plain data."""
@@ -102,7 +103,10 @@ def report(folder: Path) -> Report:
     good = runs[runs["status"] == "done"]
     axes = [axis for axis in told["axes"] if axis in runs or axis in seen]
     name = told["experiment"]
-    made = Report(name, failures=len(runs) - len(good))
+    source = _source_folder(told)
+    figures = _figures_module(source)
+    verdicts = [judge(claim, good, seen, figures) for claim in _published(source)]
+    made = Report(name, {}, verdicts, failures=len(runs) - len(good))
     for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
         metrics = _metrics(frame, axes, [each.name for each in fixed], told["report"]["metrics"])
         if metrics:
@@ -110,11 +114,8 @@ def report(folder: Path) -> Report:
             by = [*axes, *(str(column) for column in kinds if column not in {*axes, *_fixed()})]
             made.tables[f"{title}: mean ± half of the 95 % confidence interval"] = _shown(estimates(frame, by, metrics))
             made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in metrics]
-    source = _source_folder(told)
-    figures = _figures_module(source)
     if figures is not None and hasattr(figures, "tables"):
         made.tables |= figures.tables(good, seen)
-    made.verdicts = [judge(claim, good, seen, figures) for claim in _published(source)]
     return made
 
 

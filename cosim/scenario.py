@@ -9,8 +9,9 @@ import glob
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
+from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -30,9 +31,14 @@ CHANNELS: dict[str, type[Settings]] = {"ideal": IdealSettings, "bluetooth": Blue
 """The settings of every kind of channel."""
 
 
+@cache  # reading the metadata of all packages takes longer than validating a scenario
+def _installed() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group="cosim.protocols")}
+
+
 def protocol_names() -> list[str]:
     """Return the names of the installed protocols, sorted."""
-    return sorted(point.name for point in entry_points(group="cosim.protocols"))
+    return sorted(_installed())
 
 
 def protocol_spec(use: str) -> ProtocolSpec:
@@ -41,11 +47,10 @@ def protocol_spec(use: str) -> ProtocolSpec:
     Raise ValueError for a name that leads nowhere.
     """
     module, colon, name = use.partition(":")
-    points = entry_points(group="cosim.protocols", name=use)
-    if not colon and not points:
+    if not colon and use not in _installed():
         raise ValueError(f"is not a protocol: expected one of {', '.join(protocol_names())}, or module:name")
     try:
-        found = getattr(import_module(module), name) if colon else next(iter(points)).load()
+        found = getattr(import_module(module), name) if colon else _installed()[use].load()
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"is not a protocol: {error}") from None
     if not isinstance(found, ProtocolSpec):

@@ -1,6 +1,7 @@
 """A Bluetooth channel with hosts that write down what they get."""
 
 from collections.abc import Callable
+from typing import Any
 
 from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
 from cosim.kernel import Kernel
@@ -72,6 +73,6 @@ class World:
             assert self.kernel.now < 60 * S
             self.kernel.run(self.kernel.now + 100 * MS)
 
-    def frames(self) -> list[dict[str, object]]:
+    def frames(self) -> list[dict[str, Any]]:
         columns = self.trace.columns("frames")
         return [dict(zip(columns, row, strict=True)) for row in sorted(zip(*columns.values(), strict=True))]

@@ -107,6 +107,18 @@ def test_each_side_loses_a_link_of_one_direction_in_its_own_time() -> None:
     assert bench.lost()[1] == (last_poll + 126 * US + 2 * S, 1, MASTER)
 
 
+def test_payloads_keep_a_link_as_polls_do() -> None:
+    bench = Bench(supervision=2 * S, first_due=80_000, t_poll_slots=40_000, idle=False)
+    for number in range(1, 61):
+        bench.send(number * 50 * MS, 1, MASTER, bytes(3))
+        bench.send(number * 50 * MS, MASTER, 1, bytes(3))
+    bench.run(8 * S)
+    heard = 3 * S  # the start of the last slot pair; no poll was due
+    end = DM1.air_time(3)
+    assert bench.lost() == [(heard + end + 2 * S, 1, MASTER), (heard + SLOT + end + 2 * S, MASTER, 1)]
+    assert bench.on_air("POLL") == []
+
+
 def test_broadcasts_keep_a_slave_that_its_master_has_lost() -> None:
     bench = Bench(size=2, supervision=2 * S)
     bench.outage(0, 9 * S, (1, MASTER))
@@ -163,6 +175,15 @@ def test_closing_a_link_tells_both_sides_and_frees_the_lt_addr() -> None:
     assert bench.fates() == [(10, 1, 4, Outcome.FLUSHED)]
     assert bench.piconet.members() == (2,)
     assert bench.piconet.free_lt_addr() == 1
+
+
+def test_closing_a_link_that_is_not_there_does_nothing() -> None:
+    bench = Bench(size=2)
+    for side, peer in ((MASTER, 3), (3, MASTER), (1, 2), (2, 1)):
+        bench.piconet.close(side, peer)
+    bench.run(1 * MS)
+    assert bench.lost() == []
+    assert bench.piconet.members() == (1, 2)
 
 
 def test_closing_a_link_out_of_reach_leaves_the_other_side_to_its_supervision() -> None:

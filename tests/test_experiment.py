@@ -1,4 +1,5 @@
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder that holds a user's own protocol and functions."""
     for name in ("beacon.py", "delays.py"):
         shutil.copy(DATA / name, tmp_path)
+    for name in ("beacon", "delays"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
@@ -151,6 +154,7 @@ def test_installed_experiments_are_found_by_name():
         find_experiment("pseudonet_covrage")
 
 
+@pytest.mark.slow
 def test_the_coverage_experiment_is_valid_as_it_stands():
     experiment = load_experiment(find_experiment("pseudonet_coverage"))
     assert [axis.name for axis in experiment.axes] == ["algorithm", "team_size", "channel", "floor"]

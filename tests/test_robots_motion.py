@@ -96,6 +96,19 @@ def test_a_goal_behind_a_moving_body_is_reached_after_a_stop():
 
 
 @pytest.mark.parametrize("kind", ["grid", "differential"])
+def test_a_goal_too_near_to_stop_at_is_overrun_and_come_back_to(kind):
+    fleet = alone(speed_mps=2.0, drive=kind)
+    fleet.apply([(0, GoTo(9, 0))])
+    for _ in range(30):
+        fleet.step()
+    goal = GoTo(fleet.observations()[0].x_m + 0.5, 0)
+    seen = drive(fleet, goal)
+    assert (seen[-1].x_m, seen[-1].y_m) == (goal.x_m, 0)
+    assert max(o.x_m for o in seen) > goal.x_m + 1
+    assert max(abs(b.speed_mps - a.speed_mps) for a, b in pairwise(seen)) <= 0.1 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("kind", ["grid", "differential"])
 @pytest.mark.parametrize("seed", range(20))
 def test_changes_of_mind_never_break_the_limits(kind, seed):
     draw = np.random.default_rng(seed)

@@ -1,6 +1,7 @@
 import json
 import pickle
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,8 @@ DEPOT = {"duration_s": 60, "protocol": {"use": "beacon:SPEC"}}
 def depot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder that holds a user's own protocol and a scenario."""
     shutil.copy(DATA / "beacon.py", tmp_path)
+    for name in ("beacon", "delays"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     path = Path("depot.yaml")

@@ -178,7 +178,7 @@ def test_the_geometry_for_plots_holds_the_walls():
     ("name", "bounds"),
     [
         ("depot.yaml", (0, 0, 30.2, 15.35)),
-        ("willow.yaml", (0, 0, 54, 58.7)),
+        pytest.param("willow.yaml", (0, 0, 54, 58.7), marks=pytest.mark.slow),
         ("room-32-32-4.map", (0, 0, 32, 32)),
         ("room-64-64-16.map", (0, 0, 64, 64)),
     ],

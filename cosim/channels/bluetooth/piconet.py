@@ -115,7 +115,7 @@ class Piconet:
         self.links.refresh()
         from_master = side == self.address
         k = self.links.lt_addr.get(peer if from_master else side)
-        if k is None:
+        if k is None or self.address not in (side, peer):
             return
         heard = self.links.table[polling.DOWN if from_master else polling.UP, k]
         news = self._drop(k, HELD) if from_master or heard else []

@@ -1,0 +1,54 @@
+# cosim: everything that one types. `run` and `test` set up the environment by themselves.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.set-up
+JOBS ?= $(shell nproc 2>/dev/null || echo 2)
+SOAK_SHARE ?= 1.0
+
+.PHONY: setup run sweep report test fast soak check bench format clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+# a first look: the quick version of the main experiment, its table and figures
+run: $(STAMP)
+	$(BIN)/cosim sweep pseudonet_coverage --quick --jobs $(JOBS)
+	$(BIN)/cosim report results/pseudonet_coverage-quick
+
+# make sweep E=messaging_delay
+sweep: $(STAMP)
+	@test -n "$(E)" || { echo "which experiment? make sweep E=NAME; cosim list names them"; exit 2; }
+	$(BIN)/cosim sweep $(E) --jobs $(JOBS)
+	$(BIN)/cosim report results/$(E)
+
+# the fast and the slow tier
+test: $(STAMP)
+	$(BIN)/python -m pytest
+
+fast: $(STAMP)
+	$(BIN)/python -m pytest -m 'not slow and not soak'
+
+# the long random campaigns, in full or (SOAK_SHARE=0.02) a seeded part of each
+soak: $(STAMP)
+	SOAK_SHARE=$(SOAK_SHARE) $(BIN)/python -m pytest -m soak -rP
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(STAMP)
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage build *.egg-info

@@ -1,0 +1,75 @@
+"""What things cost, in multiples of a bare SimPy timeout measured in the same run: ``make bench``.
+
+The unit is one timeout of one process with integer delays. Every figure is the median of seven rounds; a round measures
+the unit and everything else once, so that a machine that changes its speed changes both. Nothing here asserts anything.
+"""
+
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+from typing import NamedTuple
+
+import simpy
+
+from benchmarks import workloads
+
+ROUNDS = 7
+TIMEOUTS = 200_000
+
+
+class Figure(NamedTuple):
+    """A row of the table; *prepare* sets up the work of a round from its seed."""
+
+    name: str
+    prepare: Callable[[int], workloads.Work]
+
+
+def bare_timeouts(seed: int) -> workloads.Work:
+    """One process that waits, and waits again."""
+    environment = simpy.Environment()
+
+    def clock() -> simpy.events.ProcessGenerator:
+        for _ in range(TIMEOUTS):
+            yield environment.timeout(312_500)
+
+    environment.process(clock())
+
+    def work() -> float:
+        environment.run()
+        return TIMEOUTS
+
+    return work
+
+
+FIGURES = (
+    Figure("bare SimPy timeout (the unit)", bare_timeouts),
+    Figure("robot-tick: 8 robots that drive among the walls of the storey", workloads.robot_ticks),
+    Figure("second of an idle piconet, 7 slaves, T_poll 40 slots, robots that drive", workloads.idle_piconet_seconds),
+    Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
+    Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
+    Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages),
+)
+
+
+def seconds_each(figure: Figure, seed: int) -> float:
+    """Return the wall-clock seconds of one of what *figure* measures."""
+    work = figure.prepare(seed)
+    started = perf_counter()
+    count = work()
+    return (perf_counter() - started) / count
+
+
+def main() -> None:
+    """Measure and print."""
+    for figure in FIGURES:
+        seconds_each(figure, 0)  # compile, and warm up
+    rounds = [[seconds_each(figure, seed) for figure in FIGURES] for seed in range(1, ROUNDS + 1)]
+    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout of the same round")
+    for column, figure in enumerate(FIGURES):
+        each = median(row[column] for row in rounds)
+        ratios = [row[column] / row[0] for row in rounds]
+        print(f"{figure.name:75s} {each * 1e6:12.3f} us {median(ratios):12.2f} x  ({min(ratios):.2f} to {max(ratios):.2f})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,320 @@
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+
+from cosim import trace
+from cosim.cli import main, nested_calls
+from cosim.documents import read_yaml
+from cosim.results import RunStore
+from cosim.trace import CALLS, Trace
+
+DATA = Path(__file__).parent / "data"
+DEPOT: dict[str, Any] = {"name": "depot", "duration_s": 10, "protocol": {"use": "beacon:SPEC"}}
+DELAYS = {
+    "name": "delays",
+    "run": "delays:metrics",
+    "parameters": {"size": 1},
+    "sweep": {"size": [2, 3]},
+    "replicates": 2,
+}
+
+
+class Ended(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder that holds a user's own protocol, functions and files."""
+    for name in ("beacon", "delays"):
+        shutil.copy(DATA / f"{name}.py", tmp_path)
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    Path("depot.yaml").write_text(yaml.safe_dump(DEPOT))
+    Path("sweep.yaml").write_text(yaml.safe_dump(DELAYS, sort_keys=False))
+    return tmp_path
+
+
+@pytest.fixture
+def cosim(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return a function that runs the command line in this process."""
+
+    def run(*words: str) -> Ended:
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert isinstance(ended.value.code, int)
+        captured = capsys.readouterr()
+        return Ended(ended.value.code, captured.out, captured.err)
+
+    return run
+
+
+def depot(**changes: Any) -> None:
+    Path("depot.yaml").write_text(yaml.safe_dump(DEPOT | changes))
+
+
+def files(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir() if path.name != "__pycache__"}
+
+
+# ---------------------------------------------------------------- run
+
+
+def test_run_prints_metrics_seed_and_digest(cosim: Any):
+    ended = cosim("run", "depot.yaml")
+    assert (ended.code, ended.err) == (0, "")
+    lines = dict(line.split(maxsplit=1) for line in ended.out.splitlines())
+    assert lines["heard"] == "36"  # four robots call three times, three others hear it
+    assert lines["seed"] == "1"
+    assert len(lines["digest"]) == 64
+
+
+def test_run_prints_json_for_programs(cosim: Any):
+    found = json.loads(cosim("run", "depot.yaml", "--json", "--seed", "5", "--set", "team.size=2").out)
+    assert found["seed"] == 5
+    assert found["metrics"]["heard"] == 6
+    assert found["parameters"]["team"]["size"] == 2
+    assert found.keys() == {"seed", "digest", "parameters", "metrics"}
+
+
+def test_the_seed_decides_the_digest(cosim: Any):
+    digests = [json.loads(cosim("run", "depot.yaml", "--json", "--seed", seed).out)["digest"] for seed in "121"]
+    assert digests[0] == digests[2] != digests[1]
+
+
+def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, tmp_path: Path):
+    ended = cosim("run", "depot.yaml", "--trace", "tables")
+    assert ended.code == 0
+    assert {"poses.parquet", "frames.parquet", "messages.parquet", "calls.parquet", "events.parquet"} == files(
+        tmp_path / "tables"
+    )
+    assert "\n  beacon.call  2\n    radio.send\n\ntables in tables\n" in ended.out
+
+
+def test_the_step_that_is_shown_lies_in_the_middle_and_goes_deep():
+    calls = Trace([CALLS])
+    for time, source, depth, name in (
+        *((0, 0, 0, "first"), (0, 0, 1, "under_first"), (0, 0, 2, "deep_under_first")),
+        *((1, 0, 0, "flat"), (2, 0, 0, "middle"), (2, 1, 0, "other"), (2, 0, 1, "under_middle"), (2, 1, 1, "stranger")),
+        *((3, 0, 0, "next"), (4, 0, 0, "last")),
+    ):
+        calls.row(CALLS, time * 10**9, source, depth, "room", name, "")
+    assert nested_calls(calls) == "robot 0 at 2.000000 s\n  room.middle\n    room.under_middle"
+    assert nested_calls(Trace([CALLS])) == "(this protocol reports no calls)"
+
+
+def test_run_takes_an_experiments_base_scenario(cosim: Any):
+    Path("sweep.yaml").write_text(yaml.safe_dump({"scenario": DEPOT, "sweep": {"team.size": [2]}}))
+    assert "heard" in cosim("run", "sweep.yaml").out
+    assert json.loads(cosim("run", "sweep.yaml", "--json").out)["parameters"]["name"] == "depot"
+
+
+# ---------------------------------------------------------------- what bad input gets
+
+
+def write(name: str, content: str | bytes) -> str:
+    Path(name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return name
+
+
+def test_broken_yaml(cosim: Any):
+    write("depot.yaml", "name: [1\nteam: 2\n")
+    refuse(cosim, "depot.yaml: line 2, column 5: ", "run", "depot.yaml", "--trace", "t")
+
+
+def test_an_unknown_key(cosim: Any):
+    depot(teem={"size": 2})
+    refuse(cosim, "depot.yaml: teem: {'size': 2} is not expected here: there is no such key, did you mean team?")
+
+
+def test_a_map_that_is_missing(cosim: Any):
+    depot(floorplan={"map": "nowhere.yaml"})
+    refuse(cosim, "depot.yaml: floorplan.map: 'nowhere.yaml' is neither 'office' nor 'walls' nor a file")
+
+
+def test_a_map_that_is_not_an_image(cosim: Any):
+    write("room.pgm", "no image at all")
+    write(
+        "room.yaml",
+        "image: room.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n",
+    )
+    depot(floorplan={"map": "room.yaml"})
+    refuse(cosim, "depot.yaml: room.pgm: not an image, expected PGM or PNG")
+
+
+def test_a_robot_inside_a_wall(cosim: Any):
+    depot(team={"size": 1, "starts": [[5.0, 0.1]]}, floorplan={"map": "walls", "walls": [[0, 0, 10, 0], [0, 5, 10, 5]]})
+    refuse(cosim, "depot.yaml: ", about=("starts[0]: (5, 0.1) is inside a wall", "expected"))
+
+
+def test_two_robots_in_one_place(cosim: Any):
+    depot(team={"size": 2, "starts": [[3.0, 1.0], [3.1, 1.0]]})
+    refuse(cosim, "depot.yaml: ", about=("starts[1]: (3.1, 1)", "two robots in one place"))
+
+
+def test_nine_robots_in_one_piconet(cosim: Any):
+    depot(protocol={"use": "pseudonet"}, team={"size": 9}, channel={"kind": "bluetooth"})
+    refuse(cosim, "depot.yaml: team.size: 9 is more than the 8 robots that pseudonet can address")
+
+
+def test_a_negative_speed(cosim: Any):
+    depot(team={"body": {"speed_mps": -0.5}})
+    refuse(cosim, "depot.yaml: team.body.speed_mps: -0.5 is not > 0")
+
+
+def test_a_path_that_set_does_not_find(cosim: Any):
+    expected = "--set team.body.sped_mps=1: there is no team.body.sped_mps, did you mean speed_mps?"
+    refuse(cosim, expected, "run", "depot.yaml", "--set", "team.body.sped_mps=1", "--trace", "t")
+
+
+def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) -> None:
+    """Assert that the command ends with 2 and one line, which starts as *expected*, and writes nothing."""
+    before = files(Path())
+    for command in (words,) if words else (("run", "depot.yaml", "--trace", "t"), ("validate", "depot.yaml")):
+        code, out, err = cosim(*command)
+        assert (code, out) == (2, "")
+        assert err.startswith(expected)
+        assert err.count("\n") == 1
+        assert all(part in err for part in about)
+    assert files(Path()) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("run", "nowhere.yaml"), "nowhere.yaml: is neither a file nor an experiment"),
+        (("run",), "Missing argument 'SCENARIO'."),
+        (("fly",), "No such command 'fly'."),
+        (("run", "depot.yaml", "--sed", "1"), "No such option '--sed'. (Did you mean"),
+        (("run", "depot.yaml", "--seed", "-1"), "Invalid value for '--seed': -1 is not in the range x>=0."),
+        (("sweep", "sweep.yaml", "--jobs", "0"), "Invalid value for '--jobs': 0 is not in the range x>=1."),
+        (("sweep", "sweep.yaml", "--set", "sise=3"), "--set sise=3: there is no sise, did you mean size?"),
+        (("sweep", "depot.yaml"), "depot.yaml: duration_s: 10 is not expected here: there is no such key"),
+        (("report", "nowhere"), "nowhere: holds no results, expected a folder that cosim sweep has written"),
+        (("validate", "nowhere.yaml"), "nowhere.yaml: no such file or directory, expected a YAML file"),
+        (
+            ("run", "depot.yaml", "--trace", "depot.yaml"),
+            "Invalid value for '--trace': Directory 'depot.yaml' is a file.",
+        ),
+    ],
+)
+def test_a_wrong_command_is_told_in_one_line(cosim: Any, words: tuple[str, ...], expected: str):
+    refuse(cosim, expected, *words)
+
+
+def test_a_sweep_with_bad_input_writes_nothing(cosim: Any):
+    Path("sweep.yaml").write_text(
+        yaml.safe_dump({"scenario": DEPOT, "sweep": {"floorplan.map": ["office", "no.yaml"]}})
+    )
+    refuse(cosim, "sweep.yaml with map=no.yaml: floorplan.map: 'no.yaml' is neither", "sweep", "sweep.yaml", "-o", "r")
+
+
+# ---------------------------------------------------------------- the computer's fault
+
+
+def no_space(table: Any, name: str) -> None:
+    Path(name).write_bytes(b"PAR1 half")
+    raise OSError(28, "No space left on device")
+
+
+def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(trace.pq, "write_table", no_space)
+    for words in (("run", "depot.yaml", "--trace", "t"), ("sweep", "sweep.yaml", "--jobs", "1", "-o", "t")):
+        ended = cosim(*words)
+        assert ended.code == 1
+        assert ended.err == "[Errno 28] No space left on device: what is finished is kept\n"
+        assert not [path for path in (tmp_path / "t").rglob("*") if path.suffix in (".parquet", ".part")]
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(RuntimeError, match="the beacons have broken down"):
+        main(["run", "depot.yaml", "--set", "protocol.parameters.fail_at_size=4"])
+
+
+def test_an_interrupt_ends_with_130(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cosim.cli.simulate", interrupt)
+    ended = cosim("run", "depot.yaml")
+    assert (ended.code, ended.err.strip()) == (130, "interrupted: what is finished is kept")
+
+
+@pytest.mark.slow
+def test_a_closed_pipe_is_no_error():
+    command = f"{sys.executable} -m cosim.cli validate depot.yaml | true; echo ${{PIPESTATUS[0]}}"
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
+    assert (ended.stdout, ended.stderr) == ("0\n", "")
+
+
+# ---------------------------------------------------------------- sweep and report
+
+
+def test_sweep_resumes_and_report_reads(cosim: Any, tmp_path: Path):
+    assert (
+        cosim("sweep", "sweep.yaml", "--jobs", "1").out == "4 runs, 0 of them were there already, in results/delays\n"
+    )
+    ended = cosim("sweep", "sweep.yaml", "--jobs", "1", "--replicates", "3", "--json")
+    assert json.loads(ended.out) == {"folder": "results/delays", "runs": 6, "resumed": 4, "failures": []}
+    assert len(RunStore(tmp_path / "results" / "delays").present()) == 6
+
+
+@pytest.mark.slow
+def test_report_prints_tables_and_the_paths_of_figures(cosim: Any):
+    cosim("sweep", "sweep.yaml", "--jobs", "1", "--quick")
+    ended = cosim("report", "results/delays-quick")
+    assert (ended.code, ended.err) == (0, "")
+    assert "figure: results/delays-quick/delay_s.png\n" in ended.out
+    assert Path("results/delays-quick/delay_s.png").is_file()
+    assert json.loads(cosim("report", "results/delays-quick", "--json").out)["experiment"] == "delays"
+
+
+def test_a_failed_run_ends_with_1(cosim: Any):
+    ended = cosim("sweep", "sweep.yaml", "--jobs", "1", "--set", "size=2", "-o", "r")
+    assert ended.code == 0
+    Path("sweep.yaml").write_text(yaml.safe_dump(DELAYS | {"parameters": {"size": 1, "broken": 2}}))
+    ended = cosim("sweep", "sweep.yaml", "--jobs", "1", "-o", "r")
+    assert ended.code == 1
+    assert ended.err.splitlines()[0] == "failed: size=2, seed 1: ZeroDivisionError: nobody is there"
+
+
+# ---------------------------------------------------------------- validate and list
+
+
+def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
+    depot(team={"size": 2, "starts": [[1.0, 1.0], [2.0, 1.0]]}, name="a: b # c")
+    ended = cosim("validate", "depot.yaml")
+    assert (ended.code, ended.err) == (0, "")
+    assert "  size: 2  # number of robots\n" in ended.out
+    assert "    calls: 3  # calls that each robot makes\n" in ended.out
+    Path("again.yaml").write_text(ended.out)
+    assert cosim("validate", "again.yaml").out == ended.out
+    assert read_yaml(tmp_path / "again.yaml")["team"]["starts"] == [[1.0, 1.0], [2.0, 1.0]]
+
+
+def test_validate_prints_an_experiment(cosim: Any):
+    plain = yaml.safe_load(cosim("validate", "sweep.yaml").out)
+    assert plain["sweep"]["size"] == {"path": "size", "values": [2, 3]}
+    assert plain["replicates"] == 2
+
+
+def test_list_names_what_there_is(cosim: Any):
+    found = json.loads(cosim("list", "--json").out)
+    assert found.keys() == {"experiments", "protocols", "channels", "maps"}
+    assert "pseudonet" in found["protocols"]
+    assert found["channels"].keys() == {"ideal", "bluetooth"}
+    assert "pseudonet_coverage" in cosim("list").out
+
+
+def test_help_and_version_end_with_0(cosim: Any):
+    for words in (["--help"], ["run", "--help"], ["--version"]):
+        assert cosim(*words).code == 0

@@ -1,0 +1,150 @@
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from cosim.errors import UserError
+from cosim.report import Report, estimate, estimates, judge, report
+from cosim.results import RunStore
+
+DESCRIPTION = {
+    "experiment": "calls",
+    "axes": {"size": {}, "radio": {}},
+    "replicates": 10,
+    "report": {"metrics": [], "x": None},
+    "code": "k",
+    "configurations": [f"{size}{radio}" for size in (2, 4) for radio in ("near", "far")],
+}
+RUNS = [
+    {"experiment": "calls", "replicate": seed - 1, "configuration": f"{size}{radio}", "seed": seed, "code": "k"}
+    | {"status": "done", "error": None, "wall_s": 0.1, "digest": "d", "size": size, "radio": radio}
+    | {"delay_s": size * seed + (radio == "far"), "constant": 3.0}
+    for size in (2, 4)
+    for radio in ("near", "far")
+    for seed in (1, 2, 3)
+]
+
+
+def filled(folder: Path, source: Path, **description: Any) -> Path:
+    store = RunStore(folder)
+    with store.writing():
+        store.describe(DESCRIPTION | {"source": str(source / "sweep.yaml")} | description)
+        store.append(RUNS, [], [], {})
+    return folder
+
+
+def claim(**fields: str) -> dict[str, str]:
+    base = {"id": "a", "paper": "003", "section": "V", "claim": "it is so", "quantity": "delay_s", "where": ""}
+    return base | {"unit": "s", "published": "8", "test": "equal"} | fields
+
+
+def test_the_interval_is_students():
+    # 1, 2, 3, 4, 5: mean 3, s = sqrt(2.5), t(0.975, 4) = 2.7764 (any table of Student's t)
+    found = estimate(pd.Series([1.0, 2, 3, 4, 5, math.nan]))
+    assert (found.mean, found.size) == (3, 5)
+    assert found.half == pytest.approx(2.7764 * math.sqrt(2.5 / 5), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [([], "-"), ([2.5], "2.5"), ([2.0, 2.0], "2"), ([math.nan], "-"), ([1.0, 3.0], "2 ± 13")],
+)
+def test_an_estimate_shows_only_what_it_knows(values: list[float], text: str):
+    assert str(estimate(pd.Series(values, dtype=float))) == text
+
+
+def test_estimates_come_by_arm():
+    table = estimates(pd.DataFrame(RUNS), ["size", "radio"], ["delay_s"])
+    assert table[["size", "radio", "n"]].to_numpy().tolist() == [
+        [2, "near", 3],
+        [2, "far", 3],
+        [4, "near", 3],
+        [4, "far", 3],
+    ]
+    assert [value.mean for value in table["delay_s"]] == [4, 5, 8, 9]
+
+
+@pytest.mark.parametrize(
+    ("fields", "verdict"),
+    [
+        ({"where": "size == 4 and radio == 'near'", "test": "within 1 %"}, "holds"),
+        ({"where": "size == 4 and radio == 'far'", "test": "within 12 %"}, "fails"),
+        ({"where": "size == 4 and radio == 'far'", "test": "within 13 %"}, "holds"),
+        ({"where": "size == 4 and radio == 'near'", "test": "equal"}, "fails"),
+        ({"quantity": "constant", "published": "3", "test": "equal"}, "holds"),
+        ({"published": "6.5", "test": "at least"}, "holds"),
+        ({"published": "6.6", "test": "at least"}, "fails"),
+        ({"published": "6.5", "test": "at most"}, "holds"),
+        ({"published": "6.4", "test": "at most"}, "fails"),
+        ({"where": "size == 8"}, "no data"),
+        ({"quantity": "nothing"}, "no data"),
+        ({"test": "decide"}, "holds"),
+        ({"test": "leave_open"}, "open"),
+    ],
+)
+def test_claims_are_held_against_our_rows(fields: dict[str, str], verdict: str):
+    figures: Any = SimpleNamespace(decide=lambda runs, seen: ("ours", True), leave_open=lambda runs, seen: (1, None))
+    assert judge(claim(**fields), pd.DataFrame(RUNS), pd.DataFrame(), figures).verdict == verdict
+
+
+def test_a_test_that_does_not_exist_is_told():
+    with pytest.raises(UserError, match=r"published\.csv: a: test: 'about' is neither equal, within N %"):
+        judge(claim(test="about"), pd.DataFrame(RUNS), pd.DataFrame(), None)
+
+
+@pytest.mark.slow
+def test_a_report_has_tables_claims_and_figures(tmp_path: Path):
+    source = tmp_path / "experiment"
+    source.mkdir()
+    header = "id,paper,section,claim,quantity,where,unit,published,test\n"
+    (source / "published.csv").write_text(header + "a,003,V,it is so,delay_s,size == 4,s,8.5,within 1 %\n")
+    (source / "figures.py").write_text(
+        "def tables(runs, seen):\n    return {'extra': runs[['size']].drop_duplicates()}\n"
+    )
+    folder = filled(tmp_path / "r", source)
+    made = report(folder)
+    (table, extra) = made.tables.values()
+    assert list(table.columns) == ["size", "radio", "n", "delay_s"]  # what does not vary is not shown
+    assert table["delay_s"].tolist()[0] == "4 ± 5"  # 2, 4, 6: t(0.975, 2) * 2 / sqrt(3) = 4.97
+    assert extra["size"].tolist() == [2, 4]
+    assert [(verdict.ours, verdict.verdict) for verdict in made.verdicts] == [
+        ("8.5 ± 3.8", "holds")
+    ]  # s^2 = 13.1, t(0.975, 5) = 2.571
+    assert made.figures == [folder / "delay_s.png"]
+    assert made.figures[0].read_bytes().startswith(b"\x89PNG")
+    assert f"figure: {folder / 'delay_s.png'}" in made.text()
+    assert json.loads(json.dumps(made.plain()))["published"][0]["published"] == "8.5 s"
+
+
+@pytest.mark.slow
+def test_named_metrics_are_shown_even_if_they_do_not_vary(tmp_path: Path):
+    folder = filled(tmp_path / "r", tmp_path, report={"metrics": ["constant"], "x": "radio"})
+    (table,) = report(folder).tables.values()
+    assert list(table.columns) == ["size", "radio", "n", "constant"]
+
+
+def test_failed_runs_are_counted_and_left_out(tmp_path: Path):
+    folder = tmp_path / "r"
+    store = RunStore(folder)
+    with store.writing():
+        store.describe(DESCRIPTION | {"source": str(tmp_path / "sweep.yaml")})
+        store.append([row | {"status": "failed", "delay_s": None, "constant": None} for row in RUNS], [], [], {})
+    made = report(folder)
+    assert made.tables == {}
+    assert "12 runs failed" in made.text()
+
+
+def test_a_published_file_without_its_columns_is_told(tmp_path: Path):
+    (tmp_path / "published.csv").write_text("id,paper\na,003\n")
+    with pytest.raises(UserError, match=r"published\.csv: line 2: expected the columns id, paper, section"):
+        report(filled(tmp_path / "r", tmp_path, report={"metrics": [], "x": None}))
+
+
+def test_a_report_of_nothing_says_so(tmp_path: Path):
+    with pytest.raises(UserError, match="holds no results"):
+        report(tmp_path)
+    assert Report("calls").text() == "calls: no runs"
