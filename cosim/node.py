@@ -47,14 +47,14 @@ class Node:
     def drain(self, now: Time) -> None:
         """Act on all that the machine has left in its queues, and arm its deadline."""
         machine = self.machine
+        for event in machine.events():  # first: what the device notes below it comes after it
+            self._note(event, now)
         for item in machine.outbox():
             if isinstance(item, Outgoing):
                 self._channel.send(self.address, item)
             else:
                 self._channel.command(self.address, item)
         self.motion.extend(machine.commands())
-        for event in machine.events():
-            self._note(event, now)
         self._arm(now)
 
     def kill(self) -> None:

@@ -101,10 +101,22 @@ def test_a_lost_link_takes_its_payloads_along_and_the_last_one_the_broadcasts() 
 def test_each_side_loses_a_link_of_one_direction_in_its_own_time() -> None:
     bench = Bench(supervision=2 * S)
     bench.outage(0, 9 * S, (1, MASTER))
+    bench.send(2 * S + 5 * MS, 1, MASTER, token=8)  # nobody polls it any more
     bench.run(5 * S)
-    assert bench.lost()[0] == (2 * S, MASTER, 1)  # heard last at time 0, when the link came up
     last_poll = (2 * S - 1) // (25 * MS) * 25 * MS
-    assert bench.lost()[1] == (last_poll + 126 * US + 2 * S, 1, MASTER)
+    slave_lost = last_poll + 126 * US + 2 * S
+    assert bench.lost() == [(2 * S, MASTER, 1), (slave_lost, 1, MASTER)]  # the master heard last when the link came up
+    assert bench.fates() == [(slave_lost, 1, 8, Outcome.FLUSHED)]
+
+
+def test_a_new_link_starts_with_new_sequence_numbers() -> None:
+    bench = Bench(supervision=2 * S)
+    bench.outage(0, 9 * S, (MASTER, 1), (1, MASTER))
+    bench.send(1 * S, MASTER, 1, b"old")
+    bench.kernel.at(10 * S, lambda: bench.piconet.add_slave(1, 1, 40_000))
+    bench.send(10 * S + 1, MASTER, 1, b"new")
+    bench.run(11 * S)
+    assert [data for _, _, data in bench.arrivals] == [b"new"]
 
 
 def test_payloads_keep_a_link_as_polls_do() -> None:

@@ -259,3 +259,11 @@ def test_frames_are_counted_by_type() -> None:
     bench.run(10 * MS)
     counts = bench.piconet.counts()
     assert counts == {"DM1": 2, "DM3": 1, "POLL": 0, "NULL": 1, "idle": 0}
+
+
+def test_a_poll_that_fetches_or_acknowledges_a_payload_is_not_idle() -> None:
+    bench = Bench(idle=False)
+    bench.send(0, 1, MASTER)
+    bench.run(110 * MS)
+    assert bench.on_air() == [(80, "POLL", 1), (82, "DM1", 1), (160, "POLL", 1), (162, "NULL", 1)]
+    assert bench.piconet.counts() == {"DM1": 1, "POLL": 4, "NULL": 3, "idle": 2}

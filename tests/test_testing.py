@@ -149,6 +149,13 @@ class RaisesOnBytesWhenDriven(Beacon):
         super().receive(data, reception, now)
 
 
+class RaisesOnBytesWhenNew(Beacon):
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        if self.number == 0 and len(data) > 20:
+            raise AttributeError("no peer yet")
+        super().receive(data, reception, now)
+
+
 class SwallowsBadBytes(Beacon):
     def events(self) -> list[Event]:
         return [row for row in super().events() if not isinstance(row, Malformed)]
@@ -290,6 +297,7 @@ def test_a_machine_that_keeps_the_laws_passes():
         (RaisesOnShortFrames, "bytes never raise.*IndexError"),
         (RaisesOnDamagedFrames, "bytes never raise.*checksum"),
         (RaisesOnBytesWhenDriven, "bytes never raise.*no room"),
+        (RaisesOnBytesWhenNew, "bytes never raise.*no peer yet"),
         (SwallowsBadBytes, "bytes that mean nothing become an event.*0 of"),
         (SleepsInThePast, r"after wake\(\d+\) wake_at\(\) is"),
         (AsksAtTheSameInstantForever, r"after wake\(\d+\) wake_at\(\) is"),

@@ -170,7 +170,11 @@ class Pseudonet:
 
     def wake_at(self) -> Time | None:
         """Return the earliest deadline."""
-        times = [time for time in (self._start, self._begin_at, self._rest_until, self.broadcast.deadline) if time is not None]
+        times = [
+            time
+            for time in (self._start, self._begin_at, self._rest_until, self.broadcast.deadline)
+            if time is not None
+        ]
         return min(times) if times else None
 
     # ------------------------------------------------------------ outputs

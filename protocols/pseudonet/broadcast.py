@@ -65,7 +65,12 @@ class Broadcast:
     """The exchanges as one robot sees them, master or slave. What it has to say to the room above goes to *tell*."""
 
     def __init__(
-        self, me: Address, poll_timeout: Time, poll_retries: int, acknowledge: bool, tell: Callable[[Upcall, Time], None]
+        self,
+        me: Address,
+        poll_timeout: Time,
+        poll_retries: int,
+        acknowledge: bool,
+        tell: Callable[[Upcall, Time], None],
     ) -> None:
         self.me = me
         self.master: Address | None = None

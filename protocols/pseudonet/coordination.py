@@ -31,7 +31,9 @@ class Contest:
         return not self.claimants and not self.losers
 
 
-def contest(messages: Mapping[Address, Message], cells: Mapping[Address, Cell], targets: Mapping[Address, Cell]) -> Contest:
+def contest(
+    messages: Mapping[Address, Message], cells: Mapping[Address, Cell], targets: Mapping[Address, Cell]
+) -> Contest:
     """Compare the next cells (*targets*) of all robots, which are in *cells* now."""
     standing = {cell: robot for robot, cell in cells.items()}
     moving = [robot for robot in sorted(targets) if targets[robot] != cells[robot]]
@@ -156,4 +158,3 @@ class Coordination:
             return None
         taken = self.view.occupied() | {self.view.cells[self.view.me]}
         return self.view.nearest_uncovered(self.view.cells[asker], taken)
-

@@ -95,7 +95,14 @@ _STATE: Final[wire.Layout] = (
     ("west", 3),
     ("busy", 1),
 )
-_ANSWER: Final[wire.Layout] = (*_STATE, ("to_all", 1), ("addressee", 3), ("reply", 2), ("target_x", 12), ("target_y", 12))
+_ANSWER: Final[wire.Layout] = (
+    *_STATE,
+    ("to_all", 1),
+    ("addressee", 3),
+    ("reply", 2),
+    ("target_x", 12),
+    ("target_y", 12),
+)
 _TRAP: Final[wire.Layout] = (*_STATE, ("length", 4), ("trail", 2 * TRAIL_LIMIT))
 _SYNC: Final[wire.Layout] = (*_HEAD, ("members", 8), ("roll_call", 1), ("hop_address", 32), ("hop_clock", 28))
 _MESSAGES: Final = {
@@ -251,7 +258,9 @@ def _decode(data: bytes) -> Packet:
                 values["hop_address"],
                 values["hop_clock"],
             )
-        case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as kind_of_packet if len(data) == len(head):
+        case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as kind_of_packet if len(data) == len(
+            head
+        ):
             negative = kind_of_packet == PacketType.NEGATIVE_ACKNOWLEDGEMENT
             return Acknowledgement(data[0] >> 5, data[1], negative)
     raise WireError(f"no packet has type {data[0] >> 3 & 3} with message kind {kind}")

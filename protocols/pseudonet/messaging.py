@@ -17,7 +17,9 @@ class Messaging:
 
     def state(self, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
         """Return what *evaluation* asks for: a state message, or the help, trap or stop that takes its place."""
-        return self._form(evaluation.kind, exchange, cell, evaluation.action, evaluation.verdicts, trail=evaluation.trail)
+        return self._form(
+            evaluation.kind, exchange, cell, evaluation.action, evaluation.verdicts, trail=evaluation.trail
+        )
 
     def waiting(self, exchange: int, cell: Cell, busy: bool) -> Message:
         """Return a state message without intentions: of a robot that is driving, or at a roll call."""

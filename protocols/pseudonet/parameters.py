@@ -27,7 +27,9 @@ class Parameters(Settings):
         le=1,
         description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
     )
-    patience: int = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks for help")
+    patience: int = Field(
+        default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks for help"
+    )
     history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
     revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
     k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")

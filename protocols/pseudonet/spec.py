@@ -121,7 +121,9 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     masters = [machine for machine in machines if machine.broadcast.find_master() == machine.me]
     exchanges = sum(machine.records.exchanges for machine in masters)
     setups = [machine.records.setup for machine in machines if machine.records.setup is not None]
-    sums = {f"messages_{kind.name.lower()}": float(sum(m.messaging.sent[kind] for m in machines)) for kind in list(Kind)[:5]}
+    sums = {
+        f"messages_{kind.name.lower()}": float(sum(m.messaging.sent[kind] for m in machines)) for kind in list(Kind)[:5]
+    }
     return sums | {
         "cells": float(len(machines[0].coordination.view.knowledge.cells)),
         "steps": float(max(machine.steps for machine in machines)),

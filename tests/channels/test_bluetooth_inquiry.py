@@ -56,6 +56,7 @@ class InquiryField(Field):
             self.found[peer] = (self.kernel.now, estimate)
 
         def complete(peers):
+            assert self.completed is None
             self.completed = (self.kernel.now, peers)
 
         inquiry_settings = InquirySettings(**settings)
@@ -228,7 +229,7 @@ def test_enough_ends_the_inquiry_with_the_fhs_and_later_answers_are_lost():
     field.scanner(tuned_to(5), FixedDraws(1000))
     field.scanner(tuned_to(8), FixedDraws(1000))
     field.inquire(enough=1)
-    field.kernel.run(S)
+    field.kernel.run(11 * S)
     assert field.completed == (6 * TICK + FHS, (1,))
     assert field.sent() == [
         (4 * TICK, "ID", INQUIRER, Heard.RECEIVED),
@@ -290,7 +291,7 @@ def test_a_scanner_that_stops_sends_no_answer_and_one_that_starts_uses_the_rest_
 def test_a_cancelled_inquiry_reports_nothing_and_the_scanners_keep_n():
     field = InquiryField()
     scanner = field.scanner(tuned_to(4), FixedDraws(0, 0))
-    inquiry = field.inquire()
+    inquiry = field.inquire(ticks=16)
     field.kernel.at(6 * TICK + 1, inquiry.cancel)
     field.kernel.run(10 * MS)
     assert field.sent("FHS") == [(6 * TICK, "FHS", 1, Heard.NOT_TUNED)]
@@ -299,6 +300,29 @@ def test_a_cancelled_inquiry_reports_nothing_and_the_scanners_keep_n():
     field.kernel.run(100 * MS)
     second = field.starts("ID")[1] // TICK
     assert second % 32 == 5  # the phase one step on
+
+
+def test_an_answer_being_received_when_the_inquiry_is_cancelled_is_lost():
+    field = InquiryField()
+    field.scanner(tuned_to(5), FixedDraws(1000))
+    field.scanner(tuned_to(8), FixedDraws(1000))  # makes the inquirer look whether it may send at tick 8
+    inquiry = field.inquire()
+    field.kernel.at(8 * TICK + 10 * US, inquiry.cancel)
+    field.kernel.run(S)
+    assert field.sent("FHS") == [(7 * TICK, "FHS", 1, Heard.NOT_TUNED)]
+    assert not field.found
+
+
+def test_a_scanner_answers_half_a_cycle_ahead_what_it_hears_in_its_second_interlaced_window():
+    x = (train_phase(44, "A") - 16) % 32
+    field = InquiryField()
+    field.scanner(clock_in_block(x), FixedDraws(1000), offset=1000, interval_s=0.64, interlaced=True)
+    field.inquire(ticks=72)
+    field.kernel.run(S)
+    assert field.sent() == [
+        (44 * TICK, "ID", INQUIRER, Heard.RECEIVED),
+        (46 * TICK, "FHS", 1, Heard.RECEIVED),
+    ]
 
 
 def test_two_inquiries_at_once_find_the_same_scanner():

@@ -67,6 +67,7 @@ def draw_case(rng):
     return ids, ScanWindows(theirs, int(rng.integers(interval)), interval, interlaced)
 
 
+@pytest.mark.slow
 def test_the_next_meeting_is_the_first_tick_at_which_channels_agree_inside_a_window():
     found = second = 0
     for case in range(400):
@@ -80,6 +81,29 @@ def test_the_next_meeting_is_the_first_tick_at_which_channels_agree_inside_a_win
         second += expected is not None and expected.second
     assert found > 150
     assert second > 20
+
+
+def draw_aligned_case(rng):
+    """Clocks of whole ticks without drift, so that every edge coincides with the start of an ID, in short trains."""
+    block, other = (int(rng.integers(1, 32)) << 12 for _ in range(2))
+    mine = NativeClock((block - int(rng.integers(48))) * TICK)
+    theirs = NativeClock((other - int(rng.integers(-4, 60))) * TICK)
+    first = first_transmission(mine, 0)
+    interval = int(rng.choice([WINDOW, 72, 80]))
+    ids = IdTrain(mine, first, first + 4 * int(rng.integers(1, 20)), int(rng.integers(1, 3)), "AB"[rng.integers(2)])
+    return ids, ScanWindows(theirs, int(rng.integers(interval)), interval, interval > WINDOW and bool(rng.integers(2)))
+
+
+@pytest.mark.slow
+def test_edges_that_coincide_with_the_start_of_an_id_are_on_the_right_side_of_it():
+    found = 0
+    for case in range(3000):
+        rng = np.random.default_rng([3, case])
+        ids, windows = draw_aligned_case(rng)
+        expected = meeting_by_looking(ids, windows, ids.first, 0)
+        assert next_meeting(ids, windows, ids.first, 0) == expected, f"case {case}"
+        found += expected is not None
+    assert found > 800
 
 
 def test_without_windows_an_id_counts_if_it_lies_between_two_instants():

@@ -1,4 +1,4 @@
-"""The 79-channel hop selection kernel of Bluetooth BR (Core v1.2, Vol 2 Part B, section 2.6): address, clock to channel.
+"""The 79-channel hop selection kernel of Bluetooth BR (Core v1.2, Vol 2 Part B, section 2.6): clock to channel.
 
     channel = BANK[(PERM5(((X + A) mod 32) xor B; P) + E + F + Y2) mod 79],   BANK[i] = 2i mod 79
 
@@ -101,9 +101,7 @@ def _adapted_hops(address: int, clks: NDArray[np.int64], bank: NDArray[np.int64]
 @lru_cache(maxsize=4096)
 def _channels(address: int) -> tuple[int, ...]:
     """Return the channels of *address* outside of a connection, at 32 * Y1 + X."""
-    return tuple(
-        2 * ((_select(address, x, y1, 0) + 32 * y1) % CHANNELS) % CHANNELS for y1 in (0, 1) for x in range(32)
-    )
+    return tuple(2 * ((_select(address, x, y1, 0) + 32 * y1) % CHANNELS) % CHANNELS for y1 in (0, 1) for x in range(32))
 
 
 def _lookup(address: int, index: Clock) -> Clock:

@@ -22,13 +22,10 @@ from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import TRAIL_LIMIT, Action, Kind, Verdict
 
 
-
 class Oscard:
     """One robot's memory: its history, how long it has been trapped, where it was directed, steps it is forced to make."""
 
-    def __init__(
-        self, stream: np.random.Generator, patience: int, history: int, revisits: int, k_forced: int
-    ) -> None:
+    def __init__(self, stream: np.random.Generator, patience: int, history: int, revisits: int, k_forced: int) -> None:
         self._stream = stream
         self._patience = patience
         self._revisits = revisits

@@ -58,7 +58,9 @@ class Planned:
             cells = tuple(sorted(cell for cell in left if away[cell] >= 0))
             starts = tuple(view.cells[robot] for robot in group)
             key = (cells, starts, view.obstacles)
-            self._tours |= dict(zip(group, view.knowledge.once(key, lambda: self._plan(view, cells, starts)), strict=True))
+            self._tours |= dict(
+                zip(group, view.knowledge.once(key, lambda: self._plan(view, cells, starts)), strict=True)
+            )
         self._next = dict.fromkeys(self._tours, 0)
 
     def _plan(self, view: View, cells: tuple[Cell, ...], starts: tuple[Cell, ...]) -> tuple[Tour, ...]:
@@ -71,7 +73,9 @@ class Planned:
         action = Action.STAY if view.omitted else joint_step(view, self._errands(view)).get(view.me, Action.STAY)
         done = not self._stopped and self._goal(view, view.me) is None
         self._stopped = self._stopped or done
-        return Evaluation(action, judge(view, False, False), Kind.STOP if done and action == Action.STAY else Kind.STATE)
+        return Evaluation(
+            action, judge(view, False, False), Kind.STOP if done and action == Action.STAY else Kind.STATE
+        )
 
     def directed(self, target: Cell) -> None:
         """Keep to the plan: this robot never asks."""
@@ -157,7 +161,11 @@ class _JointStep:
         if errand.distance == 1:
             return [(action, errand.goal) for action in STEPS if steps[action] == errand.goal]
         away = self._view.knowledge.distances(errand.goal, self._view.obstacles)
-        return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == errand.distance - 1]
+        return [
+            (action, steps[action])
+            for action in STEPS
+            if steps[action] >= 0 and away[steps[action]] == errand.distance - 1
+        ]
 
     def _move(self, robot: Address, action: Action, cell: Cell) -> None:
         self.actions[robot] = action

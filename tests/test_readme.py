@@ -1,0 +1,42 @@
+"""The README's scenario and Python lines are run as they stand."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def block(language: str) -> str:
+    found = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    assert len(found) == 1
+    text: str = found[0]
+    return text
+
+
+@pytest.mark.slow
+def test_the_python_lines_run_on_the_scenario_and_cover_the_floor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "four.yaml").write_text(block("yaml"), encoding="utf-8")
+    script = tmp_path / "script.py"
+    script.write_text(block("python"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(script))
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[:2] for row in rows] == [["ideal", "1.0"], ["bluetooth", "1.0"]]
+    assert float(rows[0][3]) < float(rows[1][3])  # the radio costs time
+
+
+def test_the_examples_are_as_short_as_promised() -> None:
+    assert len(block("yaml").splitlines()) <= 11
+    assert len([line for line in block("python").splitlines() if line]) <= 10
+
+
+def test_every_experiment_is_in_the_table() -> None:
+    folders = sorted(path.parent.name for path in Path(__file__).parents[1].glob("experiments/*/sweep.yaml"))
+    assert folders
+    for name in folders:
+        assert f"[{name}](experiments/{name}/README.md)" in README
