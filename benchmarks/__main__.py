@@ -68,7 +68,9 @@ def main() -> None:
     for column, figure in enumerate(FIGURES):
         each = median(row[column] for row in rounds)
         ratios = [row[column] / row[0] for row in rounds]
-        print(f"{figure.name:75s} {each * 1e6:12.3f} us {median(ratios):12.2f} x  ({min(ratios):.2f} to {max(ratios):.2f})")
+        print(
+            f"{figure.name:75s} {each * 1e6:12.3f} us {median(ratios):12.2f} x  ({min(ratios):.2f} to {max(ratios):.2f})"
+        )
 
 
 if __name__ == "__main__":

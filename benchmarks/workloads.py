@@ -8,7 +8,19 @@ import numpy as np
 import experiments
 from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import BROADCAST, Connected, GoTo, Inquire, InquiryComplete, LinkEvent, Outgoing, Page, Reception, Role, Scan
+from cosim.machine import (
+    BROADCAST,
+    Connected,
+    GoTo,
+    Inquire,
+    InquiryComplete,
+    LinkEvent,
+    Outgoing,
+    Page,
+    Reception,
+    Role,
+    Scan,
+)
 from cosim.node import Node
 from cosim.randomness import Streams
 from cosim.robots.body import BodySettings

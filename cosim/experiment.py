@@ -185,12 +185,10 @@ def load_experiment(
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     given = [given_here(parse_assignment(text)) for text in sets]
     axes = _axes(settings, str(path), settings.quick.sweep if quick else {}, given)
-    fixed = [item for item in given if item.place not in {parse_place(axis.path) for axis in axes}]
+    fixed = given
     if quick:
-        short = [
-            Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in settings.quick.set.items()
-        ]
-        fixed = [*short, *fixed]
+        changes = settings.quick.set.items()
+        fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *given]
     base, folder, source = _base(settings, path, fixed)
     arms = tuple(_arm(settings, base, folder, source, axes, values) for values in _product(axes))
     wanted = replicates or (settings.quick.replicates if quick else settings.replicates)

@@ -10,9 +10,9 @@ Addresses are small integers, the robots' numbers in the team; channels map them
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import Field, dataclass
 from enum import StrEnum
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -208,7 +208,7 @@ Command: TypeAlias = GoTo | Drive
 class Event(Protocol):
     """A typed row for the trace: a frozen dataclass whose fields are int, float, str or bool."""
 
-    __dataclass_fields__: Mapping[str, Any]
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
 
 @dataclass(frozen=True, slots=True)

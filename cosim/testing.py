@@ -8,7 +8,7 @@ and inputs of every kind are put to machines that are new and to machines in the
 That encoded frames decode to equal frames cannot be seen from outside; it is left to each protocol's own tests.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, zip_longest
@@ -50,6 +50,10 @@ Maker: TypeAlias = Callable[[Address, Time], Machine]
 Entry: TypeAlias = tuple[Time, str, Any]
 """(time since the start, what was called, what it returned)"""
 
+Point: TypeAlias = tuple[float, float]
+
+STARTS_M: Final[tuple[Point, ...]] = ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0))
+"""Where the team starts, in metres, if the machines know no floor."""
 SHIFT: Final[Time] = 86_399 * S + 123_456_789
 """By how much the start is shifted: no multiple of a slot, and more than a 28-bit Bluetooth clock counts."""
 JUNK: Final = 200
@@ -64,16 +68,18 @@ class LawError(CosimError, AssertionError):
     """A machine breaks one of the laws that :func:`check_machine` knows; the text says which, and where."""
 
 
-def check_machine(make: Maker, team: int = 3, duration: Time = 10 * S, tick: Time = 100 * MS, seed: int = 1) -> None:
+def check_machine(
+    make: Maker, starts_m: Sequence[Point] = STARTS_M, duration: Time = 10 * S, tick: Time = 100 * MS, seed: int = 1
+) -> None:
     """Raise LawError unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
 
-    *team* machines (two or more) are driven for *duration* with a world tick every *tick*; *seed* is that of the random
-    bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure, and in the future after ``wake``; that is
-    idempotent; a queue that was drained is empty; own frames that come back change nothing; a later start makes all
-    deadlines later by as much; bytes of any kind never raise, and those that mean nothing become an event; every other
-    input is taken or refused by LocalProtocolError, by a new machine and by one that was driven.
+    A team of two or more, which start at *starts_m*, is driven for *duration* with a world tick every *tick*; *seed* is
+    that of the random bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure, and in the future after
+    ``wake``; that is idempotent; a queue that was drained is empty; own frames that come back change nothing; a later
+    start makes all deadlines later by as much; bytes of any kind never raise, and those that mean nothing become an
+    event; every other input is taken or refused by LocalProtocolError, by a new machine and by one that was driven.
     """
-    drill = _Drill(make, team, duration, tick)
+    drill = _Drill(make, tuple(starts_m), duration, tick)
     plain = drill.run()
     _compare("equal inputs give equal outputs", plain, drill.run(), repr)
     _compare("wake is idempotent", plain, drill.run(twice=True), repr)
@@ -82,9 +88,9 @@ def check_machine(make: Maker, team: int = 3, duration: Time = 10 * S, tick: Tim
     payloads = list(dict.fromkeys(chain.from_iterable(watched.payloads for watched in plain)))
     for machines in (drill.fresh(), drill.run()):
         _check_bytes(machines, payloads, Streams(seed)("check_machine"))
-    for kind in range(len(_inputs(1, team))):
+    for kind in range(len(_inputs(1, starts_m[0]))):
         for machines in (drill.fresh(), drill.run(until=duration // 10), drill.run()):
-            _check_input(machines, kind)
+            _check_input(machines, kind, starts_m)
 
 
 class _Watched:
@@ -189,13 +195,13 @@ class _Watched:
 @dataclass(frozen=True)
 class _Drill:
     make: Maker
-    team: int
+    starts_m: tuple[Point, ...]
     duration: Time
     tick: Time
 
     def fresh(self) -> list[_Watched]:
         """Return machines that nothing has happened to yet."""
-        return [_Watched(self.make(address, 0), address, 0) for address in range(self.team)]
+        return [_Watched(self.make(address, 0), address, 0) for address in range(len(self.starts_m))]
 
     def run(
         self, start: Time = 0, until: Time | None = None, twice: bool = False, echo: bool = False
@@ -204,15 +210,13 @@ class _Drill:
         kernel = Kernel()
         kernel.run(start)
         trace = Trace()
-        channel = IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, self.team)
-        machines = [_Watched(self.make(a, start), a, start, twice, echo) for a in range(self.team)]
+        channel = IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, len(self.starts_m))
+        machines = [_Watched(self.make(a, start), a, start, twice, echo) for a in range(len(self.starts_m))]
         nodes = [Node(watched.address, watched, kernel, channel, trace) for watched in machines]
         for node in nodes:
             channel.attach(node.address, node)
         with _nothing_raised("a drive as in a run"):
-            for node in nodes:
-                node.drain(start)
-            _Floor(kernel, nodes, self.tick)
+            kernel.at(start, _Floor(kernel, nodes, self.starts_m, self.tick).begin, WORLD)
             kernel.run(start + (self.duration if until is None else until))
         for watched in machines:
             watched.now = kernel.now
@@ -222,12 +226,17 @@ class _Drill:
 class _Floor:
     """An empty floor on which robots are where they were sent at the next tick, and see each other."""
 
-    def __init__(self, kernel: Kernel, nodes: list[Node], tick: Time) -> None:
+    def __init__(self, kernel: Kernel, nodes: list[Node], starts_m: tuple[Point, ...], tick: Time) -> None:
         self._kernel = kernel
         self._nodes = nodes
-        self._ticks = tick
-        self._places = [(float(node.address), 0.0) for node in nodes]
-        kernel.after(tick, self._tick, WORLD)
+        self._places = list(starts_m)
+        self._duration = tick
+
+    def begin(self) -> None:
+        """Act on what the machines were made with, then let them sense for the first time, as a run does."""
+        for node in self._nodes:
+            node.drain(self._kernel.now)
+        self._tick()
 
     def _tick(self) -> None:
         for node in self._nodes:
@@ -238,7 +247,7 @@ class _Floor:
         for node in self._nodes:
             others = tuple(other.address for other in self._nodes if other is not node)
             node.observe(Observation(*self._places[node.address], 0.0, 0.0, True, False, others), self._kernel.now)
-        self._kernel.after(self._ticks, self._tick, WORLD)
+        self._kernel.after(self._duration, self._tick, WORLD)
 
 
 def _compare(law: str, one: list[_Watched], other: list[_Watched], view: Callable[[Any], Any]) -> None:
@@ -295,9 +304,8 @@ def _damage(payload: bytes, stream: np.random.Generator) -> bytes:
             return payload[:place] + stream.bytes(1) + payload[place:]
 
 
-def _inputs(peer: Address, team: int) -> list[LinkEvent | Observation | None]:
-    """Return inputs of every kind but bytes, the news being about *peer*; None stands for a wake."""
-    seen = tuple(range(team))
+def _inputs(peer: Address, place: Point) -> list[LinkEvent | Observation | None]:
+    """Return inputs of every kind but bytes: news about *peer*, a body at *place* (m), and None for a wake."""
     return [
         Discovered(peer),
         InquiryComplete(()),
@@ -306,15 +314,15 @@ def _inputs(peer: Address, team: int) -> list[LinkEvent | Observation | None]:
         PageFailed(peer),
         Lost(peer),
         *(Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome),
-        *(Observation(0.0, 0.0, 0.0, 0.0, a, b, seen) for a in (False, True) for b in (False, True)),
+        *(Observation(*place, 0.0, 0.0, a, b, (peer,)) for a in (False, True) for b in (False, True)),
         None,
     ]
 
 
-def _check_input(machines: list[_Watched], kind: int) -> None:
-    """Give every machine the input number *kind*, about the next machine of the team."""
+def _check_input(machines: list[_Watched], kind: int, starts_m: Sequence[Point]) -> None:
+    """Give every machine the input number *kind*, about the next machine of the team and its own start."""
     for watched in machines:
-        given = _inputs((watched.address + 1) % len(machines), len(machines))[kind]
+        given = _inputs((watched.address + 1) % len(machines), starts_m[watched.address])[kind]
         with _nothing_raised(f"every input is taken or refused: machine {watched.address}: {given or 'wake'}"):
             try:
                 if given is None:

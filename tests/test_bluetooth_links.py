@@ -109,6 +109,16 @@ def test_each_side_loses_a_link_of_one_direction_in_its_own_time() -> None:
     assert bench.fates() == [(slave_lost, 1, 8, Outcome.FLUSHED)]
 
 
+def test_a_side_that_is_down_sends_nothing_even_if_the_other_is_up() -> None:
+    bench = Bench(size=2, supervision=2 * S)
+    bench.outage(0, 9 * S, (1, MASTER))  # the master loses 1 at 2 s, 1 its master some 2 s later
+    bench.send(2 * S + 1, MASTER, 1, token=1)
+    bench.kernel.at(3 * S, lambda: bench.piconet.vanish(2))
+    bench.send(3 * S + 1, 2, MASTER, token=2)
+    bench.run(3 * S + 1 * MS)
+    assert bench.fates() == [(2 * S + 1, MASTER, 1, Outcome.NO_LINK), (3 * S + 1, 2, 2, Outcome.NO_LINK)]
+
+
 def test_a_new_link_starts_with_new_sequence_numbers() -> None:
     bench = Bench(supervision=2 * S)
     bench.outage(0, 9 * S, (MASTER, 1), (1, MASTER))
@@ -204,6 +214,14 @@ def test_closing_a_link_out_of_reach_leaves_the_other_side_to_its_supervision() 
     bench.kernel.at(40 * MS, lambda: bench.piconet.close(1, MASTER))
     bench.run(5 * S)
     assert bench.lost() == [(40 * MS, 1, MASTER), (25 * MS + SLOT + 126 * US + 2 * S, MASTER, 1)]
+
+
+def test_a_slave_out_of_reach_is_not_told_that_its_master_has_closed_the_link() -> None:
+    bench = Bench(supervision=2 * S)
+    bench.outage(30 * MS, 9 * S, (MASTER, 1))
+    bench.kernel.at(40 * MS, lambda: bench.piconet.close(MASTER, 1))
+    bench.run(5 * S)
+    assert bench.lost() == [(40 * MS, MASTER, 1), (25 * MS + 126 * US + 2 * S, 1, MASTER)]
 
 
 def test_a_device_that_vanishes_is_not_told_and_its_peer_finds_out() -> None:

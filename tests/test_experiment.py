@@ -80,6 +80,10 @@ def test_a_value_on_the_command_line_is_all_that_is_left_of_its_axis():
     assert {arm.scenario.duration_s for arm in experiment.arms if arm.scenario} == {7}
 
 
+def test_a_wrong_value_on_the_command_line_of_an_axis_is_told():
+    assert complaint(SWEEP, "team.size=9").startswith("--set team.size=9: 9 is more than the 8 robots")
+
+
 def test_a_scenario_may_stand_in_a_file_of_its_own():
     Path("scenarios").mkdir()
     Path("scenarios/base.yaml").write_text(yaml.safe_dump(SCENARIO))

@@ -18,6 +18,7 @@ from cosim.kernel import Kernel
 from cosim.randomness import Draws
 from tests.oracles import inquiry as oracle
 from tests.oracles.campaign import (
+    CLEAR,
     Choice,
     Drawn,
     Outages,
@@ -65,7 +66,7 @@ class Case:
     longest_backoff: int
     pause: int | None
     """From the end of the first inquiry to the start of the second, if there is one."""
-    outages: Outages = Outages()
+    outages: Outages = CLEAR
     noise: tuple[OnAir, ...] = ()
 
 
@@ -76,32 +77,36 @@ class Trace(NamedTuple):
     found: list[list[tuple[int, int, int]]]
     ends: list[int]
     n: list[int]
+    draws: list[tuple[int, ...]]
 
 
 class ShortDraws(Draws):
     """Draws that depend on every argument and are short, so that a short case holds several back-offs."""
 
-    def __init__(self, address: int, longest: int) -> None:
+    def __init__(self, address: int, longest: int, calls: list[tuple[int, ...]]) -> None:
         super().__init__(1, address)
+        self._address = address
         self._longest = longest
+        self._calls = calls
 
     def below(self, bound: int, number: int, link: int = 0, purpose: int = 0) -> int:
+        self._calls.append((self._address, bound, number, link, purpose))
         return super().below(min(self._longest, bound), number, 1000 * link + bound, purpose)
 
 
 def run_slowly(case: Case) -> Trace:
+    trace = Trace([], [], [], [], [])
     scanners = [
         oracle.Scanner(
             device.address,
             Windows(Clock(device.phase, device.ppm), device.offset, device.interval, device.interlaced),
             device.version,
-            partial(_draw, ShortDraws(device.address, case.longest_backoff)),
+            partial(_draw, ShortDraws(device.address, case.longest_backoff, trace.draws)),
             device.begin,
             device.n,
         )
         for device in case.devices
     ]
-    trace = Trace([], [], [], [])
     start: int | None = case.start
     while start is not None:
         inquiry = oracle.Inquiry(
@@ -122,6 +127,7 @@ def run_slowly(case: Case) -> Trace:
         trace.ends.append(inquiry.end)
         start = inquiry.end + case.pause if case.pause is not None and start == case.start else None
     trace.sightings.sort()
+    trace.draws.sort()
     trace.n.extend(scanner.n for scanner in scanners)
     return trace
 
@@ -132,7 +138,7 @@ def _draw(draws: Draws, bound: int, tick: int) -> int:
 
 def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
     """Run the case through *model*; a second inquiry starts where the *slow* one has it."""
-    kernel, trace = Kernel(), Trace([], [], [], [])
+    kernel, trace = Kernel(), Trace([], [], [], [], [])
 
     def record(frame: Frame, heard: Heard) -> None:
         row = (frame.start, frame.duration, frame.kind, frame.source, frame.destination, frame.channel, heard.value)
@@ -144,7 +150,7 @@ def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
         scan = model.InquiryScanSettings(
             version=device.version, interval_s=device.interval * 312.5e-6, interlaced=device.interlaced
         )
-        draws = ShortDraws(device.address, case.longest_backoff)
+        draws = ShortDraws(device.address, case.longest_backoff, trace.draws)
         clock = NativeClock(device.phase, device.ppm)
         scanner = model.InquiryScanner(kernel, air, device.address, clock, scan, device.offset, draws)
         scanner.n = device.n
@@ -177,6 +183,7 @@ def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
         kernel.at(start, inquire)
     kernel.run(start + (case.duration + 40) * TICK)
     trace.sightings.sort()
+    trace.draws.sort()
     trace.n.extend(scanner.n for scanner in scanners)
     return trace
 
@@ -190,8 +197,9 @@ def draw_case(choice: Choice) -> Case:
     start = choice.integer(0, 5_000_000)
     duration = 4 * pick(choice, (choice.integer(1, 20), choice.integer(20, 200), choice.integer(200, 2000)))
     base = pick(choice, (choice.integer(0, 1 << 28), (1 << 28) - choice.integer(0, duration)))
-    if chance(choice, 2):  # a block boundary within the inquiry
-        base = (choice.integer(1, 1 << 16) << 12) - choice.integer(0, duration)
+    if chance(choice, 2):  # a block boundary within the inquiry; from block 0 to 1 the phase of step 0 changes, too
+        boundary = pick(choice, (choice.integer(1, 1 << 16), 16 * choice.integer(1, 1 << 12) + 1))
+        base = (boundary << 12) - choice.integer(0, duration)
     phase = base * TICK + pick(choice, (0, 1, -1, choice.integer(0, TICK - 1))) + TICK
     phase -= start + start * ppm // 1_000_000
     case = Case(
@@ -233,11 +241,11 @@ def _draw_focus(choice: Choice, case: Case) -> int:
             first,
             first + case.duration,
             first + switch * choice.integer(1, max(1, case.duration // switch)),
-            (first + case.duration) >> 12 << 12,
+            max(first, (first + case.duration) >> 12 << 12),
             choice.integer(first, first + case.duration),
         ),
     )
-    tick = place + choice.integer(-5, 5)
+    tick = place + pick(choice, (0, 0, choice.integer(-5, 5)))
     tick = min(max(tick, first), first + case.duration - 1)
     return tick - tick % 4 + choice.integer(0, 1)
 
@@ -264,11 +272,11 @@ def _draw_device(choice: Choice, case: Case, address: int, version: Literal["1.1
     high = pick(choice, (1 << 11, choice.integer(1, 1 << 11)))
     tick += (high << 17) + (block << 12)
     time = inquirer.start(focus)
-    local = tick * TICK - before + nudge(choice)
+    local = tick * TICK + nudge(choice)
     begin = pick(choice, (0, time, time + nudge(choice), case.start))
     return Device(
         address,
-        local - time - time * ppm // 1_000_000,
+        local - (time + before) - (time + before) * ppm // 1_000_000,
         ppm,
         (tick - edge - 36 * second) % interval,
         interval,
@@ -287,6 +295,7 @@ def _draw_edge(choice: Choice, second: bool) -> tuple[int, int, int]:
         (
             (low, 0, 0),  # the window opens
             (low, 36, 68_000),  # the window closes behind the ID
+            (low, 36, choice.integer(1, 67_999)),  # or within it
             (low, choice.integer(1, 35), choice.integer(0, TICK)),
             (4096, choice.integer(1, 35), 0),  # the block changes
         ),
@@ -360,7 +369,7 @@ FAULTS = [
         "(tick - self.first - 1) // (32",
     ),
     ("the second window is not 16 on", "scanning", "n + 16 * part", "n + 15 * part"),
-    ("the scanner's clock has 27 bits", "scanning", "lo)) >> 12", "lo)) % (1 << 28) >> 12"),
+    ("the scanner's clock stops at 28 bits", "scanning", "_solve((block", "_solve((min(block, 0xFFFF)"),
     ("N is not counted", "inquiry", "self.n += 1", "self.n += 0"),
     ("the back-off is short by one", "inquiry", "slots * SLOT", "max(slots - 1, 0) * SLOT"),
     (

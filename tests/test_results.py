@@ -59,7 +59,9 @@ def test_columns_that_come_later_are_empty_before(tmp_path: Path):
 def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
     store = RunStore(tmp_path)
     with store.writing():
-        store.append([run_row(2), run_row(1), run_row(3, code="old"), run_row(1, configuration="b")], [], [], {})
+        store.append(
+            [run_row(2), run_row(1), run_row(3), run_row(2, code="old"), run_row(1, configuration="b")], [], [], {}
+        )
         store.describe(DESCRIPTION | {"configurations": ["b", "c"], "replicates": 2})
     rows = store.present()[["configuration", "seed"]].to_numpy().tolist()
     assert rows == [["b", 1], ["c", 1], ["c", 2]]

@@ -95,13 +95,14 @@ def test_a_goal_behind_a_moving_body_is_reached_after_a_stop():
     assert max(abs(b.speed_mps - a.speed_mps) for a, b in pairwise(seen)) <= 0.1 * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("ahead", [0.5, 0.19])  # 0.19 m is the way of a tick of braking: there, but too fast
 @pytest.mark.parametrize("kind", ["grid", "differential"])
-def test_a_goal_too_near_to_stop_at_is_overrun_and_come_back_to(kind):
+def test_a_goal_too_near_to_stop_at_is_overrun_and_come_back_to(kind, ahead):
     fleet = alone(speed_mps=2.0, drive=kind)
     fleet.apply([(0, GoTo(9, 0))])
     for _ in range(30):
         fleet.step()
-    goal = GoTo(fleet.observations()[0].x_m + 0.5, 0)
+    goal = GoTo(fleet.pose_at(0, fleet.time + TICK)[0] + ahead, 0)
     seen = drive(fleet, goal)
     assert (seen[-1].x_m, seen[-1].y_m) == (goal.x_m, 0)
     assert max(o.x_m for o in seen) > goal.x_m + 1
@@ -248,6 +249,19 @@ def test_bodies_that_meet_head_on_stop_in_touch():
     assert (left.x_m, right.x_m) == pytest.approx((1.3, 1.7), abs=1e-6)
     assert left.blocked
     assert right.blocked
+
+
+def test_a_long_column_closes_up_behind_a_blocked_leader():
+    # the cuts travel back one body a round: more bodies than rounds
+    places = np.stack((0.40005 * np.arange(130), np.zeros(130)), axis=1)
+    fleet = Fleet(
+        [BodySettings()] * 130, places, segment_grid([(places[-1, 0] + 0.2, -1, places[-1, 0] + 0.2, 1)]), TICK
+    )
+    fleet.apply([(body, GoTo(99, 0)) for body in range(130)])
+    for _ in range(20):
+        fleet.step()
+        assert np.diff(fleet.positions_m[:, 0]).min() >= 0.4 - 1e-8
+    assert np.diff(fleet.positions_m[-90:, 0]).max() <= 0.4 + 1e-6
 
 
 def crowd(seed, size):

@@ -63,6 +63,7 @@ def test_the_digest_knows_defaults_but_not_the_order_of_keys(depot: Path):
     depot.write_text("protocol: {use: 'beacon:SPEC'}\nteam: {size: 4}\nduration_s: 60.0\n")
     assert digest(dump(load(depot))) == plain
     assert digest(dump(load(depot, ["team.size=3"]))) != plain
+    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1}) != digest({"a": 2, "b": 1})
 
 
 @pytest.mark.parametrize(
@@ -133,6 +134,7 @@ def test_a_protocol_and_its_parameters_are_checked_with_the_rest(choice: str, ex
         ("team.q=2", "--set team.q=2: there is no team.q, expected one of body, sight_range_m, size, starts"),
         ("team.size.x=2", "--set team.size.x=2: there is no team.size.x: team.size is 4"),
         ("protocol.parameters.call=2", "--set protocol.parameters.call=2: there is no protocol.parameters.call, did"),
+        ("team.starts[0]=1", "--set team.starts[0]=1: there is no team.starts[0]: team.starts is None"),
         ("protocol.use=smoke", "--set protocol.use=smoke: 'smoke' is not a protocol"),
         ("team.size", "--set team.size: expected path=value"),
         ("team..size=3", "--set team..size=3: expected path=value"),
@@ -150,6 +152,11 @@ def test_values_of_set_are_yaml(depot: Path):
     scenario = load(depot, ["team.starts=[[1, 1], [2, 2], [3, 3], [4.5, 4]]", "team.starts[1][0]=7", "name=a b"])
     assert scenario.team.starts == ((1, 1), (7, 2), (3, 3), (4.5, 4))
     assert scenario.name == "a b"
+
+
+def test_a_place_beyond_the_end_of_a_list_is_told():
+    text = "team: {size: 1, starts: [[1, 1]]}\n"
+    assert complaint(text, "team.starts[1][0]=7").startswith("--set team.starts[1][0]=7: there is no team.starts[1]: ")
 
 
 def test_another_kind_of_channel_replaces_the_settings_of_the_first(depot: Path):

@@ -348,4 +348,4 @@ def test_a_machine_may_stamp_its_frames_with_the_time():
 
 
 def test_every_kind_of_link_event_is_among_the_inputs():
-    assert {type(given) for given in _inputs(1, 3)} == {*get_args(LinkEvent), Observation, type(None)}
+    assert {type(given) for given in _inputs(1, (0.0, 0.0))} == {*get_args(LinkEvent), Observation, type(None)}

@@ -15,7 +15,7 @@ from cosim.jit import njit
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
-ROUNDS: Final = 16
+ROUNDS: Final = 100
 WALL_SLACK_M: Final = 1e-7
 """By how much a body may seem to be inside a wall that it slides along; more than ``grids.TOUCH_M``."""
 BODY_SLACK_M: Final = 1e-9

@@ -23,7 +23,7 @@ _ROUNDING: Final = 1e-9
 @njit(cache=True)
 def braking_way(distance: float, change: float) -> float:
     """Return the greatest way of the next tick from which one can stop within *distance*, losing *change* a tick."""
-    ticks = max(1.0, math.ceil((math.sqrt(1.0 + 8.0 * distance / change) - 1.0) / 2.0 - _ROUNDING))
+    ticks = max(1.0, math.ceil((math.sqrt(1.0 + 8.0 * distance / change) - 1.0) / 2.0))
     return distance / ticks + change * (ticks - 1.0) / 2.0
 
 

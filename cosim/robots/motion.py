@@ -247,12 +247,14 @@ def _to_goal(state: _Bodies, limits: _Limits, i: int) -> tuple[float, float]:
     if standing and not limits.turns_first[i]:
         state.heading[i] = bearing
     error = wrapped(bearing - state.heading[i])
-    if abs(error) > ALIGNED_RAD and slower == 0.0 and limits.turns_first[i]:
+    astray = abs(error) > ALIGNED_RAD
+    passing = distance <= LAND_M  # too fast to stay: a bearing means nothing here
+    if astray and not passing and slower == 0.0 and limits.turns_first[i]:
         sign = 1.0 if error > 0.0 else -1.0
         turn = approach(abs(error), sign * state.turn[i], limits.turn[i], limits.turn_change[i])
         state.way[i], state.turn[i] = 0.0, sign * turn
         return 0.0, 0.0
-    if abs(error) > ALIGNED_RAD or steadier != 0.0:
+    if astray or passing or steadier != 0.0:
         state.way[i], state.turn[i] = slower, steadier
         return chord(state.heading[i], slower, steadier)
     way = approach(distance, state.way[i], limits.way[i], limits.way_change[i])

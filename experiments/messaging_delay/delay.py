@@ -1,11 +1,10 @@
 """Fig. 9b of paper 003 measured: how many slots the air interface needs until every robot knows every robot's state.
 
-Each strategy is a pair of machines on the real Bluetooth channel: the piconet is set up by inquiry and paging, the slaves
-load their state, and some time later the master begins. The count is taken from the frames: from the start of the first
-frame to the end of the last slot pair. Nothing of a formula enters it.
+Each strategy is a pair of machines on the real Bluetooth channel: the piconet is set up by inquiry and paging, the
+slaves load their state, and some time later the master begins. The count is taken from the frames: from the start of
+the first frame to the end of the last slot pair. Nothing of a formula enters it.
 """
 
-from collections.abc import Callable
 from enum import StrEnum
 from typing import Final
 
@@ -20,7 +19,6 @@ from cosim.machine import (
     Fate,
     LinkCommand,
     LinkEvent,
-    Machine,
     Observation,
     Outgoing,
     Reception,
@@ -93,6 +91,9 @@ class _Endpoint:
             raise CosimError(f"only {len(slaves)} of {self.size - 1} slaves were found")
         self.deadline = now + SETTLE
 
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Know one state more."""
+
     def observe(self, observation: Observation, now: Time) -> None:
         """See nothing."""
 
@@ -143,9 +144,6 @@ class UnicastSlave(_Endpoint):
         super().link(event, now)
         if self.setup.state is not before and self.setup.state.name == "CONNECTED":
             self.out.append(Outgoing(0, state(self.me)))
-
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Know one state more."""
 
 
 class UnicastMaster(_Endpoint):
@@ -282,11 +280,13 @@ def exchange_slots(parameters: Parameters, seed: int) -> int:
     if began is None:
         raise CosimError("the set-up took more than a minute")
     frames = trace.columns("frames")
-    pairs = [time for time, source in zip(frames["time_ns"], frames["source"], strict=True) if time >= began and not source]
-    return (max(pairs) - min(pairs)) // SLOT + 2
+    starts: list[Time] = [
+        time for time, source in zip(frames["time_ns"], frames["source"], strict=True) if source == 0 and time >= began
+    ]
+    return (max(starts) - min(starts)) // SLOT + 2
 
 
-def _machine(parameters: Parameters, robot: Address, size: int) -> "_Endpoint | Machine":
+def _machine(parameters: Parameters, robot: Address, size: int) -> _Endpoint:
     if parameters.strategy is Strategy.BROADCAST:
         return BroadcastMember(robot, size, 0)
     return UnicastMaster(robot, size, 0, parameters.strategy) if robot == 0 else UnicastSlave(robot, size, 0)

@@ -75,6 +75,9 @@ class Outages:
         return not any(a == source and b == destination and s <= time < e for a, b, s, e in self.rows)
 
 
+CLEAR = Outages()
+
+
 def draw_outages(choice: Choice, frames: Sequence[Sighting], longest: int = 50_000_000) -> Outages:
     """Draw outages that begin or end within a nanosecond of the starts of *frames*."""
     rows = []

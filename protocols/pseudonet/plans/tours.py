@@ -88,9 +88,8 @@ def split(order: Sequence[Cell], costs: Costs, team: int) -> tuple[Tour, ...]:
     reached = np.concatenate((np.zeros(1, np.int64), np.cumsum(costs)))
     bound = _least_bound(reached, count)
     cuts = [0]
-    for after in range(
-        count - 1, 0, -1
-    ):  # a part that stops at an even share leaves less than that to each one after it
+    # a part that stops at its even share leaves less than that, on average, to those after it
+    for after in range(count - 1, 0, -1):
         here = reached[cuts[-1]]
         share = min(bound, (reached[-1] - here) // (after + 1))
         cuts.append(min(int(np.searchsorted(reached, here + share, "right")), len(order) - after))
