@@ -224,8 +224,9 @@ class Call:
 class Machine(Protocol):
     """A protocol endpoint. It does no I/O, reads no clock and draws only from the stream it was given."""
 
-    finished: bool
-    """Nothing more will come from this machine unless it is addressed again."""
+    @property
+    def finished(self) -> bool:
+        """Nothing more will come from this machine unless it is addressed again."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a payload; never raise for bad bytes, they become an event."""

@@ -64,6 +64,9 @@ TRACED: Final = 0.9
 """The share of long random strings that must become an event; the rest may have been frames by chance."""
 
 
+QUEUES: Final = ("outbox", "commands", "events")
+
+
 class LawError(CosimError, AssertionError):
     """A machine breaks one of the laws that :func:`check_machine` knows; the text says which, and where."""
 
@@ -108,6 +111,7 @@ class _Watched:
         self._twice = twice
         self._echo = echo
         self._returning: list[Outgoing] = []
+        self._full = set(QUEUES)
 
     @property
     def finished(self) -> bool:
@@ -118,19 +122,19 @@ class _Watched:
         raise LocalProtocolError("only the machine itself knows when it has finished")
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        self.now = now
+        self._begin(now)
         self.machine.receive(data, reception, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        self.now = now
+        self._begin(now)
         self.machine.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        self.now = now
+        self._begin(now)
         self.machine.observe(observation, now)
 
     def wake(self, now: Time) -> None:
-        self.now = now
+        self._begin(now)
         self.machine.wake(now)
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
@@ -147,26 +151,23 @@ class _Watched:
         return deadline
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
-        items = self._drain("outbox", self.machine.outbox)
-        sent = [item for item in items if isinstance(item, Outgoing)]
-        self.payloads += [item.payload for item in sent]
-        self._returning += sent
-        return items
+        return self._drain("outbox", self.machine.outbox)
 
     def commands(self) -> list[Command]:
         return self._drain("commands", self.machine.commands)
 
     def events(self) -> list[Event]:
-        items = self._drain("events", self.machine.events)
-        if self._echo:
-            self._feed_back()
-        return items
+        return self._drain("events", self.machine.events)
 
     def drain(self) -> list[Event]:
         """Drain all queues and return the events."""
         self.outbox()
         self.commands()
         return self.events()
+
+    def _begin(self, now: Time) -> None:
+        self.now = now
+        self._full = set(QUEUES)
 
     def _drain(self, name: str, queue: Callable[[], list[Any]]) -> list[Any]:
         items = list(queue())
@@ -175,6 +176,12 @@ class _Watched:
             raise LawError(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
         self._note(name, items)
         self._note("finished", self.finished)
+        sent = [item for item in items if isinstance(item, Outgoing)]
+        self.payloads += [item.payload for item in sent]
+        self._returning += sent
+        self._full.discard(name)
+        if self._echo and not self._full:
+            self._feed_back()
         return items
 
     def _note(self, name: str, value: Any) -> None:

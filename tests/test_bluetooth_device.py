@@ -24,7 +24,7 @@ from cosim.machine import (
     Role,
     Scan,
 )
-from cosim.units import MS, SLOT, S
+from cosim.units import MS, SLOT, US, S
 from tests.bluetooth_world import World
 
 
@@ -218,9 +218,41 @@ def test_a_procedure_ends_silently_when_the_radio_is_switched_off() -> None:
     world = World(2)
     world.command(0, Inquire(1 * S, 2), Page(1))
     world.at(500 * MS, lambda: world.channel.power(0, False))
+    world.at(600 * MS, lambda: world.channel.power(0, True))
     world.kernel.run(10 * S)
     assert world.hosts[0].got(InquiryComplete) + world.hosts[0].got(Connected) == []
     assert world.channel.devices[0].inquiry_time == 500 * MS
+    world.command(0, Page(1))  # what was asked for before is forgotten; this is not
+    world.kernel.run(20 * S)
+    assert len(world.hosts[0].got(Connected)) == 1
+
+
+@pytest.mark.parametrize("device", [0, 1])
+def test_a_radio_forgets_its_links_even_if_it_is_off_for_a_moment_only(device: Address) -> None:
+    world = World(2, supervision_s=2.0, idle_frames=True)
+    world.connect(1)
+    off = world.kernel.now
+    world.at(off, lambda: world.channel.power(device, False))
+    world.at(off + 100 * MS, lambda: world.channel.power(device, True))
+    world.kernel.run(off + 3 * S)
+    assert world.hosts[device].got(Lost) == []
+    assert world.hosts[1 - device].got(Lost) == [Lost(device)]
+    polls = [(f["time_ns"] < off + 100 * MS, f["outcome"]) for f in world.frames() if f["time_ns"] > off]
+    expected = {(True, "out_of_range"), (False, "not_tuned")} if device == 1 else set()
+    assert set(polls) == expected
+
+
+def test_a_radio_that_is_switched_off_in_the_middle_of_a_frame_does_not_receive_it() -> None:
+    world = World(2)
+    world.connect(1)
+    now = world.kernel.now
+    clock = world.channel.devices[0].identity.clock
+    start = clock.time_of((clock.tick(now) // 4 + 1) * 4)
+    world.at(start, lambda: world.channel.send(0, Outgoing(BROADCAST, bytes(17))))
+    world.at(start + 100 * US, lambda: world.channel.power(1, False))
+    world.kernel.run(start + 5 * MS)
+    assert world.trace.columns("frames")["kind"][-1] == "DM1"
+    assert world.hosts[1].received == []
 
 
 def test_disconnect_closes_both_sides_and_both_can_be_found_again() -> None:

@@ -188,6 +188,16 @@ def test_a_pause_waits_for_the_end_of_a_slot_pair_and_for_links_that_are_due() -
     assert answers == [(8 * TICK, 12 * TICK), (12 * TICK, 16 * TICK), (16 * TICK, None)]
 
 
+def test_a_pause_waits_for_the_end_of_a_long_packet() -> None:
+    bench = Bench()
+    bench.send(0, MASTER, BROADCAST, bytes(339))  # five slots and an empty one
+    answers: list[Time | None] = []
+    bench.kernel.at(1, lambda: answers.append(bench.piconet.next_pause()))
+    bench.kernel.at(12 * TICK, lambda: answers.append(bench.piconet.next_pause()))
+    bench.run(10 * MS)
+    assert answers == [12 * TICK, None]
+
+
 def test_closing_a_link_tells_both_sides_and_frees_the_lt_addr() -> None:
     bench = Bench(size=2)
     bench.send(5, 1, MASTER, token=4)

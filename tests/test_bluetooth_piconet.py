@@ -267,3 +267,21 @@ def test_a_poll_that_fetches_or_acknowledges_a_payload_is_not_idle() -> None:
     bench.run(110 * MS)
     assert bench.on_air() == [(80, "POLL", 1), (82, "DM1", 1), (160, "POLL", 1), (162, "NULL", 1)]
     assert bench.piconet.counts() == {"DM1": 1, "POLL": 4, "NULL": 3, "idle": 2}
+
+
+def test_an_idle_poll_in_a_busy_slot_is_not_recorded_unless_idle_frames_are() -> None:
+    bench = Bench(size=2, first_due=0, idle=False)
+    bench.send(0, MASTER, 2)
+    bench.run(5 * MS)
+    assert bench.on_air() == [(4, "DM1", 2), (6, "NULL", 2)]
+
+
+def test_a_slot_that_is_put_off_is_still_decided_when_it_comes() -> None:
+    bench = Bench(t_poll_slots=40, idle=False)
+    bench.send(1, 1, MASTER, b"a")
+    bench.send(10 * MS, MASTER, BROADCAST)
+    bench.send(30 * MS, 1, MASTER, b"b")  # after the poll of tick 80, before that of tick 160
+    bench.run(60 * MS)
+    assert [(tick, kind) for tick, kind, _ in bench.on_air() if tick > 32] == [
+        *((80, "POLL"), (82, "DM1"), (160, "POLL"), (162, "DM1")),
+    ]

@@ -104,7 +104,14 @@ def test_the_step_that_is_shown_lies_in_the_middle_and_goes_deep():
     calls = Trace([CALLS])
     for time, source, depth, name in (
         *((0, 0, 0, "first"), (0, 0, 1, "under_first"), (0, 0, 2, "deep_under_first")),
-        *((1, 0, 0, "flat"), (2, 0, 0, "middle"), (2, 1, 0, "other"), (2, 0, 1, "under_middle"), (2, 1, 1, "stranger")),
+        *(
+            (1, 0, 0, "early"),
+            (1, 0, 0, "flat"),
+            (2, 0, 0, "middle"),
+            (2, 1, 0, "other"),
+            (2, 0, 1, "under_middle"),
+            (2, 1, 1, "stranger"),
+        ),
         *((3, 0, 0, "next"), (4, 0, 0, "last")),
     ):
         calls.row(CALLS, time * 10**9, source, depth, "room", name, "")

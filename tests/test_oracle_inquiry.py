@@ -64,6 +64,8 @@ class Case:
     first_train: Literal["A", "B"]
     devices: tuple[Device, ...]
     longest_backoff: int
+    coarse: bool
+    """Whether back-offs are 0 or 1 more than multiples of 16 slots, which bring the same ID again."""
     pause: int | None
     """From the end of the first inquiry to the start of the second, if there is one."""
     outages: Outages = CLEAR
@@ -83,15 +85,17 @@ class Trace(NamedTuple):
 class ShortDraws(Draws):
     """Draws that depend on every argument and are short, so that a short case holds several back-offs."""
 
-    def __init__(self, address: int, longest: int, calls: list[tuple[int, ...]]) -> None:
+    def __init__(self, address: int, longest: int, coarse: bool, calls: list[tuple[int, ...]]) -> None:
         super().__init__(1, address)
         self._address = address
         self._longest = longest
+        self._coarse = coarse
         self._calls = calls
 
     def below(self, bound: int, number: int, link: int = 0, purpose: int = 0) -> int:
         self._calls.append((self._address, bound, number, link, purpose))
-        return super().below(min(self._longest, bound), number, 1000 * link + bound, purpose)
+        slots = super().below(min(self._longest, bound), number, 1000 * link + bound, purpose)
+        return slots // 16 * 16 + slots % 2 if self._coarse else slots
 
 
 def run_slowly(case: Case) -> Trace:
@@ -101,7 +105,7 @@ def run_slowly(case: Case) -> Trace:
             device.address,
             Windows(Clock(device.phase, device.ppm), device.offset, device.interval, device.interlaced),
             device.version,
-            partial(_draw, ShortDraws(device.address, case.longest_backoff, trace.draws)),
+            partial(_draw, ShortDraws(device.address, case.longest_backoff, case.coarse, trace.draws)),
             device.begin,
             device.n,
         )
@@ -150,7 +154,7 @@ def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
         scan = model.InquiryScanSettings(
             version=device.version, interval_s=device.interval * 312.5e-6, interlaced=device.interlaced
         )
-        draws = ShortDraws(device.address, case.longest_backoff, trace.draws)
+        draws = ShortDraws(device.address, case.longest_backoff, case.coarse, trace.draws)
         clock = NativeClock(device.phase, device.ppm)
         scanner = model.InquiryScanner(kernel, air, device.address, clock, scan, device.offset, draws)
         scanner.n = device.n
@@ -212,9 +216,13 @@ def draw_case(choice: Choice) -> Case:
         first_train=pick(choice, ("A", "B")),
         devices=(),
         longest_backoff=pick(choice, (1, 4, 32, 128, 1024)),
+        coarse=chance(choice, 2),
         pause=choice.integer(5_000_000, 60_000_000) if chance(choice, 4) else None,
     )
     version: Literal["1.1", "1.2"] = pick(choice, ("1.1", "1.2"))
+    if version == "1.1" and chance(choice, 4):  # the wrong train for longer than a response time-out
+        duration = 4 * choice.integer(300, 1200)
+        case = replace(case, n_inquiry=16, duration=duration, longest_backoff=256, coarse=True)
     near = chance(choice, 2)
     devices: list[Device] = []
     focus = _draw_focus(choice, case)
@@ -356,11 +364,12 @@ FAULTS = [
     ("the window opens a tick late", "scanning", "edge + part * WINDOW)", "edge + part * WINDOW + 1)"),
     ("the window closes a tick late", "scanning", "(part + 1) * WINDOW)", "(part + 1) * WINDOW + 1)"),
     ("the window opens 1 ns late", "scanning", "_tick(ph, pm, opening - 1) + 1", "_tick(ph, pm, opening) + 1"),
-    ("the window closes 1 ns early", "scanning", "closing - ID_DURATION", "closing - ID_DURATION - 1"),
-    ("an ID across the close is heard", "scanning", "closing - ID_DURATION", "closing"),
+    ("the window closes 1 ns early", "scanning", "closing - ID_AIR", "closing - ID_AIR - 1"),
+    ("an ID across the close is heard", "scanning", "closing - ID_AIR", "closing"),
     ("listening starts 1 ns late", "scanning", "since - 1) + 1", "since) + 1"),
     ("the scanner's block ends a tick late", "scanning", "(block + 1) << 12) - 1)", "(block + 1) << 12))"),
     ("the inquirer's block ends a tick late", "scanning", "<< 12) - est - 1", "<< 12) - est"),
+    ("the transmit slot that begins now is missed", "scanning", "clock.tick(now - 1)", "clock.tick(now)"),
     ("the train ends a tick late", "scanning", "(turn + 1) * switch - 1", "(turn + 1) * switch"),
     (
         "the train in use changes a tick late",
@@ -379,6 +388,7 @@ FAULTS = [
         "SHORT_BACKOFF_BELOW: Final = 4095",
     ),
     ("the response time-out is short by one slot", "inquiry", "128 * SLOT", "127 * SLOT"),
+    ("the response time-out is long by one slot", "inquiry", "128 * SLOT", "129 * SLOT"),
     ("the answer is a tick late", "inquiry", "start + RESPONSE_DELAY", "start + RESPONSE_DELAY + 312_500"),
     (
         "the answer is expected a slot pair late",
@@ -390,8 +400,8 @@ FAULTS = [
     (
         "IDs are sent while an FHS is received",
         "inquiry",
-        "return self._locked is None or not",
-        "return self._locked is not None or not",
+        "frame.start < start < self._locked.end",
+        "frame.start < start < 0",
     ),
     (
         "a second FHS can be locked on",

@@ -73,7 +73,7 @@ def test_estimates_come_by_arm():
     [
         ({"where": "size == 4 and radio == 'near'", "test": "within 1 %"}, "holds"),
         ({"where": "size == 4 and radio == 'far'", "test": "within 12 %"}, "fails"),
-        ({"where": "size == 4 and radio == 'far'", "test": "within 13 %"}, "holds"),
+        ({"where": "size == 4 and radio == 'far'", "test": "within 12.5 %"}, "holds"),
         ({"where": "size == 4 and radio == 'near'", "test": "equal"}, "fails"),
         ({"quantity": "constant", "published": "3", "test": "equal"}, "holds"),
         ({"published": "6.5", "test": "at least"}, "holds"),

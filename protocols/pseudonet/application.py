@@ -1,4 +1,4 @@
-"""The application room, and the machine of one robot: area coverage in the four phases of paper 003 (section IV, Figs 4, 5).
+"""The application room: area coverage in the four phases of paper 003 (section IV, Figs 4, 5).
 
 A step of the team: every robot localizes itself, evaluates its actions and loads its message; the exchange makes all
 messages known to all; conflicts take further exchanges; an exchange in which everybody accepts ends the step, and the
@@ -8,87 +8,25 @@ The number of cells is known, so each robot finds completion by itself.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from enum import Enum, auto
-from typing import Final
 
 from cosim.geometry.grids import Cell
-from cosim.machine import (
-    Address,
-    Command,
-    Event,
-    Fate,
-    GoTo,
-    LinkCommand,
-    LinkEvent,
-    Lost,
-    Observation,
-    Outgoing,
-    Reception,
-    next_state,
-)
+from cosim.machine import Address, Event, Fate, Observation, Reception, next_state
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import Algorithm
-from protocols.pseudonet.bluetooth import Bluetooth
 from protocols.pseudonet.broadcast import Answered, Broadcast, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
-from protocols.pseudonet.coordination import Coordination, accepted, contest, in_trouble
+from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
 from protocols.pseudonet.journal import BadBytes, Finished, Journal, MessageSent, RobotDropped, Stepped, TeamFormed
 from protocols.pseudonet.knowledge import Knowledge
-from protocols.pseudonet.messages import Kind, Message, Reply
-from protocols.pseudonet.messaging import Messaging
-from protocols.pseudonet.parameters import Parameters, Timing
+from protocols.pseudonet.messages import Message
+from protocols.pseudonet.messaging import Messaging, Stance
+from protocols.pseudonet.parameters import Parameters
+from protocols.pseudonet.phases import TABLE, Input, Phase
 from protocols.pseudonet.records import Records
-
-ARRIVAL_TOLERANCE_M: Final = 1e-6
-PATIENCE_TICKS: Final = 30
-"""World ticks that a robot pushes against something before it drives back to the cell that it came from."""
+from protocols.pseudonet.steering import Progress, Steering
 
 
-class Phase(Enum):
-    """The four phases of Figs 4 and 5; robots drive while they wait for the next exchange."""
-
-    INITIALISATION = auto()
-    STATE_EXCHANGE = auto()
-    DECISION = auto()
-    TERMINATION = auto()
-
-
-class Input(Enum):
-    """What moves the application from phase to phase."""
-
-    TEAM = auto()
-    """A team, or a new one, is called up."""
-    ARRIVED = auto()
-    """The robot stands in the cell that it was to go to."""
-    EXCHANGED = auto()
-    DISAGREED = auto()
-    AGREED = auto()
-    DONE = auto()
-    """Everything is covered, or the step limit is reached."""
-    CUT_OFF = auto()
-    """This robot is not in the team any more."""
-
-
-TABLE: Final = {
-    (Phase.INITIALISATION, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
-    (Phase.INITIALISATION, Input.ARRIVED): ("stand", Phase.INITIALISATION),
-    (Phase.INITIALISATION, Input.CUT_OFF): ("finish", Phase.TERMINATION),
-    (Phase.STATE_EXCHANGE, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
-    (Phase.STATE_EXCHANGE, Input.ARRIVED): ("move_next_step", Phase.STATE_EXCHANGE),
-    (Phase.STATE_EXCHANGE, Input.EXCHANGED): ("decide", Phase.DECISION),
-    (Phase.STATE_EXCHANGE, Input.CUT_OFF): ("finish", Phase.TERMINATION),
-    (Phase.DECISION, Input.DISAGREED): ("talk_on", Phase.STATE_EXCHANGE),
-    (Phase.DECISION, Input.AGREED): ("drive", Phase.STATE_EXCHANGE),
-    (Phase.DECISION, Input.DONE): ("finish", Phase.TERMINATION),
-    (Phase.TERMINATION, Input.TEAM): ("stand", Phase.TERMINATION),
-    (Phase.TERMINATION, Input.ARRIVED): ("stand", Phase.TERMINATION),
-    (Phase.TERMINATION, Input.EXCHANGED): ("stand", Phase.TERMINATION),
-    (Phase.TERMINATION, Input.CUT_OFF): ("stand", Phase.TERMINATION),
-}
-
-
-class Pseudonet:
-    """The machine of one robot: the application on top of coordination, messaging, broadcast and Bluetooth."""
+class Application:
+    """One robot's share of the team's task, on top of the coordination, messaging and broadcast rooms."""
 
     def __init__(
         self,
@@ -97,131 +35,77 @@ class Pseudonet:
         me: Address,
         algorithm: Algorithm,
         limits: tuple[int | None, int | None],
-        times: Timing,
         start: Time,
     ) -> None:
         self.me = me
         self.finished = False
         self.phase = Phase.INITIALISATION
         self.steps = 0
+        self.begin_at: Time | None = None
+        """When the next exchange is to begin, for the master."""
+        self.rest_until: Time | None = None
+        """When a step is over in which the master stays where it is."""
         self.records = Records(start)
         self.journal = Journal(parameters.trace_calls)
         self.messaging = Messaging(me, knowledge)
         self.coordination = Coordination(knowledge, me, algorithm, stop_at=limits[1])
-        self.broadcast = Broadcast(
-            me, times.poll_timeout, parameters.poll_retries, parameters.acknowledge, self._heard_from_below
-        )
-        self.bluetooth = Bluetooth(
-            knowledge.size, (times.inquiry, parameters.inquiries), parameters.page_attempts, self._piconet_ready
-        )
+        self.steering = Steering(knowledge)
+        timeout, retries = knowledge.timing.poll_timeout, parameters.poll_retries
+        self.broadcast = Broadcast(me, timeout, retries, parameters.acknowledge, self._heard_from_below)
         self._knowledge = knowledge
         self._step_limit = limits[0]
-        self._times = times
-        self._start: Time | None = start
-        self._begin_at: Time | None = None
-        self._rest_until: Time | None = None
+        self._times = knowledge.timing
         self._form: Callable[[int], Message] = self._waiting
-        self._goal: tuple[float, float] | None = None
-        self._from: Cell = -1
-        self._pushed = 0
-        self._motion: list[Command] = []
+
+    @property
+    def placed(self) -> bool:
+        """Whether the robot knows where it stands."""
+        return self.me in self.coordination.view.cells
 
     # ------------------------------------------------------------ inputs
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload off the air."""
+        """Pass a payload to the room below."""
         self.broadcast.receive(data, reception, now)
 
-    def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
-        if isinstance(event, Fate):
-            self.broadcast.fate(event, now)
-            return
-        self.bluetooth.link(event, now)
-        if isinstance(event, Lost):
-            self._lost(event.peer, now)
+    def fate(self, fate: Fate, now: Time) -> None:
+        """Pass the fate of a payload to the room below."""
+        self.broadcast.fate(fate, now)
 
-    def observe(self, observation: Observation, now: Time) -> None:
-        """Notice that the robot has arrived, or that something keeps it from arriving."""
-        if self._goal is None:
-            if self.me not in self.coordination.view.cells:
-                self._take_place(observation)
-            return
-        x_m, y_m = self._goal
-        distance = max(abs(observation.x_m - x_m), abs(observation.y_m - y_m))
-        if observation.arrived and distance < ARRIVAL_TOLERANCE_M:
-            self._goal = None
-            self._pushed = 0
-            self._input(Input.ARRIVED, now)
-        elif observation.blocked:
-            self._push()
-
-    def wake(self, now: Time) -> None:
-        """Act on the deadlines that have come."""
-        if self._start is not None and now >= self._start:
-            self._start = None
-            self._set_up(now)
-        if self._begin_at is not None and now >= self._begin_at:
-            self._load(now)
-        if self._rest_until is not None and now >= self._rest_until:
-            self._rest_until = None
-            self._input(Input.ARRIVED, now)
-        self.broadcast.wake(now)
-
-    def wake_at(self) -> Time | None:
-        """Return the earliest deadline."""
-        times = [
-            time
-            for time in (self._start, self._begin_at, self._rest_until, self.broadcast.deadline)
-            if time is not None
-        ]
-        return min(times) if times else None
-
-    # ------------------------------------------------------------ outputs
-
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain what the two rooms below have for the device."""
-        if not self.bluetooth.out and not self.broadcast.out:
-            return []
-        out = self.bluetooth.out + self.broadcast.out
-        self.bluetooth.out = []
-        self.broadcast.out = []
-        return out
-
-    def commands(self) -> list[Command]:
-        """Drain where to drive."""
-        motion, self._motion = self._motion, []
-        return motion
-
-    def events(self) -> list[Event]:
-        """Drain the journal."""
-        return self.journal.drain()
-
-    # ------------------------------------------------------------ initialisation
-
-    def _set_up(self, now: Time) -> None:
-        self.journal.call(0, "application", "initialise", f"robot {self.me}")
-        self.journal.call(4, "bluetooth", "l2cap.connection_request")
-        if self._knowledge.size == 1:
-            self._piconet_ready((), (0, 0), now)
-        else:
-            self.bluetooth.start(initiate=self.me == 0, now=now)
-
-    def _piconet_ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+    def assemble(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+        """As the master, call the team up: the piconet stands."""
         self.broadcast.assemble(tuple(sorted((self.me, *slaves))), hop, now)
 
-    def _take_place(self, observation: Observation) -> None:
-        cell = self.coordination.localize(observation.x_m, observation.y_m)
-        self.coordination.view.cells[self.me] = cell
-        x_m, y_m = self._knowledge.grid.centre_m(cell)
-        if max(abs(observation.x_m - x_m), abs(observation.y_m - y_m)) >= ARRIVAL_TOLERANCE_M:
-            self._drive_to(cell, cell)
-
-    def _lost(self, peer: Address, now: Time) -> None:
+    def lost(self, peer: Address, now: Time) -> None:
+        """Take notice that the link to *peer* is gone."""
         if self.broadcast.find_master() == self.me:
             self.broadcast.lost(peer, now)
         elif peer == self.broadcast.find_master():
-            self._input(Input.CUT_OFF, now)
+            self.cut_off(now)
+
+    def cut_off(self, now: Time) -> None:
+        """Take notice that there is no team for this robot any more."""
+        self._input(Input.CUT_OFF, now)
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Localize, or notice the progress of a drive."""
+        if not self.placed:
+            self._take_place(observation, now)
+            return
+        match self.steering.observe(observation):
+            case Progress.ARRIVED:
+                self._input(Input.ARRIVED, now)
+            case Progress.TURNED_BACK:
+                self.coordination.turned_back()
+
+    def wake(self, now: Time) -> None:
+        """Act on the deadlines that have come."""
+        if self.begin_at is not None and now >= self.begin_at:
+            self._load(now)
+        if self.rest_until is not None and now >= self.rest_until:
+            self.rest_until = None
+            self._input(Input.ARRIVED, now)
+        self.broadcast.wake(now)
 
     # ------------------------------------------------------------ upcalls of the broadcast room
 
@@ -230,7 +114,7 @@ class Pseudonet:
             case Exchanged(messages=messages):
                 self._exchanged(messages, now)
             case MessageWanted():
-                self.broadcast.submit(self.messaging.waiting(self.broadcast.exchange, self._cell(), busy=True))
+                self._submit_unready()
             case TeamChanged(members=members):
                 self._team_changed(members, now)
             case Answered(message=message):
@@ -238,11 +122,19 @@ class Pseudonet:
             case Garbage(reason=reason):
                 self.journal.note(BadBytes(reason))
 
+    def _submit_unready(self) -> None:
+        if self.placed:
+            message = self.messaging.waiting(self.broadcast.exchange, self._cell(), busy=True)
+            self.journal.note(MessageSent(message.kind.name.lower()))
+            self.broadcast.submit(message)
+
     def _team_changed(self, members: tuple[Address, ...], now: Time) -> None:
+        if self.finished:
+            return
         for gone in sorted(set(self.coordination.view.members) - set(members)):
             self.journal.note(RobotDropped(gone))
         if self.me not in members:
-            self._input(Input.CUT_OFF, now)
+            self.cut_off(now)
             return
         self.records.team(now)
         self.journal.note(TeamFormed(len(members)))
@@ -267,13 +159,21 @@ class Pseudonet:
                 self._move_next_step(now)
             case "finish":
                 self.finished = True
-                self._begin_at = None
-                self._rest_until = None
+                self.begin_at = None
+                self.rest_until = None
                 self.journal.note(Finished(event.name.lower()))
+
+    def _take_place(self, observation: Observation, now: Time) -> None:
+        cell = self.coordination.localize(observation.x_m, observation.y_m)
+        self.coordination.view.cells[self.me] = cell
+        if not self.steering.centred(cell, observation):
+            self.steering.go(cell, cell)
+        if self.phase is Phase.STATE_EXCHANGE:  # the team was called up before this robot knew its place
+            self._load(now)
 
     def _move_next_step(self, now: Time) -> None:
         """The action of Fig. 12: localize, evaluate, communicate."""
-        if self.coordination.plan_due:
+        if self.coordination.plan_due or self.coordination.obstructed is not None:
             self._form = self._waiting
         else:
             self._evaluate()
@@ -281,19 +181,19 @@ class Pseudonet:
             self._load(now)
 
     def _evaluate(self) -> None:
-        cell = self.coordination.view.cells[self.me]
         self.journal.call(0, "application", "move_next_step", f"step {self.steps + 1}")
-        self.journal.call(1, "coordination", "localize", self._knowledge.place(cell))
+        self.journal.call(1, "coordination", "localize", self._knowledge.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
         self.journal.call(1, "coordination", "evaluate_actions", evaluation)
-        self._form = lambda exchange: self.messaging.state(exchange, self._cell(), evaluation)
+        self._say(Stance.PROPOSE)
 
     def _decide(self, messages: Mapping[Address, Message], now: Time) -> None:
         """The decision phase: what follows from everybody's messages, computed alike by every robot."""
         self.coordination.take_positions(messages)
-        if any(message.busy for message in messages.values()):
+        if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
+            self.records.busy()
             self._talk_on(now, self._times.retry)
-        elif self.coordination.view.complete():
+        elif self.coordination.complete():
             self._input(Input.DONE, now)
         elif self.coordination.plan_due:
             self.coordination.plan()
@@ -302,23 +202,14 @@ class Pseudonet:
         elif accepted(messages.values()):
             self._agreed(messages, now)
         else:
-            self._negotiate(messages, now)
+            self._answer_those_in_trouble(messages)
+            self._say(self.coordination.negotiate(messages))
+            self._talk_on(now)
 
-    def _negotiate(self, messages: Mapping[Address, Message], now: Time) -> None:
-        self._answer_those_in_trouble(messages)
-        outcome = contest(messages, self.coordination.view.cells, self.coordination.targets(messages))
+    def _say(self, stance: Stance) -> None:
+        """Speak with this *stance* about the present evaluation from now on."""
         evaluation = self.coordination.evaluation
-        if self.me in outcome.losers:
-            evaluation = self.coordination.give_up()
-            self._form = lambda exchange: self.messaging.agree(exchange, self._cell(), evaluation, Reply.YIELD)
-        elif self.me in outcome.claimants:
-            self._form = lambda exchange: self.messaging.claim(exchange, self._cell(), evaluation)
-        elif outcome.settled():
-            self._form = lambda exchange: self.messaging.agree(exchange, self._cell(), evaluation, Reply.ACCEPT)
-        else:
-            plain = replace(evaluation, kind=Kind.STATE)
-            self._form = lambda exchange: self.messaging.state(exchange, self._cell(), plain)
-        self._talk_on(now)
+        self._form = lambda exchange: self.messaging.speak(stance, exchange, self._cell(), evaluation)
 
     def _answer_those_in_trouble(self, messages: Mapping[Address, Message]) -> None:
         for asker, message in messages.items():
@@ -327,14 +218,16 @@ class Pseudonet:
             target = self.coordination.direction_for(asker, messages)
             if target is not None:
                 answer = self.messaging.direct(self.broadcast.exchange, self._cell(), asker, target)
+                self.journal.note(MessageSent(answer.kind.name.lower()))
                 self.journal.call(2, "messaging", "answer", answer)
                 self.broadcast.answer(answer)
 
     def _talk_on(self, now: Time, pause: Time = 0) -> None:
         self._input(Input.DISAGREED, now)
-        if self.me == self.broadcast.find_master() and pause:
-            self._begin_at = now + pause
-        elif self._goal is None or self.me == self.broadcast.find_master():
+        master = self.me == self.broadcast.find_master()
+        if master and pause:
+            self.begin_at = now + pause
+        elif master or not self.steering.under_way:
             self._load(now)
 
     def _agreed(self, messages: Mapping[Address, Message], now: Time) -> None:
@@ -349,26 +242,29 @@ class Pseudonet:
             return
         self._input(Input.AGREED, now)
         if cell != before:
-            self._drive_to(cell, before)
+            self.steering.go(cell, before)
         elif self.me == self.broadcast.find_master():
-            self._rest_until = now + self._times.step
+            self.rest_until = now + self._times.step
         else:
             self._input(Input.ARRIVED, now)
 
-    # ------------------------------------------------------------ talking and driving
+    # ------------------------------------------------------------ talking
 
     def _cell(self) -> Cell:
         """Return where I am, or will be when I have arrived."""
         return self.coordination.view.cells[self.me]
 
     def _waiting(self, exchange: int) -> Message:
-        return self.messaging.waiting(exchange, self._cell(), busy=self._goal is not None)
+        busy, verdicts = self.steering.under_way, self.coordination.obstruction()
+        return self.messaging.waiting(exchange, self._cell(), busy, verdicts)
 
     def _load(self, now: Time) -> None:
         """The service communicate of Fig. 12: hand the message of the present exchange to the room below."""
-        self._begin_at = None
-        self._rest_until = None
-        form = self._waiting if self._goal is not None else self._form
+        self.begin_at = None
+        self.rest_until = None
+        if not self.placed:
+            return
+        form = self._waiting if self.steering.under_way else self._form
         message = form(self.broadcast.exchange)
         self.journal.note(MessageSent(message.kind.name.lower()))
         self.journal.call(1, "coordination", "communicate")
@@ -382,15 +278,6 @@ class Pseudonet:
             self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
             self.broadcast.submit(message)
 
-    def _drive_to(self, cell: Cell, origin: Cell) -> None:
-        self._from = origin
-        self._pushed = 0
-        self._goal = self._knowledge.grid.centre_m(cell)
-        self._motion.append(GoTo(*self._goal))
-
-    def _push(self) -> None:
-        """Something that the team does not know of stands in the way: after a while, go back."""
-        self._pushed += 1
-        if self._pushed > PATIENCE_TICKS and self._from != self._cell():
-            self.coordination.view.cells[self.me] = self._from
-            self._drive_to(self._from, self._from)
+    def events(self) -> list[Event]:
+        """Drain the journal."""
+        return self.journal.drain()

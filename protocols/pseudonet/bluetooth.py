@@ -50,7 +50,6 @@ class Input(Enum):
     NEXT = auto()
     ALL_PAGED = auto()
     JOINED = auto()
-    LEFT = auto()
 
 
 TABLE: Final = {
@@ -63,7 +62,6 @@ TABLE: Final = {
     (Setup.PAGING, Input.ALL_PAGED): ("ready", Setup.CONNECTED),
     (Setup.SCANNING, Input.JOINED): ("joined", Setup.CONNECTED),
     (Setup.CONNECTED, Input.JOINED): ("joined", Setup.CONNECTED),
-    (Setup.CONNECTED, Input.LEFT): ("scan", Setup.SCANNING),
 }
 
 

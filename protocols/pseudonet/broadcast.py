@@ -11,7 +11,7 @@ makes the team repeat itself. A polled slave that does not answer within the pol
 tells the others the new team.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -78,8 +78,6 @@ class Broadcast:
         self.exchange = 0
         self.deadline: Time | None = None
         self.out: list[Outgoing | LinkCommand] = []
-        self.polls = 0
-        self.dropped: list[Address] = []
         self.hop = (0, 0)
         self._poll_timeout = poll_timeout
         self._poll_retries = poll_retries
@@ -119,6 +117,7 @@ class Broadcast:
         self.members = members
         self.exchange = (self.exchange + 1) % EXCHANGES
         self._early = {}
+        self._heard = {}
         self._roll_call = True
         self._pending = []
         self.deadline = None
@@ -144,7 +143,6 @@ class Broadcast:
     def _poll(self, now: Time) -> None:
         self._token += 1
         self._poll_answered = False
-        self.polls += 1
         self.deadline = now + self._poll_timeout
         self.out.append(Outgoing(self._pending[0], encode(self._sync()), self._token))
 
@@ -165,7 +163,6 @@ class Broadcast:
 
     def _drop(self, slave: Address, now: Time) -> None:
         """A robot that misses its poll is unlikely to come back (section IV.A): the others learn the new team."""
-        self.dropped.append(slave)
         self._early = {key: message for key, message in self._early.items() if key[0] != slave}
         self.out.append(Disconnect(slave))
         self._announce(tuple(member for member in self.members if member != slave), now)
@@ -248,9 +245,14 @@ class Broadcast:
             self._forward(packet, data, now)
             return
         # it may be ahead of its poll: a slave loads its next message once it has heard all others
-        self._early[packet.source, packet.exchange] = packet
+        if (packet.exchange - self.exchange) % EXCHANGES <= 1 and packet.source not in self._taken(packet.exchange):
+            self._early[packet.source, packet.exchange] = packet
         if self._acknowledge and packet.kind in (Kind.HELP, Kind.TRAP):
             self.out.append(Outgoing(packet.source, encode(Acknowledgement(self.me, packet.exchange))))
+
+    def _taken(self, exchange: int) -> Iterable[Address]:
+        """Return whose messages of *exchange* are in already: a repetition must not be kept for 256 exchanges."""
+        return self._heard if exchange == self.exchange else ()
 
     def _forward(self, message: Message, data: bytes, now: Time) -> None:
         if message.addressee == self.me:

@@ -5,6 +5,9 @@ with the reasons why their other actions failed. The more constricted one (fewer
 then the one with the lower number; the others drop theirs, evaluate again and confirm with an *answer*. A robot whose
 next cell is somebody's present one always gives way: a body stands there. When no conflict is left everyone answers
 *accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
+
+Where a robot that was dropped stands, nobody knows for sure. A robot that cannot enter a cell turns back and reports
+that step as a wall; as everybody hears it, everybody goes around that cell from then on.
 """
 
 from collections.abc import Iterable, Mapping
@@ -12,9 +15,10 @@ from dataclasses import dataclass
 
 from cosim.geometry.grids import Cell
 from cosim.machine import Address
-from protocols.pseudonet.algorithms.base import UNJUDGED, Algorithm, Evaluation
+from protocols.pseudonet.algorithms.base import STEPS, UNJUDGED, Algorithm, Evaluation, Verdicts
 from protocols.pseudonet.knowledge import Knowledge, View
-from protocols.pseudonet.messages import Action, Kind, Message, Reply
+from protocols.pseudonet.messages import Action, Kind, Message, Reply, Verdict
+from protocols.pseudonet.messaging import Stance
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ def in_trouble(message: Message) -> bool:
     return message.kind == Kind.TRAP or (message.kind == Kind.HELP and message.action == Action.STAY)
 
 
-def helper(asker: Address, messages: Mapping[Address, Message], view: View) -> Address | None:
+def helper(asker: Address, messages: Mapping[Address, Message]) -> Address | None:
     """Return who answers *asker*: the nearest member that is not in trouble itself, then the lowest number."""
     here = messages[asker]
     candidates = [
@@ -83,10 +87,13 @@ class Coordination:
         self.evaluation = Evaluation(Action.STAY, UNJUDGED)
         self.own_cells = 0
         self.dormant = False
+        self.plan_due = False
+        self.obstructed: Action | None = None
+        """The step that I had to turn back from, until the team has heard of it."""
+        self._stopped: set[Address] = set()
         self._algorithm = algorithm
         self._stop_at = stop_at
         self._knowledge = knowledge
-        self.plan_due = False
 
     def localize(self, x_m: float, y_m: float) -> Cell:
         """Return the cell that the robot stands in (Fig. 12)."""
@@ -102,10 +109,35 @@ class Coordination:
             self.evaluation = self._algorithm.evaluate(self.view)
         return self.evaluation
 
-    def give_up(self) -> Evaluation:
-        """Omit the present action from the list and evaluate again."""
-        self.view.omitted.add(self.evaluation.action)
-        return self.evaluate_actions()
+    def negotiate(self, messages: Mapping[Address, Message]) -> Stance:
+        """Return what I say to *messages* next; a loser omits its action from the list and evaluates again."""
+        outcome = contest(messages, self.view.cells, self.targets(messages))
+        if self.view.me in outcome.losers:
+            self.view.omitted.add(self.evaluation.action)
+            self.evaluate_actions()
+            return Stance.YIELD
+        if self.view.me in outcome.claimants:
+            return Stance.CLAIM
+        return Stance.ACCEPT if outcome.settled() else Stance.REPEAT
+
+    def turned_back(self) -> None:
+        """Take notice that my last action cannot be carried out: I am on the way back."""
+        self.obstructed = self.evaluation.action
+        back = self._knowledge.steps[self.view.cells[self.view.me]][(self.obstructed + 2) % 4]
+        self.view.cells[self.view.me] = back
+
+    def obstruction(self) -> Verdicts:
+        """Return the verdicts that tell the team of the step that I had to turn back from."""
+        north, east, south, west = (Verdict.WALL if step == self.obstructed else Verdict.POSSIBLE for step in STEPS)
+        return north, east, south, west
+
+    def all_placed(self) -> bool:
+        """Return whether it is known where everybody is."""
+        return all(member in self.view.cells for member in self.view.members)
+
+    def complete(self) -> bool:
+        """Return whether nothing is left to do: all is covered, or everybody has covered its programmed ratio."""
+        return self.view.complete() or (self._stop_at is not None and self._stopped.issuperset(self.view.members))
 
     def team_changed(self, members: tuple[Address, ...]) -> None:
         """Take a new team; where a dropped robot stood, or was going to stand, may be its body."""
@@ -123,9 +155,22 @@ class Coordination:
             if cell is None or cell not in self._knowledge.cells:
                 continue  # nobody can be there: a peer's fault, not ours
             self.view.cells[robot] = cell
+            if message.kind == Kind.STOP:
+                self._stopped.add(robot)
+            self._go_around(robot, cell, message)
             if not message.busy and cell not in self.view.covered:
                 self.view.covered.add(cell)
                 self.own_cells += robot == self.view.me
+
+    def _go_around(self, robot: Address, cell: Cell, message: Message) -> None:
+        """Take the cells that a robot could not enter, though there is no wall on the plan, for obstacles."""
+        for step, verdict in zip(STEPS, message.verdicts, strict=True):
+            beyond = self._knowledge.steps[cell][step]
+            if verdict == Verdict.WALL and beyond >= 0:
+                self.plan_due = self.plan_due or beyond not in self.view.obstacles
+                self.view.obstacles |= {beyond}
+                if robot == self.view.me:
+                    self.obstructed = None
 
     def plan(self) -> None:
         """Divide the work if the team is new since the last plan; to be called when everybody stands still."""
@@ -140,7 +185,8 @@ class Coordination:
     def commit(self, messages: Mapping[Address, Message]) -> Cell:
         """Carry the agreed step over into the picture of the team; return my own next cell."""
         for robot, target in self.targets(messages).items():
-            self.view.cells[robot] = target
+            if target >= 0:  # or else a peer has accepted its own way into a wall
+                self.view.cells[robot] = target
         self.view.omitted.clear()
         mine = self.view.cells[self.view.me]
         self._algorithm.committed(self.evaluation.action, mine)
@@ -154,7 +200,7 @@ class Coordination:
 
     def direction_for(self, asker: Address, messages: Mapping[Address, Message]) -> Cell | None:
         """Return where to direct *asker*, if it is me who answers and if I know an uncovered cell."""
-        if helper(asker, messages, self.view) != self.view.me:
+        if helper(asker, messages) != self.view.me:
             return None
         taken = self.view.occupied() | {self.view.cells[self.view.me]}
         return self.view.nearest_uncovered(self.view.cells[asker], taken)

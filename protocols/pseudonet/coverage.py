@@ -22,7 +22,7 @@ class CoverageReferee:
         self._complete_at: Time | None = None
 
     def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
-        """Count the cells that were entered since the last tick. Never ends the run: the team finds completion itself."""
+        """Count the cells that were entered since the last tick; never end the run: the team itself finds its end."""
         grid = self._grid
         columns = np.floor((x_m - grid.origin_m[0]) / grid.cell_m).astype(np.int64)
         rows = np.floor((y_m - grid.origin_m[1]) / grid.cell_m).astype(np.int64)

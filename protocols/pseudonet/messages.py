@@ -1,4 +1,4 @@
-"""What Pseudonet puts on the air (paper 003, section III.A, Fig. 3): four packet types, five message types, a CRC on each.
+"""What Pseudonet puts on the air (paper 003, section III.A, Fig. 3): four packet types, five message types, a CRC.
 
 Every packet begins with a byte of source (3 bits), packet type (2 bits) and message kind (3 bits), followed by the
 number of the exchange that it belongs to. All fit a DM1 packet (17 bytes), so that each is one Bluetooth packet.
@@ -135,6 +135,14 @@ class Message:
     trail: tuple[Action, ...] = ()
     """The last steps of a robot that is trapped, oldest first."""
 
+    def __str__(self) -> str:
+        """Say what the trace of calls shows of a message."""
+        words = [f"exchange {self.exchange}", f"at ({self.x}, {self.y})", self.action.name.lower()]
+        words += [f"{a.name.lower()}: {v.name.lower()}" for a, v in zip(Action, self.verdicts, strict=False) if v]
+        words += [self.reply.name.lower()] if self.reply else []
+        words += ["busy"] if self.busy else []
+        return ", ".join(words)
+
     def constricted(self) -> int:
         """Return how many actions remain possible: the fewer, the better the claim to a cell."""
         return sum(verdict == Verdict.POSSIBLE for verdict in self.verdicts)
@@ -242,7 +250,6 @@ def _trail_word(trail: tuple[Action, ...]) -> int:
 
 
 def _decode(data: bytes) -> Packet:
-    head = wire.pack(_HEAD, {"source": 0, "type": 0, "kind": 0, "exchange": 0})
     kind = Kind(data[0] & 7)
     match PacketType(data[0] >> 3 & 3):
         case PacketType.INFORMATION if kind in _MESSAGES:
@@ -258,11 +265,11 @@ def _decode(data: bytes) -> Packet:
                 values["hop_address"],
                 values["hop_clock"],
             )
-        case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as kind_of_packet if len(data) == len(
-            head
-        ):
-            negative = kind_of_packet == PacketType.NEGATIVE_ACKNOWLEDGEMENT
-            return Acknowledgement(data[0] >> 5, data[1], negative)
+        case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as packet_type:
+            values = wire.unpack(_HEAD, data)
+            return Acknowledgement(
+                values["source"], values["exchange"], packet_type == PacketType.NEGATIVE_ACKNOWLEDGEMENT
+            )
     raise WireError(f"no packet has type {data[0] >> 3 & 3} with message kind {kind}")
 
 

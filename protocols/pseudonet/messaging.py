@@ -1,10 +1,27 @@
-"""The messaging room: forms the message that fits a robot's state, and counts what was sent (paper 003, section III.A)."""
+"""The messaging room: forms the message that fits a robot's state, and counts them (paper 003, section III.A)."""
+
+from enum import Enum, auto
 
 from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import UNJUDGED, Evaluation, Verdicts
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import Action, Kind, Message, Reply
+
+
+class Stance(Enum):
+    """How a robot speaks about its next action."""
+
+    PROPOSE = auto()
+    """For the first time in a step."""
+    REPEAT = auto()
+    """While others have not agreed."""
+    CLAIM = auto()
+    """It is mine, for these reasons."""
+    YIELD = auto()
+    """I have changed it."""
+    ACCEPT = auto()
+    """Nobody is in anybody's way."""
 
 
 class Messaging:
@@ -15,23 +32,28 @@ class Messaging:
         self._me = me
         self._knowledge = knowledge
 
-    def state(self, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
-        """Return what *evaluation* asks for: a state message, or the help, trap or stop that takes its place."""
-        return self._form(
-            evaluation.kind, exchange, cell, evaluation.action, evaluation.verdicts, trail=evaluation.trail
-        )
+    def speak(self, stance: Stance, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
+        """Return what *stance* says about *evaluation*.
 
-    def waiting(self, exchange: int, cell: Cell, busy: bool) -> Message:
+        A proposal is a state message, or the help, trap or stop that takes its place; a claim is a help message with
+        the verdicts as the reasons; who accepts or yields answers to all.
+        """
+        action, verdicts = evaluation.action, evaluation.verdicts
+        match stance:
+            case Stance.PROPOSE:
+                return self._form(evaluation.kind, exchange, cell, action, verdicts, trail=evaluation.trail)
+            case Stance.REPEAT:
+                return self._form(Kind.STATE, exchange, cell, action, verdicts)
+            case Stance.CLAIM:
+                return self._form(Kind.HELP, exchange, cell, action, verdicts)
+            case Stance.YIELD:
+                return self._form(Kind.ANSWER, exchange, cell, action, verdicts, reply=Reply.YIELD)
+            case Stance.ACCEPT:
+                return self._form(Kind.ANSWER, exchange, cell, action, verdicts, reply=Reply.ACCEPT)
+
+    def waiting(self, exchange: int, cell: Cell, busy: bool, verdicts: Verdicts = UNJUDGED) -> Message:
         """Return a state message without intentions: of a robot that is driving, or at a roll call."""
-        return self._form(Kind.STATE, exchange, cell, Action.STAY, UNJUDGED, busy=busy)
-
-    def claim(self, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
-        """Return the help message that claims the next cell, with the verdicts as the reasons."""
-        return self._form(Kind.HELP, exchange, cell, evaluation.action, evaluation.verdicts)
-
-    def agree(self, exchange: int, cell: Cell, evaluation: Evaluation, reply: Reply) -> Message:
-        """Return the answer to all that accepts, or that admits to have changed the action."""
-        return self._form(Kind.ANSWER, exchange, cell, evaluation.action, evaluation.verdicts, reply=reply)
+        return self._form(Kind.STATE, exchange, cell, Action.STAY, verdicts, busy=busy)
 
     def direct(self, exchange: int, cell: Cell, to: Address, target: Cell) -> Message:
         """Return the answer that directs robot *to* to an uncovered cell."""

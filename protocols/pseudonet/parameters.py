@@ -27,9 +27,7 @@ class Parameters(Settings):
         le=1,
         description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
     )
-    patience: int = Field(
-        default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks for help"
-    )
+    patience: int = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
     history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
     revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
     k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")
@@ -38,6 +36,9 @@ class Parameters(Settings):
     page_attempts: int = Field(default=2, gt=0, description="pages of a robot before the team does without it")
     poll_timeout_s: float = Field(default=0.05, gt=0, description="time in which a poll must be answered")
     poll_retries: int = Field(default=8, ge=0, description="empty answers to a poll before a robot counts as missing")
+    silence_s: float = Field(
+        default=120.0, gt=0, description="time without a frame after which a robot, unless it is the master, gives up"
+    )
     acknowledge: bool = Field(default=True, description="the master acknowledges help and trap messages")
     trace_calls: bool = Field(default=False, description="report the calls from room to room")
 
@@ -51,10 +52,11 @@ class Timing(NamedTuple):
     """Between two exchanges while robots are still driving."""
     poll_timeout: Time
     inquiry: Time
+    silence: Time
 
 
 def timing(parameters: Parameters, surroundings: Surroundings) -> Timing:
-    """Return the durations: a step from standstill to standstill takes d/v + v/a, or 2 sqrt(d/a) if v is never reached."""
+    """Return the durations: a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached."""
     distance, speed, acceleration = parameters.cell_m, surroundings.speed_mps, surroundings.acceleration_mps2
     if distance * acceleration >= speed * speed:
         travel_s = distance / speed + speed / acceleration
@@ -66,4 +68,5 @@ def timing(parameters: Parameters, surroundings: Surroundings) -> Timing:
         retry=tick,
         poll_timeout=from_seconds(parameters.poll_timeout_s),
         inquiry=from_seconds(parameters.inquiry_s),
+        silence=from_seconds(parameters.silence_s),
     )

@@ -34,6 +34,10 @@ class Records:
             self.exchange_time += now - self._began
             self._began = None
 
+    def busy(self) -> None:
+        """The exchange was for nothing, as somebody was driving: the wait for the radio begins with the next one."""
+        self._step_began = None
+
     def agreed(self, now: Time) -> None:
         """The team drives on."""
         if self._step_began is not None:

@@ -13,10 +13,10 @@ from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.algorithms.oscard import Oscard
 from protocols.pseudonet.algorithms.planned import Planned
 from protocols.pseudonet.algorithms.random_walk import RandomWalk
-from protocols.pseudonet.application import Pseudonet
 from protocols.pseudonet.coverage import CoverageReferee
 from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Kind
 from protocols.pseudonet.parameters import Parameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
@@ -26,6 +26,7 @@ TEAM_LIMIT = 8
 """The 3-bit source address, and one master with at most seven active slaves."""
 COLUMN_LIMIT = 4096
 """The 12-bit columns and rows of messages."""
+MESSAGES = (Kind.STATE, Kind.HELP, Kind.ANSWER, Kind.TRAP, Kind.STOP)
 PLANNERS = {"boustrophedon": boustrophedon, "spanning_tree": spanning_tree}
 FREE_STEPS = 4
 """Default step limit of the algorithms that need not end: so many times each robot's share of the cells."""
@@ -36,14 +37,14 @@ METRICS = (
     Metric("overlap_ratio", "1", "entries of cells that were covered already, over the cells covered"),
     Metric("cells", "1", "cells that can be reached"),
     Metric("steps", "1", "steps that the team agreed on"),
-    *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in list(Kind)[:5]),
+    *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in MESSAGES),
     Metric("exchanges", "1", "exchanges completed"),
     Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by the master"),
     Metric("radio_wait_s", "s", "time in which the team stood still while messages were exchanged"),
     Metric("setup_s", "s", "from the start until the team was called up, mean over robots"),
     Metric("inquiry_s", "s", "time spent in inquiry by the master"),
     Metric("page_s", "s", "time spent in paging by the master"),
-    Metric("robots_dropped", "1", "robots that the team went on without"),
+    Metric("robots_dropped", "1", "robots that were never found, or that the team went on without"),
 )
 
 
@@ -102,9 +103,7 @@ def make(
     if step_limit is None and parameters.algorithm not in PLANNERS:
         step_limit = FREE_STEPS * share
     stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(knowledge.cells))
-    return Pseudonet(
-        parameters, knowledge, me, algorithm(parameters, stream), (step_limit, stop_at), knowledge.timing, start
-    )
+    return Pseudonet(parameters, knowledge, me, algorithm(parameters, stream), (step_limit, stop_at), start)
 
 
 def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
@@ -118,22 +117,23 @@ def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
 
 def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     """Return what the machines have counted."""
-    masters = [machine for machine in machines if machine.broadcast.find_master() == machine.me]
-    exchanges = sum(machine.records.exchanges for machine in masters)
-    setups = [machine.records.setup for machine in machines if machine.records.setup is not None]
+    rooms = [machine.application for machine in machines]
+    master = rooms[0]  # the robot that initiates is the master of all others
+    records = master.records
+    setups = [room.records.setup for room in rooms if room.records.setup is not None]
     sums = {
-        f"messages_{kind.name.lower()}": float(sum(m.messaging.sent[kind] for m in machines)) for kind in list(Kind)[:5]
+        f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms)) for kind in MESSAGES
     }
     return sums | {
-        "cells": float(len(machines[0].coordination.view.knowledge.cells)),
-        "steps": float(max(machine.steps for machine in machines)),
-        "exchanges": float(exchanges),
-        "exchange_s": to_seconds(sum(m.records.exchange_time for m in masters)) / exchanges if exchanges else math.nan,
-        "radio_wait_s": to_seconds(sum(machine.records.radio_wait for machine in masters)),
+        "cells": float(len(master.coordination.view.knowledge.cells)),
+        "steps": float(max(room.steps for room in rooms)),
+        "exchanges": float(records.exchanges),
+        "exchange_s": to_seconds(records.exchange_time) / records.exchanges if records.exchanges else math.nan,
+        "radio_wait_s": to_seconds(records.radio_wait),
         "setup_s": to_seconds(sum(setups)) / len(setups) if setups else math.nan,
-        "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
-        "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
-        "robots_dropped": float(sum(len(machine.broadcast.dropped) for machine in machines)),
+        "inquiry_s": to_seconds(machines[0].bluetooth.inquiry_time),
+        "page_s": to_seconds(machines[0].bluetooth.page_time),
+        "robots_dropped": float(len(machines) - len(master.broadcast.members)),
     }
 
 

@@ -78,12 +78,12 @@ class Outages:
 CLEAR = Outages()
 
 
-def draw_outages(choice: Choice, frames: Sequence[Sighting], longest: int = 50_000_000) -> Outages:
+def draw_outages(choice: Choice, frames: Sequence[Sighting], lengths: Sequence[int] = (1_250_000,)) -> Outages:
     """Draw outages that begin or end within a nanosecond of the starts of *frames*."""
     rows = []
     for _ in range(choice.integer(1, 3)):
         frame = pick(choice, frames)
-        length = pick(choice, (1, 2, 1_250_000, choice.integer(1, 3_000_000), choice.integer(1, longest)))
+        length = pick(choice, (1, 2, *lengths, choice.integer(1, 3_000_000), choice.integer(1, 50_000_000)))
         begin = frame.start + pick(choice, (-1, 0, 1))
         if chance(choice, 3):
             begin -= length

@@ -15,7 +15,7 @@ STEPS = (Action.NORTH, Action.EAST, Action.SOUTH, Action.WEST)
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """The outcome of evaluate_actions (Fig. 12): the chosen action, why the others failed, and what to tell the team."""
+    """The outcome of evaluate_actions (Fig. 12): the chosen action, why others failed, and what to tell the team."""
 
     action: Action
     verdicts: Verdicts

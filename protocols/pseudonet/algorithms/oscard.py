@@ -1,4 +1,4 @@
-"""OSCARD, One-Step-Communicate-All-Robots-Discovery (paper 003, section VI, Fig. 10), with the message triggers of III.A.
+"""OSCARD, One-Step-Communicate-All-Robots-Discovery (paper 003, section VI, Fig. 10), with the triggers of III.A.
 
 Readings of what the paper leaves open:
 - "Select action that doesn't reduce d_ij": among uncovered neighbours, one that does not bring the robot nearer to
@@ -6,8 +6,9 @@ Readings of what the paper leaves open:
 - "Else select an action with d_ij >= 2": if every uncovered neighbour is nearer to somebody, one that keeps two cells.
 - Trapped (no uncovered neighbour): the boundary rule of Fig. 10 chooses the direction, over covered cells. "Boundary
   along the X axis" is a wall north or south of the robot, "along the Y axis" one east or west.
-- "Extended": a robot that has been trapped for *patience* steps on end sends help; it stands still for that step. An
-  answer sends it along the shortest way to the cell that the answer names.
+- "Extended": a robot that has been trapped for *patience* steps on end sends help; so does one that is surrounded, that
+  is, one that cannot take any step at all. It stands still for that step. An answer sends it along the shortest way to
+  the cell that the answer names.
 - Revisiting: the cell that it stands in occurs *revisits* times among the last *history* cells. The robot sends trap
   with its trail, stands still for that step, and without an answer makes *k_forced* steps in a random direction.
 """
@@ -23,7 +24,7 @@ from protocols.pseudonet.messages import TRAIL_LIMIT, Action, Kind, Verdict
 
 
 class Oscard:
-    """One robot's memory: its history, how long it has been trapped, where it was directed, steps it is forced to make."""
+    """One robot's memory: its history, how long it has been trapped, where it was directed, steps that are forced."""
 
     def __init__(self, stream: np.random.Generator, patience: int, history: int, revisits: int, k_forced: int) -> None:
         self._stream = stream
@@ -95,7 +96,7 @@ class Oscard:
             self._forced = None
         if self._history.count(view.cells[view.me]) >= self._revisits:
             return self._ask(Kind.TRAP, verdicts)
-        if self._trapped > self._patience:
+        if self._trapped > self._patience or not open_steps:
             return self._ask(Kind.HELP, verdicts)
         return Evaluation(self._boundary_rule(view, verdicts, open_steps), verdicts)
 

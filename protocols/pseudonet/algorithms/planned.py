@@ -18,6 +18,7 @@ a goal is covered: by L, or by a robot that was pushed onto it. The tours are fi
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from cosim.geometry.grids import Cell, CoverageGrid
@@ -57,11 +58,11 @@ class Planned:
             away = view.knowledge.distances(view.cells[group[0]], view.obstacles)
             cells = tuple(sorted(cell for cell in left if away[cell] >= 0))
             starts = tuple(view.cells[robot] for robot in group)
-            key = (cells, starts, view.obstacles)
-            self._tours |= dict(
-                zip(group, view.knowledge.once(key, lambda: self._plan(view, cells, starts)), strict=True)
-            )
+            plan = partial(self._plan, view, cells, starts)
+            tours = view.knowledge.once((self._planner, cells, starts, view.obstacles), plan)
+            self._tours |= dict(zip(group, tours, strict=True))
         self._next = dict.fromkeys(self._tours, 0)
+        self._stopped = False
 
     def _plan(self, view: View, cells: tuple[Cell, ...], starts: tuple[Cell, ...]) -> tuple[Tour, ...]:
         grid = view.knowledge.around(view.obstacles)
@@ -71,11 +72,9 @@ class Planned:
     def evaluate(self, view: View) -> Evaluation:
         """Take my part of the team's next step; stay if somebody has the better claim after all."""
         action = Action.STAY if view.omitted else joint_step(view, self._errands(view)).get(view.me, Action.STAY)
-        done = not self._stopped and self._goal(view, view.me) is None
-        self._stopped = self._stopped or done
-        return Evaluation(
-            action, judge(view, False, False), Kind.STOP if done and action == Action.STAY else Kind.STATE
-        )
+        stop = action == Action.STAY and not self._stopped and self._goal(view, view.me) is None
+        self._stopped = self._stopped or stop
+        return Evaluation(action, judge(view, False, False), Kind.STOP if stop else Kind.STATE)
 
     def directed(self, target: Cell) -> None:
         """Keep to the plan: this robot never asks."""
@@ -161,11 +160,8 @@ class _JointStep:
         if errand.distance == 1:
             return [(action, errand.goal) for action in STEPS if steps[action] == errand.goal]
         away = self._view.knowledge.distances(errand.goal, self._view.obstacles)
-        return [
-            (action, steps[action])
-            for action in STEPS
-            if steps[action] >= 0 and away[steps[action]] == errand.distance - 1
-        ]
+        nearer = errand.distance - 1
+        return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == nearer]
 
     def _move(self, robot: Address, action: Action, cell: Cell) -> None:
         self.actions[robot] = action
