@@ -62,14 +62,20 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_text(path: Path) -> str:
-    """Return the text of the file *path*; raise UserError if there is none."""
+def read_bytes(path: Path) -> bytes:
+    """Return the content of the file *path*; raise UserError if there is none."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read, expected a file: {(error.strerror or str(error)).lower()}") from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of the file *path*, in UTF-8; raise UserError if there is none."""
+    try:
+        return read_bytes(path).decode()
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except OSError as error:
-        raise UserError(f"{path}: {(error.strerror or str(error)).lower()}, expected a YAML file") from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

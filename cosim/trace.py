@@ -174,11 +174,11 @@ class Trace:
         fields = [pa.field(c.field.name, _ARROW[c.field.kind], c.field.optional, _metadata(c.field)) for c in columns]
         return pa.table([c.arrow() for c in columns], schema=pa.schema(fields, dict(metadata or {})))
 
-    def digest(self) -> str:
-        """Return a SHA-256 of all rows, sorted by (time, table, source, sequence)."""
+    def digest(self, names: Iterable[str] | None = None) -> str:
+        """Return a SHA-256 of the rows of the tables *names* (all, by default), sorted by (time, table, source, sequence)."""
         rows = [
             (row[0], name, row[1], row)
-            for name in self.tables
+            for name in (self.tables if names is None else names)
             for row in zip(*(column.values for column in self._columns[name]), strict=True)
         ]
         rows.sort(key=lambda row: row[:3])  # stable: rows of one source in one table keep their sequence

@@ -225,6 +225,7 @@ def test_a_procedure_ends_silently_when_the_radio_is_switched_off() -> None:
     world.command(0, Page(1))  # what was asked for before is forgotten; this is not
     world.kernel.run(20 * S)
     assert len(world.hosts[0].got(Connected)) == 1
+    assert world.hosts[0].got(PageFailed) == []
 
 
 @pytest.mark.parametrize("device", [0, 1])

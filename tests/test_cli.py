@@ -207,7 +207,7 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
         (("sweep", "sweep.yaml", "--set", "sise=3"), "--set sise=3: there is no sise, did you mean size?"),
         (("sweep", "depot.yaml"), "depot.yaml: duration_s: 10 is not expected here: there is no such key"),
         (("report", "nowhere"), "nowhere: holds no results, expected a folder that cosim sweep has written"),
-        (("validate", "nowhere.yaml"), "nowhere.yaml: no such file or directory, expected a YAML file"),
+        (("validate", "nowhere.yaml"), "nowhere.yaml: cannot be read, expected a file: no such file or directory"),
         (
             ("run", "depot.yaml", "--trace", "depot.yaml"),
             "Invalid value for '--trace': Directory 'depot.yaml' is a file.",

@@ -49,6 +49,8 @@ class Device(NamedTuple):
     version: Literal["1.1", "1.2"]
     begin: int
     n: int
+    off: int | None = None
+    """When it stops scanning, if it does."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ def run_slowly(case: Case) -> Trace:
             partial(_draw, ShortDraws(device.address, case.longest_backoff, case.coarse, trace.draws)),
             device.begin,
             device.n,
+            device.off,
         )
         for device in case.devices
     ]
@@ -159,6 +162,8 @@ def run_fast(case: Case, slow: Trace, model: Any = fast_inquiry) -> Trace:
         scanner = model.InquiryScanner(kernel, air, device.address, clock, scan, device.offset, draws)
         scanner.n = device.n
         kernel.at(device.begin, partial(scanner.enable, device.begin))
+        if device.off is not None:
+            kernel.at(device.off, scanner.disable)
         scanners.append(scanner)
     for noise in case.noise:
         frame = Frame(noise.start, noise.end - noise.start, "DH1", noise.source, 98, noise.channel)
@@ -281,7 +286,9 @@ def _draw_device(choice: Choice, case: Case, address: int, version: Literal["1.1
     tick += (high << 17) + (block << 12)
     time = inquirer.start(focus)
     local = tick * TICK + nudge(choice)
-    begin = pick(choice, (0, time, time + nudge(choice), case.start))
+    begin = max(0, pick(choice, (0, time, time + nudge(choice), case.start)))
+    edges = (1, 67_999, 68_001, 624_999, 625_001, choice.integer(0, 1_500_000_000) * 2 + 1)
+    off = time + pick(choice, edges) if chance(choice, 8) else None
     return Device(
         address,
         local - (time + before) - (time + before) * ppm // 1_000_000,
@@ -290,8 +297,9 @@ def _draw_device(choice: Choice, case: Case, address: int, version: Literal["1.1
         interval,
         interlaced,
         version,
-        max(0, begin),
+        begin,
         n,
+        off if off is not None and off > begin else None,
     )
 
 
@@ -409,6 +417,7 @@ FAULTS = [
         "frame.start < self._locked.end",
         "frame.start < self._locked.frame.start",
     ),
+    ("a scanner that is off still answers", "inquiry", "self._answering.cancel()", "self._answering.time"),
     ("one reply too many is waited for", "inquiry", ">= self._enough", "> self._enough"),
     ("the inquiry ends a tick early", "inquiry", "self.ids.end + 1", "self.ids.end"),
     ("the clock in the FHS does not wrap", "inquiry", "* 4 % CLOCK_RANGE", "* 4"),

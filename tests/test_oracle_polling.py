@@ -93,8 +93,8 @@ def run_slowly(case: Case) -> Trace:
     return Trace(
         seen if case.idle else piconet.sightings,
         sorted((t, s, r, payloads[token], b) for t, s, r, token, b in piconet.deliveries if t < case.end),
-        [tuple(row) for row in piconet.verdicts if row.time < case.end],
-        [tuple(row) for row in piconet.losses],
+        [(t, owner, token, fate) for t, owner, token, fate in piconet.verdicts if t < case.end],
+        [(t, owner, peer) for t, owner, peer in piconet.losses],
         {name: count for name, count in counts.items() if count},
     )
 
@@ -139,7 +139,7 @@ def run_fast(case: Case, model: Any = fast_piconet) -> Trace:
     kernel.run(case.end)
     trace.counts.update({name: count for name, count in piconet.counts().items() if count})
     for rows in trace[:4]:
-        rows.sort()  # type: ignore[attr-defined]
+        rows.sort()
     return trace
 
 
@@ -267,7 +267,8 @@ def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
         seen.update("lost by the master" if owner == MASTER else "lost by a slave" for _, owner, _ in slow.losses)
     outcomes = ("received", "out_of_range", "delivered", "sent", "flushed", "no_link", "too_long")
     others = ("POLL", "NULL", *oracle.KINDS, "lost by the master", "lost by a slave")
-    assert all(seen[what] >= 5 for what in (*outcomes, *others)) and seen["not_tuned"], seen
+    assert all(seen[what] >= 5 for what in (*outcomes, *others)), seen
+    assert seen["not_tuned"], seen
 
 
 @pytest.mark.soak

@@ -31,10 +31,10 @@ def test_starts_that_fit_are_taken_also_in_touch():
 @pytest.mark.parametrize(
     ("start", "message"),
     [
-        ((7, 1), "robots.starts[2]: (7, 1) is outside of the floor, expected 0..6 by 0..4 m"),
-        ((4.8, 0.5), "robots.starts[2]: (4.8, 0.5) is inside a wall or unknown, expected free floor"),
-        ((2.9, 1), "robots.starts[2]: (2.9, 1) is inside a wall: it is 0.1 m away, expected at least the radius 0.2 m"),
-        ((1.3, 1), "robots.starts[2]: (1.3, 1) is 0.3 m from robots.starts[0], expected at least 0.4 m: two robots in"),
+        ((7, 1), "team.starts[2]: (7, 1) is outside of the floor, expected 0..6 by 0..4 m"),
+        ((4.8, 0.5), "team.starts[2]: (4.8, 0.5) is inside a wall or unknown, expected free floor"),
+        ((2.9, 1), "team.starts[2]: (2.9, 1) is inside a wall: it is 0.1 m away, expected at least the radius 0.2 m"),
+        ((1.3, 1), "team.starts[2]: (1.3, 1) is 0.3 m from team.starts[0], expected at least 0.4 m: two robots in"),
     ],
 )
 def test_a_start_that_does_not_fit_is_named(start, message):
@@ -62,7 +62,7 @@ def test_random_starts_keep_large_bodies_apart(seed):
 
 
 def test_too_many_robots_are_an_error():
-    with pytest.raises(UserError, match="robots: 1000 do not fit on the floor, expected at most"):
+    with pytest.raises(UserError, match="team.size: 1000 do not fit on the floor, expected at most"):
         random_starts(GRID, [0.2] * 1000, Streams(1)("starts"))
 
 

@@ -83,15 +83,15 @@ def test_a_path_is_looked_for_beside_the_scenario_then_in_the_working_directory(
     [
         ("f.yaml", None, "floorplan.map: 'f.yaml' is neither 'office' nor 'walls' nor a file in"),
         ("f.txt", "", "f.txt: a map ends in .yaml (ROS map or floor) or .map (MovingAI), not '.txt'"),
-        ("f.yaml", "- 1", "f.yaml: list found, expected a mapping"),
-        ("f.yaml", "walls: [[0, 0, 1]]", "f.yaml: walls[0][3]: field required"),
-        ("f.yaml", "walls: [[0, 0, 1, x]]", "f.yaml: walls[0][3]: 'x': input should be a valid number"),
-        ("f.yaml", "wals: []", "f.yaml: wals: []: extra inputs are not permitted"),
-        ("f.yaml", "polygons: [[[0, 0], [1, 1]]]", "f.yaml: polygons: [[[0, 0], [1, 1]]]: polygon 0 has 2 vertices"),
-        ("f.yaml", "name: f", "f.yaml: a floor needs walls, polygons or bounds_m"),
+        ("f.yaml", "- 1", "f.yaml: holds [1], expected a mapping of settings"),
+        ("f.yaml", "walls: [[0, 0, 1]]", "f.yaml: walls[0][3]: is missing"),
+        ("f.yaml", "walls: [[0, 0, 1, x]]", "f.yaml: walls[0][3]: 'x' is not a valid number"),
+        ("f.yaml", "wals: []", "f.yaml: wals: [] is not expected here: there is no such key, did you mean walls?"),
+        ("f.yaml", "polygons: [[[0, 0], [1, 1]]]", "f.yaml: polygons: [[[0, 0], [1, 1]]] polygon 0 has 2 vertices"),
+        ("f.yaml", "name: f", "a floor needs walls, polygons or bounds_m"),
         ("f.yaml", "walls: [[0, 0, 1, 0]]", "f: walls: they enclose no area"),
-        ("f.yaml", "walls: [", "f.yaml: line 1: not YAML"),
-        ("f.yaml", "name: \x01", "f.yaml: not YAML"),
+        ("f.yaml", "walls: [", "f.yaml: line 1, column 9: "),
+        ("f.yaml", "name: \x01", "f.yaml: is not YAML"),
     ],
 )
 def test_a_map_that_cannot_be_used_is_named(tmp_path, name, text, message):

@@ -24,7 +24,7 @@ def checked_starts(starts_m: Sequence[Point], radii_m: Sequence[float], floorpla
     room = clearance(floorplan.grid, starts, max(radii_m, default=0.0) + 2 * TOUCH_M)
     forbidden = floorplan.forbidden(starts)
     for number, (x, y) in enumerate(starts.tolist()):
-        place = f"robots.starts[{number}]: ({x:g}, {y:g})"
+        place = f"team.starts[{number}]: ({x:g}, {y:g})"
         x_min, y_min, x_max, y_max = floorplan.bounds_m
         if not (x_min <= x <= x_max and y_min <= y <= y_max):
             raise UserError(f"{place} is outside of the floor, expected {x_min:g}..{x_max:g} by {y_min:g}..{y_max:g} m")
@@ -45,7 +45,7 @@ def _check_apart(starts: Floats, radii_m: Sequence[float], number: int, place: s
         least = radii_m[number] + radii_m[other]
         if apart < least - TOUCH_M:
             raise UserError(
-                f"{place} is {apart:.3g} m from robots.starts[{other}], expected at least {least:g} m: "
+                f"{place} is {apart:.3g} m from team.starts[{other}], expected at least {least:g} m: "
                 "two robots in one place"
             )
 
@@ -64,5 +64,5 @@ def random_starts(grid: CoverageGrid, radii_m: Sequence[float], draw: np.random.
         if (np.hypot(*(chosen - centres[cell]).T) >= least).all():
             chosen = np.vstack((chosen, centres[cell]))
     if len(chosen) < len(radii_m):
-        raise UserError(f"robots: {len(radii_m)} do not fit on the floor, expected at most {len(chosen)}")
+        raise UserError(f"team.size: {len(radii_m)} do not fit on the floor, expected at most {len(chosen)}")
     return chosen

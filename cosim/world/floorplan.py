@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from pydantic import Field, field_validator, model_validator
 
+from cosim.documents import read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.settings import Settings
-from cosim.world.files import checked, read_mapping
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
@@ -158,10 +158,10 @@ def load_floorplan(settings: FloorplanSettings, folder: Path) -> Floorplan:
         return _mapped(path.stem, settings, read_movingai_map(path, settings.resolution_m))
     if path.suffix not in (".yaml", ".yml"):
         raise UserError(f"{path}: a map ends in .yaml (ROS map or floor) or .map (MovingAI), not {path.suffix!r}")
-    content = read_mapping(path)
+    content = read_yaml(path)
     if "image" in content:
         return _mapped(path.stem, settings, read_ros_map(path))
-    floor = checked(FloorSettings, content, path)
+    floor = validated(FloorSettings, content, str(path))
     return _drawn(floor.name or path.stem, settings, floor.bounds_m, _rows(floor.walls), floor.polygons)
 
 

@@ -23,10 +23,10 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 from pydantic import ConfigDict, Field, model_validator
 
+from cosim.documents import read_bytes, read_text, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
 from cosim.settings import Settings
-from cosim.world.files import checked, read_bytes, read_mapping, read_text
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -107,7 +107,7 @@ class RosMapSettings(Settings):
 
 def read_ros_map(path: Path) -> OccupancyMap:
     """Read a ROS map from its YAML file; the image is looked for beside it. Raise UserError for what is wrong."""
-    settings = checked(RosMapSettings, read_mapping(path), path)
+    settings = validated(RosMapSettings, read_yaml(path), str(path))
     image = path.parent / settings.image
     if not image.is_file():
         raise UserError(f"{path}: image: {settings.image!r}: there is no such file beside the map")

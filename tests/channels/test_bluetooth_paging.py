@@ -117,15 +117,24 @@ def test_a_lost_response_sends_the_pager_on_and_the_scanner_back_after_8_slots()
     assert len(field.connected) == 1
 
 
-def test_a_scanner_that_waits_for_an_fhs_hears_no_page():
-    """With two pagers, the second's ID is heard 8 slots after the response that the first did not get, not before."""
+@pytest.mark.parametrize(
+    ("lost_from", "lost_to", "hit", "heard"),
+    [
+        (0, 2000, 22, 22),  # the response at tick 6, and 8 slots
+        (0, 2000, 21, 53),
+        (3000, 4000, 74, 74),  # the acknowledgement at tick 10, and 32 slots
+        (3000, 4000, 73, 105),
+    ],
+)
+def test_a_scanner_that_waits_for_its_pager_hears_another_exactly_when_its_time_is_over(lost_from, lost_to, hit, heard):
+    """A second pager, whose ID could be heard at every 32nd tick through *hit*."""
     field = PageField(tuned_to(4))
-    field.outages = [(SLAVE, MASTER, 0, S), (MASTER, SLAVE, 2 * MS, S), (2, SLAVE, 0, 2 * MS)]
+    field.lose(SLAVE, lost_from, lost_to)
+    field.lose(MASTER, lost_to, 10**6)
     field.page()
-    field.page(address=2, clock=NativeClock(-4 * TICK % (CLOCK_RANGE * TICK)), estimate=4)
+    field.page(address=2, clock=NativeClock((CLOCK_RANGE - hit + 4) * TICK))
     field.kernel.run(S)
-    heard = [start for start, kind, source, _ in field.sent("ID") if source == 2]
-    assert heard[0] >= (1875 + 5000) * US
+    assert field.starts("ID", 2)[0] == heard * TICK
     assert [address for _, address, _ in field.connected] == [2]
 
 

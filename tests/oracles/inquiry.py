@@ -44,6 +44,8 @@ class Scanner:
     begin: int = 0
     """It is deaf before this instant."""
     n: int = 0
+    off: int | None = None
+    """It stops scanning at this instant, and sends nothing from then on."""
     limit: int | None = None
     """End of the response substate of v1.1; None in any other state."""
     reply: int | None = None
@@ -57,12 +59,15 @@ class Scanner:
         """Return the offset of X with which it listens to an ID at *start* (n, or n + 16), or None."""
         if self.limit is not None and start >= self.limit:
             self.begin, self.limit = self.limit, None  # inquiry response time-out
-        if self.reply is not None or start < self.begin:
+        if self.reply is not None or start < self.begin or self.is_off(start + ID_AIR):
             return None
         if self.limit is not None:
             return self.n if start + ID_AIR <= self.limit else None
         part = self.windows.part(start)
         return None if part is None else self.n + 16 * part
+
+    def is_off(self, time: int) -> bool:
+        return self.off is not None and time >= self.off
 
     def hear(self, start: int) -> bool:
         """Take in an ID that began at *start*; return whether an FHS follows."""
@@ -162,7 +167,7 @@ class Inquiry:
 
     def start_replies(self, tick: int) -> None:
         """Put the answers to the ID of two ticks ago on the air; only then see which of them is locked on."""
-        replies = self.due.pop(tick, [])
+        replies = [reply for reply in self.due.pop(tick, []) if not reply.scanner.is_off(reply.heard + SLOT)]
         for reply in replies:
             start = reply.heard + SLOT
             channel = inquiry_response_channel(reply.scanner.clock.tick(start), reply.offset)

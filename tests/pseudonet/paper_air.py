@@ -1,0 +1,122 @@
+"""A piconet on paper: broadcast rooms joined by frames that take one unit of time each, in the order they were sent.
+
+As on the air, a slave's link controller holds what its host has loaded, and answers a poll with the first of it, or
+with nothing. What a robot's upper rooms would do is a script: state after state, each telling its robot's turn.
+"""
+
+from collections import deque
+from dataclasses import replace
+
+from cosim.machine import BROADCAST, Address, Disconnect, Fate, Outcome, Outgoing, Reception
+from cosim.units import Time
+from protocols.pseudonet.algorithms.base import UNJUDGED
+from protocols.pseudonet.broadcast import Broadcast, Exchanged, MessageWanted, TeamChanged, Upcall
+from protocols.pseudonet.messages import Action, Kind, Message, Packet, decode
+
+TIMEOUT: Time = 100
+RETRIES = 3
+HOP = (0x2A96EF25, 7)
+
+
+class Robot:
+    """One broadcast room and the script above it."""
+
+    def __init__(self, me: Address, exchanges: int, acknowledge: bool) -> None:
+        self.room = Broadcast(me, TIMEOUT, RETRIES, acknowledge, self._hear)
+        self.heard: list[Upcall] = []
+        self.queue: deque[Outgoing] = deque()
+        self.alive = True
+        self._left = exchanges
+
+    @property
+    def exchanged(self) -> list[Exchanged]:
+        return [upcall for upcall in self.heard if isinstance(upcall, Exchanged)]
+
+    def state(self, exchange: int) -> Message:
+        """Return a state that names the robot as its column and what was exchanged so far as its row."""
+        row = len(self.exchanged)
+        return Message(self.room.me, Kind.STATE, exchange, self.room.me, row, Action.STAY, UNJUDGED)
+
+    def load(self, now: Time) -> None:
+        message = self.state(self.room.exchange)
+        if self.room.me == self.room.master:
+            self.room.begin(message, now)
+        else:
+            self.room.submit(message)
+
+    def fill(self) -> None:
+        """Hand what the room has for the air to the link controller."""
+        self.queue.extend(out for out in self.room.out if isinstance(out, Outgoing))
+        self.room.out = []
+
+    def _hear(self, upcall: Upcall, now: Time) -> None:
+        self.heard.append(upcall)
+        if isinstance(upcall, MessageWanted):
+            self.room.submit(replace(self.state(self.room.exchange), busy=True))
+        elif isinstance(upcall, TeamChanged) and self.room.me in upcall.members:
+            self.load(now)
+        elif isinstance(upcall, Exchanged):
+            self._left -= 1
+            if self._left > 0:
+                self.load(now)
+
+
+class PaperAir:
+    """Robots 0 (the master) to *size* - 1, and what was on the air: (source, destination, packet or None for none)."""
+
+    def __init__(self, size: int, exchanges: int = 1, acknowledge: bool = False) -> None:
+        self.robots = [Robot(me, exchanges, acknowledge) for me in range(size)]
+        self.now: Time = 0
+        self.air: list[tuple[Address, Address, Packet | None]] = []
+        self.deaf: set[tuple[Address, int]] = set()
+        """(receiver, number of the frame on the air) that is not heard."""
+        self.empty: dict[Address, int] = {}
+        """How many polls of a slave are answered with nothing, though it may have loaded a message."""
+
+    def run(self, frames: int | None = None) -> None:
+        """Carry frames, and let time-outs come, until so many were carried or nobody has anything more to say."""
+        master = self.robots[0].room
+        while frames is None or len(self.air) < frames:
+            if master.out:
+                item = master.out.pop(0)
+                if isinstance(item, Disconnect):
+                    self.robots[item.peer].alive = False
+                elif isinstance(item, Outgoing):
+                    self._carry(item)
+            elif master.deadline is not None:
+                self.now = master.deadline
+                master.wake(self.now)
+            else:
+                return
+
+    def assemble(self) -> None:
+        self.robots[0].room.assemble(tuple(range(len(self.robots))), HOP, self.now)
+
+    def count(self, kind: type) -> int:
+        return sum(isinstance(packet, kind) for _, _, packet in self.air)
+
+    def _carry(self, item: Outgoing) -> None:
+        self.now += 1
+        frame = len(self.air)
+        self.air.append((0, item.destination, decode(item.payload)))
+        meant = [robot for robot in self.robots[1:] if item.destination in (BROADCAST, robot.room.me)]
+        hearing = [robot for robot in meant if robot.alive and (robot.room.me, frame) not in self.deaf]
+        for robot in hearing:
+            robot.room.receive(item.payload, Reception(0, item.destination == BROADCAST), self.now)
+            robot.fill()
+        if item.destination != BROADCAST and hearing:
+            self._answer(hearing[0], item.token)
+
+    def _answer(self, slave: Robot, token: int | None) -> None:
+        self.now += 1
+        master = self.robots[0].room
+        answer = None
+        if self.empty.get(slave.room.me, 0):
+            self.empty[slave.room.me] -= 1
+        elif slave.queue:
+            answer = slave.queue.popleft()
+        self.air.append((slave.room.me, 0, None if answer is None else decode(answer.payload)))
+        if answer is not None:
+            master.receive(answer.payload, Reception(slave.room.me, False), self.now)
+        if token is not None:
+            master.fate(Fate(token, Outcome.DELIVERED), self.now)
