@@ -188,7 +188,7 @@ def test_a_file_that_is_no_scenario_is_told_in_one_line(depot: Path, content: by
 def test_a_missing_file_is_told_in_one_line(tmp_path: Path):
     with pytest.raises(UserError, match=r"^nowhere\.yaml: cannot be read, expected a file: no such file or directory$"):
         load(Path("nowhere.yaml"))
-    with pytest.raises(UserError, match=r"is a directory, expected a YAML file$"):
+    with pytest.raises(UserError, match=r"cannot be read, expected a file: is a directory$"):
         load(tmp_path)
 
 
