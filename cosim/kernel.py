@@ -66,6 +66,7 @@ class Kernel:
         self.environment = simpy.Environment(initial_time=0)
         self.phase: tuple[Time, int] = (0, STOP)
         self.executed = 0
+        self._ends: list[simpy.Event] = []
 
     @property
     def now(self) -> Time:
@@ -98,19 +99,29 @@ class Kernel:
         return self.at(self.now, callback, max(DELIVER, phase) if time == self.now else DELIVER)
 
     def run(self, until: Time) -> None:
-        """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``."""
+        """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``.
+
+        Raise :exc:`LocalProtocolError` if *until* lies in the past, or inside of another run.
+        """
         until = index(until)
-        if until < self.now:
-            raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns")
+        if until < self.now or self._ends:
+            raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns, {'running' if self._ends else 'idle'}")
         end = self._end(until)
         try:
             self.environment.run(until=end)
         finally:
-            if end.callbacks is not None:  # ended early: this end must not end a later run
-                end.callbacks.clear()
+            for end in self._ends:
+                if end.callbacks is not None:  # ended early: this end must not end a later run
+                    end.callbacks.clear()
+            self._ends.clear()
 
     def stop(self) -> None:
-        """End the present ``run`` at this instant, right after the callback that calls this."""
+        """End the present ``run`` at this instant, right after the callback that calls this.
+
+        Raise :exc:`LocalProtocolError` outside of a run.
+        """
+        if not self._ends:
+            raise LocalProtocolError(f"nothing to stop at {self.now} ns: nothing runs")
         self._end(self.now).callbacks.append(StopSimulation.callback)
 
     def _end(self, time: Time) -> simpy.Event:
@@ -118,4 +129,5 @@ class Kernel:
         event._ok = True
         event._value = None
         self.environment.schedule(event, STOP, time - self.now)  # type: ignore[arg-type]
+        self._ends.append(event)
         return event

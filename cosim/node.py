@@ -3,6 +3,7 @@
 from typing import Any
 
 from cosim.channels.base import Channel
+from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Call, Command, LinkEvent, Machine, Observation, Outgoing, Reception
 from cosim.trace import CALLS, MESSAGES, Trace
@@ -28,10 +29,11 @@ class Node:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Pass a payload to the machine."""
+        if not self.alive:
+            return
         if self._messages_wanted:
             self._trace.row(MESSAGES, now, self.address, reception.source, reception.broadcast, data.hex())
-        if self.alive:
-            self.machine.receive(data, reception, now)
+        self.machine.receive(data, reception, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Pass news about links to the machine."""
@@ -46,6 +48,8 @@ class Node:
 
     def drain(self, now: Time) -> None:
         """Act on all that the machine has left in its queues, and arm its deadline."""
+        if not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
+            return
         machine = self.machine
         for event in machine.events():  # first: what the device notes below it comes after it
             self._note(event, now)
@@ -87,5 +91,12 @@ class Node:
         if deadline is not None and deadline <= now:
             self.machine.wake(now)
             self.drain(now)
+            self._check_awake(now)
         else:
             self._arm(now)
+
+    def _check_awake(self, now: Time) -> None:
+        """Raise LocalProtocolError if the machine wants to be woken again at once: the run would stand still."""
+        deadline = self.machine.wake_at()
+        if deadline is not None and deadline <= now:
+            raise LocalProtocolError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")

@@ -7,6 +7,7 @@ idle slots draws the same numbers as one that visits them all.
 """
 
 import hashlib
+from operator import index
 from typing import TypeAlias
 
 import numpy as np
@@ -32,7 +33,9 @@ def philox(counter: Words, key: tuple[int, int], rounds: int = 10) -> Words:
 
 
 def _digest(seed: int, names: tuple[str | int, ...]) -> bytes:
-    text = "\x1f".join([str(seed), *(f"{type(name).__name__}:{name}" for name in names)])
+    # a NumPy integer is the integer that it stands for, but 1 and "1" are two names
+    parts = (f"str:{name}" if isinstance(name, str) else f"int:{index(name)}" for name in names)
+    text = "\x1f".join([str(index(seed)), *parts])
     return hashlib.sha256(text.encode()).digest()
 
 

@@ -8,7 +8,8 @@
 
 ``test`` is ``equal`` (every single row), ``within N %``, ``at least`` or ``at most`` (the mean), or the name of a
 function in the experiment's ``figures.py``: (runs, observations) -> (ours, whether the claim holds, or None for open).
-A function ``tables(runs, observations)`` there may add tables by their titles.
+Functions ``tables(runs, observations)`` and ``draw(runs, observations, folder)`` there may add tables by their titles,
+and figures.
 """
 
 import csv
@@ -116,6 +117,8 @@ def report(folder: Path) -> Report:
             made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in metrics]
     if figures is not None and hasattr(figures, "tables"):
         made.tables |= figures.tables(good, seen)
+    if figures is not None and hasattr(figures, "draw"):
+        made.figures += figures.draw(good, seen, folder)
     return made
 
 
@@ -164,9 +167,14 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _source_folder(told: dict[str, Any]) -> Path | None:
-    """Return the experiment's folder: where it was when it was run, or where the installed one of its name is."""
-    source = Path(told["source"]).parent
-    return source if source.is_dir() else experiment_folders().get(told["experiment"])
+    """Return the experiment's folder: where it was when it was run, or where the installed one of its name is.
+
+    A sweep of another name in the folder answers other questions: the claims there are not about it.
+    """
+    source = Path(told["source"])
+    if source.name != "sweep.yaml":
+        return None
+    return source.parent if source.parent.is_dir() else experiment_folders().get(told["experiment"])
 
 
 def _figures_module(folder: Path | None) -> ModuleType | None:
@@ -204,12 +212,21 @@ def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures
         word = "open" if holds is None else "holds" if holds else "fails"
         return Verdict(claim["id"], claim["claim"], published, str(ours), word)
     frame = next((each for each in (runs, seen) if claim["quantity"] in each), None)
-    rows = frame.query(claim["where"]) if frame is not None and len(frame) and claim["where"] else frame
+    rows = _rows(frame, claim)
     if rows is None or rows.empty or rows[claim["quantity"]].isna().all():
         return Verdict(claim["id"], claim["claim"], published, "-", "no data")
     values = rows[claim["quantity"]]
     word = "holds" if _passes(claim, values) else "fails"
     return Verdict(claim["id"], claim["claim"], published, str(estimate(values)), word)
+
+
+def _rows(frame: pd.DataFrame | None, claim: dict[str, str]) -> pd.DataFrame | None:
+    if frame is None or frame.empty or not claim["where"]:
+        return frame
+    try:
+        return frame.query(claim["where"])
+    except (pd.errors.UndefinedVariableError, SyntaxError) as error:
+        raise UserError(f"published.csv: {claim['id']}: where: {claim['where']!r}: {error}") from None
 
 
 def _passes(claim: dict[str, str], values: "pd.Series[float]") -> bool:

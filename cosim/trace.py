@@ -8,18 +8,22 @@ rows of one source in one table: the order in which different sources were writt
 import dataclasses
 import hashlib
 import os
-import tempfile
 from array import array
 from collections.abc import Iterable, Mapping
+from itertools import repeat
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cosim.errors import LocalProtocolError
+
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
 _ARROW: Final[dict[str, Any]] = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_()}
+_ARRAY_CODES: Final[dict[Kind, str]] = {"int": "q", "float": "d"}
 _KIND_OF_TYPE: Final[dict[Any, Kind]] = {int: "int", float: "float", str: "str", bool: "bool"}
 
 
@@ -99,37 +103,40 @@ TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, CALLS)
 def events_table(types: Iterable[type]) -> Table:
     """Return the table of the protocol's event *types*: the union of their fields, empty where an event has no such field.
 
-    Raise TypeError if two types disagree about a field or one has a field that is not int, float, str or bool.
+    Raise TypeError if two types disagree about a field, one has a field that is not int, float, str or bool, or one
+    has a field of the name of a column that every event has.
     """
-    fields: dict[str, Field] = {}
+    fixed = (_TIME, _SOURCE, Field("event", "str", "", "the event's type"))
+    fields: dict[str, Field] = {field.name: field for field in fixed}
     for kind in types:
-        for item in dataclasses.fields(kind):
-            if item.type not in _KIND_OF_TYPE:
-                raise TypeError(f"{kind.__name__}.{item.name}: {item.type} cannot be a column")
-            field = Field(
-                item.name,
-                _KIND_OF_TYPE[item.type],
-                item.metadata.get("unit", ""),
-                item.metadata.get("meaning", ""),
-                optional=True,
-            )
-            known = fields.setdefault(item.name, field)
+        for field in event_fields(kind):
+            known = fields.setdefault(field.name, field)
+            if known in fixed:
+                raise TypeError(f"{kind.__name__}.{field.name}: every event has a column of this name")
             if known.kind != field.kind:
-                raise TypeError(f"{kind.__name__}.{item.name}: {field.kind}, elsewhere {known.kind}")
-    name = Field("event", "str", "", "the event's type")
-    return Table("events", "what the protocol's machines report", (_TIME, _SOURCE, name, *fields.values()))
+                raise TypeError(f"{kind.__name__}.{field.name}: {field.kind}, elsewhere {known.kind}")
+    return Table("events", "what the protocol's machines report", tuple(fields.values()))
 
 
-class _Column:
-    """The values of one column; None stands for a field that a row does not have."""
+def event_fields(kind: type) -> list[Field]:
+    """Return the columns of the event type *kind*, a dataclass, with unit and meaning from its fields' metadata.
 
-    def __init__(self, field: Field) -> None:
-        self.field = field
-        self.values: Any = array("q") if field.kind == "int" and not field.optional else []
-        self.append = self.values.append
+    Raise TypeError for a field that is not int, float, str or bool.
+    """
+    types = get_type_hints(kind)
+    fields = []
+    for item in dataclasses.fields(kind):
+        if types[item.name] not in _KIND_OF_TYPE:
+            raise TypeError(f"{kind.__name__}.{item.name}: {item.type} cannot be a column")
+        unit, meaning = item.metadata.get("unit", ""), item.metadata.get("meaning", "")
+        fields.append(Field(item.name, _KIND_OF_TYPE[types[item.name]], unit, meaning, optional=True))
+    return fields
 
-    def arrow(self) -> Any:
-        return pa.array(self.values, type=_ARROW[self.field.kind])
+
+def _column(field: Field) -> Any:
+    """Return an empty column; None in an optional one stands for a field that a row does not have."""
+    code = None if field.optional else _ARRAY_CODES.get(field.kind)
+    return [] if code is None else array(code)
 
 
 class Trace:
@@ -137,7 +144,9 @@ class Trace:
 
     def __init__(self, wanted: Iterable[Table] = ()) -> None:
         self.tables: dict[str, Table] = {table.name: table for table in wanted}
-        self._columns = {name: tuple(_Column(field) for field in table.fields) for name, table in self.tables.items()}
+        self._columns = {name: tuple(map(_column, table.fields)) for name, table in self.tables.items()}
+        self._appends = {name: tuple(column.append for column in columns) for name, columns in self._columns.items()}
+        self._attributes: dict[type, tuple[str | None, ...]] = {}
 
     def wants(self, table: Table) -> bool:
         """Return whether rows of *table* are kept."""
@@ -145,45 +154,51 @@ class Trace:
 
     def row(self, table: Table, *values: Any) -> None:
         """Append a row; *values* in the order of the table's fields, the first two being time and source."""
-        columns = self._columns.get(table.name)
-        if columns is not None:
-            for column, value in zip(columns, values, strict=True):
-                column.append(value)
+        appends = self._appends.get(table.name)
+        if appends is not None:
+            for append, value in zip(appends, values, strict=True):
+                append(value)
 
     def event(self, time: int, source: int, event: Any) -> None:
-        """Append a protocol's *event*, a dataclass, to the table ``events``."""
+        """Append a protocol's *event*, a dataclass, to the table ``events``.
+
+        Raise LocalProtocolError for one with a field that the table lacks: its type is not among the protocol's.
+        """
         table = self.tables.get("events")
         if table is None:
             return
-        given = {"time_ns": time, "source": source, "event": type(event).__name__} | {
-            field.name: getattr(event, field.name) for field in dataclasses.fields(event)
-        }
-        self.row(table, *(given.get(field.name) for field in table.fields))
+        kind = type(event)
+        names = self._attributes.get(kind)
+        if names is None:
+            names = self._attributes[kind] = _attributes(kind, table)
+        values = [None if name is None else getattr(event, name) for name in names]
+        self.row(table, time, source, kind.__name__, *values)
 
     def count(self, name: str) -> int:
         """Return the number of rows of the table *name*."""
-        return len(self._columns[name][0].values)
+        return len(self._columns[name][0])
 
     def columns(self, name: str) -> dict[str, list[Any]]:
         """Return the table *name* as lists by column."""
-        return {column.field.name: list(column.values) for column in self._columns[name]}
+        fields = self.tables[name].fields
+        return {field.name: list(column) for field, column in zip(fields, self._columns[name], strict=True)}
 
     def arrow(self, name: str, metadata: Mapping[str, str] | None = None) -> Any:
         """Return the table *name* as a pyarrow table, with units and meanings as metadata of its fields."""
-        columns = self._columns[name]
-        fields = [pa.field(c.field.name, _ARROW[c.field.kind], c.field.optional, _metadata(c.field)) for c in columns]
-        return pa.table([c.arrow() for c in columns], schema=pa.schema(fields, dict(metadata or {})))
+        fields = self.tables[name].fields
+        arrays = [pa.array(c, type=_ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
+        return pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
 
     def digest(self, names: Iterable[str] | None = None) -> str:
         """Return a SHA-256 of the rows of the tables *names* (all, by default), sorted by (time, table, source, sequence)."""
-        rows = [
-            (row[0], name, row[1], row)
-            for name in (self.tables if names is None else names)
-            for row in zip(*(column.values for column in self._columns[name]), strict=True)
-        ]
-        rows.sort(key=lambda row: row[:3])  # stable: rows of one source in one table keep their sequence
+        keyed = []
+        for name in self.tables if names is None else names:
+            columns = self._columns[name]
+            times, sources = columns[:2]
+            keyed += zip(times, repeat(name), sources, zip(*columns, strict=True), strict=False)
+        keyed.sort(key=itemgetter(0, 1, 2))  # stable: rows of one source in one table keep their sequence
         digest = hashlib.sha256()
-        for _, name, _, row in rows:
+        for _, name, _, row in keyed:
             digest.update(repr((name, row)).encode())
         return digest.hexdigest()
 
@@ -199,17 +214,25 @@ class Trace:
 
 
 def write_parquet(table: Any, path: Path) -> None:
-    """Write *table* to *path* whole: to a temporary file beside it, then renamed; nobody ever reads half a file."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    os.close(handle)
+    """Write *table* to *path* whole: to a draft beside it, then renamed; nobody ever reads half a file."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        pq.write_table(table, name)
-        os.replace(name, path)
+        pq.write_table(table, draft)
+        draft.replace(path)
     except BaseException:
-        Path(name).unlink(missing_ok=True)
+        draft.unlink(missing_ok=True)
         raise
 
 
-def _metadata(field: Field) -> dict[str, str]:
-    return {"unit": field.unit, "meaning": field.meaning}
+def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:
+    """Return for each column of the table of events beyond the fixed three what it is in *kind*; None if nothing."""
+    own = {field.name for field in dataclasses.fields(kind)}
+    columns = [field.name for field in table.fields[3:]]
+    if not own.issubset(columns):
+        raise LocalProtocolError(f"{kind.__name__} is not among the event types that the protocol's spec names")
+    return tuple(name if name in own else None for name in columns)
 
+
+def _arrow_field(field: Field) -> Any:
+    metadata = {"unit": field.unit, "meaning": field.meaning}
+    return pa.field(field.name, _ARROW[field.kind], field.optional, metadata)

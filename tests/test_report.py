@@ -148,3 +148,17 @@ def test_a_report_of_nothing_says_so(tmp_path: Path):
     with pytest.raises(UserError, match="holds no results"):
         report(tmp_path)
     assert Report("calls").text() == "calls: no runs"
+
+
+def test_another_sweep_in_an_experiments_folder_is_not_held_against_its_claims(tmp_path: Path):
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "published.csv").write_text("nonsense\n1\n", encoding="utf-8")
+    store = RunStore(tmp_path / "results")
+    with store.writing():
+        store.describe(DESCRIPTION | {"source": str(source / "sensitivity.yaml")})
+    assert report(tmp_path / "results").verdicts == []
+    with store.writing():
+        store.describe(DESCRIPTION | {"source": str(source / "sweep.yaml")})
+    with pytest.raises(UserError, match="line 2"):
+        report(tmp_path / "results")

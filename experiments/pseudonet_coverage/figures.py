@@ -1,8 +1,14 @@
 """What Bluetooth costs against the ideal channel, and the answers to the paper's claims that no number decides."""
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy import stats
 
+SLOT_MS = 0.625
 PAIRED = ["algorithm", "team_size", "floor", "replicate"]
 COSTS = ["time_to_cover_s", "coverage", "steps", "radio_wait_s", "setup_s"]
 OVERHEAD = ["messages_help", "messages_answer", "messages_trap", "messages_stop"]
@@ -43,3 +49,34 @@ def exchange_time(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, 
     """Return the mean duration of an exchange over Bluetooth by team size."""
     means = runs[runs["channel"] == "bluetooth"].groupby("team_size")["exchange_s"].mean()
     return ", ".join(f"M={size} {value:.4g}" for size, value in means.items()), None
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw what the radio costs: setting the piconet up, and standing still for messages in each step."""
+    rows = runs[runs["channel"] == "bluetooth"]
+    if rows.empty:
+        return []
+    figure = Figure(figsize=(10.0, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    setups = rows.drop_duplicates(["team_size", "replicate"])  # one piconet a replicate, whatever runs on it
+    _points(left, "set-up", setups.groupby("team_size")["setup_s"])
+    left.set(title="setting up: inquiry, then a page for each slave", xlabel="robots", ylabel="s")
+    waits = rows.assign(wait_ms=1000 * rows["radio_wait_s"] / rows["steps"])
+    for algorithm, part in waits.groupby("algorithm", sort=False):
+        _points(right, str(algorithm), part.groupby("team_size")["wait_ms"])
+    sizes = np.arange(rows["team_size"].min(), rows["team_size"].max() + 1)
+    right.plot(sizes, 2 * (4 * sizes - 2) * SLOT_MS, "k--", label="two exchanges of 4M - 2 slots")
+    right.set(title="standing still for messages, each step", xlabel="robots", ylabel="ms")
+    for plot in (left, right):
+        plot.set_ylim(bottom=0)
+        plot.grid(alpha=0.3)
+    right.legend(fontsize="small")
+    path = folder / "what_bluetooth_costs.png"
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def _points(plot: Any, label: str, groups: Any) -> None:
+    means, counts = groups.mean(), groups.count()
+    halves = stats.t.ppf(0.975, counts.clip(lower=2) - 1) * groups.std(ddof=1).fillna(0) / counts**0.5
+    plot.errorbar(means.index, means, yerr=halves, marker="o", capsize=3, label=label)

@@ -223,7 +223,7 @@ def test_the_master_answers_and_is_answered_without_a_detour() -> None:
     air.robots[0].room.answer(to_slave)
     air.run()
     assert Answered(to_master) in air.robots[0].heard
-    assert [frame for frame in air.air if frame[2] in (to_master, to_slave)] == [(1, 0, to_master), (0, 2, to_slave)]
+    assert [frame for frame in air.air if frame[2] in (to_master, to_slave)] == [(0, 2, to_slave), (1, 0, to_master)]
     assert Answered(to_slave) in air.robots[2].heard
 
 

@@ -59,8 +59,9 @@ class Air:
 
     def put(self, frame: Frame) -> None:
         """Note that *frame* goes on the air; called at its start, in the order of starts."""
+        # a frame that ends now may have begun so long ago, and whatever was on the air then may have destroyed it
         horizon = frame.start - LONGEST_FRAME
-        self._frames = [old for old in self._frames if old.start > horizon]
+        self._frames = [old for old in self._frames if old.start + old.duration > horizon]
         self._frames.append(frame)
 
     def clear(self, receiver: Address, source: Address, channel: int, start: Time, end: Time) -> bool:
