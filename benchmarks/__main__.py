@@ -44,7 +44,7 @@ def bare_timeouts(seed: int) -> workloads.Work:
 FIGURES = (
     Figure("bare SimPy timeout (the unit)", bare_timeouts),
     Figure("robot-tick: 8 robots that drive among the walls of the storey", workloads.robot_ticks),
-    Figure("second of an idle piconet, 7 slaves, T_poll 40 slots, robots that drive", workloads.idle_piconet_seconds),
+    Figure("second of an idle piconet, 7 slaves, T_poll 40 slots, world ticks of 100 ms", workloads.idle_piconet_seconds),
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages),

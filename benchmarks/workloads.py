@@ -127,7 +127,7 @@ def _piconet(seed: int) -> tuple[Kernel, BluetoothChannel, list[Host]]:
 
 
 def idle_piconet_seconds(seed: int) -> Work:
-    """A connected piconet in which nobody says anything, while its robots drive."""
+    """A connected piconet in which nobody says anything, with ten world ticks a second."""
     kernel, channel, _ = _piconet(seed)
     traffic, seconds = Traffic(seed), 300
 

@@ -1,31 +1,54 @@
 """Numba, with a cache that notices every edit: the one place from which the project's kernels take ``njit``.
 
-Numba's own cache looks at the file of the compiled function only, not at callees in other files. So the cache
-directory is named by a digest of all sources that hold kernels: an edit of any of them starts an empty cache.
-It must be set before numba is loaded, hence this module.
+Numba's own cache looks at the file of the compiled function only. It notices neither an edited callee in another file
+nor an edited constant, which is compiled in. So the cache directory is named by a digest of all sources that hold
+kernels and of all that those import: an edit of any of them starts an empty cache. Kernels of other packages are
+cached there too, and start anew with ours.
 """
 
 import hashlib
 import os
+import re
 import tempfile
 from pathlib import Path
 
+import numba
+from numba import njit
+
+__all__ = ["njit"]
+
 ROOTS = (Path(__file__).parent, Path(__file__).parent.parent / "protocols")
+
+_IMPORT = re.compile(r"^\s*(?:from|import) ([\w.]+)", re.MULTILINE)
 
 
 def kernel_digest(roots: tuple[Path, ...] = ROOTS) -> str:
-    """Return a digest of every Python file below *roots* that compiles something."""
+    """Return a digest of every Python file of the packages at *roots* that a kernel can depend on."""
+    sources = {
+        ".".join((root.name, *path.relative_to(root).with_suffix("").parts)): path.read_text(encoding="utf-8")
+        for root in roots
+        for path in root.rglob("*.py")
+    }
     digest = hashlib.sha256()
-    for root in roots:
-        for path in sorted(root.rglob("*.py")):
-            source = path.read_bytes()
-            if b"njit" in source:
-                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + source)
+    for name in sorted(_with_imports({name for name, source in sources.items() if "njit" in source}, sources)):
+        digest.update(f"{name}\0{sources[name]}\0".encode())
     return digest.hexdigest()[:16]
 
 
+def _with_imports(names: set[str], sources: dict[str, str]) -> set[str]:
+    """Return the modules *names* and all of *sources* that they import, directly or not."""
+    found: set[str] = set()
+    while names:
+        found |= names
+        imported = {other for name in names for other in _IMPORT.findall(sources[name])}
+        packages = {other + "." for other in imported}
+        names = {n for n in sources if n in imported or any(map(n.startswith, packages))} - found
+    return found
+
+
 def _cache_home() -> Path:
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    """Return where caches live: where numba's own variable says, or in the user's folder for such things."""
+    home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     path = Path(home) / "cosim"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -34,8 +57,5 @@ def _cache_home() -> Path:
     return path
 
 
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache_home() / kernel_digest()))
-
-from numba import njit  # noqa: E402  # the directory must be named first
-
-__all__ = ["njit"]
+# not by the environment variable: a child process would inherit the name of its parent's sources
+numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())

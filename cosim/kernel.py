@@ -105,10 +105,11 @@ class Kernel:
         """
         until = index(until)
         if until < self.now or self._ends:
-            raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns, {'running' if self._ends else 'idle'}")
-        end = self._end(until)
+            raise LocalProtocolError(
+                f"cannot run until {until} ns: it is {self.now} ns, {'running' if self._ends else 'idle'}"
+            )
         try:
-            self.environment.run(until=end)
+            self.environment.run(until=self._end(until))
         finally:
             for end in self._ends:
                 if end.callbacks is not None:  # ended early: this end must not end a later run

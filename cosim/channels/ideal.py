@@ -5,7 +5,8 @@ radio's. Roles and link commands are answered as a radio would, by an event at t
 manages links runs here unchanged.
 """
 
-from typing import Literal
+from functools import partial
+from typing import Literal, TypeAlias
 
 from pydantic import Field
 
@@ -37,6 +38,10 @@ from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
 
+_Sent: TypeAlias = tuple[Address, Outgoing]
+"""(sender, what it sent)"""
+
+
 class IdealSettings(Settings):
     """Parameters of the ideal channel."""
 
@@ -53,94 +58,91 @@ class IdealChannel(Channel):
         self.sent = 0
         self._on = [True] * size
         self._scanning = [True] * size
-        self._arrivals: list[Arrival] = []
-        self._arrive_at: Time | None = None
-        self._late_news: list[tuple[Address, LinkEvent]] = []
+        self._batch: list[_Sent] = []
+        self._batch_time: Time | None = None
         self._news: list[tuple[Address, LinkEvent]] = []
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
-        """Deliver after the delay; the fate is DELIVERED or SENT at that instant, or NO_LINK to a dead device, at once."""
-        to_all = outgoing.destination == BROADCAST
-        receivers = [a for a in self.in_reach(source) if to_all or a == outgoing.destination]
-        if not to_all and not receivers:
-            self._tell_fate(source, outgoing, Outcome.NO_LINK)
+        """Deliver after the delay; the fate is DELIVERED or SENT at that instant, or NO_LINK to a dead device, at once.
+
+        A device that is switched off sends nothing.
+        """
+        if not self._on[source]:
+            return
+        if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
+            if outgoing.token is not None:
+                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         self.sent += 1
-        self._record(source, outgoing)
-        reception = Reception(source, to_all)
-        fate = Outcome.SENT if to_all else Outcome.DELIVERED
-        arrivals = [(address, outgoing.payload, reception) for address in receivers]
-        self._schedule(arrivals, source, outgoing, fate)
+        if self._batch_time != self.kernel.now:
+            self._batch, self._batch_time = [], self.kernel.now
+            self.kernel.after(self.delay, partial(self._arrive, self._batch))
+        self._batch.append((source, outgoing))  # sent at the same instant: one event for all
 
     def command(self, source: Address, command: LinkCommand) -> None:
-        """Answer like a radio that takes no time."""
+        """Answer like a radio that takes no time. Nothing happens if the device is off."""
+        if not self._on[source]:
+            return
         match command:
             case Inquire(enough=enough):
                 found = tuple(a for a in self.in_reach(source) if self._scanning[a])[:enough]
                 self._tell(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
-            case Page(peer=peer) if peer in self.in_reach(source) and self._scanning[peer]:
+            case Page(peer=peer) if self._hears(source, peer) and self._scanning[peer]:
                 self._tell((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
             case Page(peer=peer):
                 self._tell((source, PageFailed(peer)))
             case Scan(enabled=enabled):
                 self._scanning[source] = enabled
-            case Disconnect(peer=peer):
+            case Disconnect(peer=peer) if self._hears(source, peer):
                 self._tell((source, Lost(peer)), (peer, Lost(source)))
-            case Flush():
-                pass  # nothing ever waits in a queue
+            case Disconnect() | Flush():
+                pass  # there is no such link; nothing ever waits in a queue
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices that are switched on, if this one is."""
-        if not self._on[address]:
-            return ()
-        return tuple(a for a in range(self.size) if a != address and self._on[a])
+        return tuple(a for a in range(self.size) if self._hears(address, a))
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; the others lose a dead one at once."""
+        lost_by = () if on else self.in_reach(address)
         self._on[address] = on
-        if not on:
-            self._tell(*((a, Lost(address)) for a in range(self.size) if a != address and self._on[a]))
+        self._tell(*((a, Lost(address)) for a in lost_by))
 
     def summary(self) -> dict[str, float]:
         """Return the number of payloads sent."""
         return {"frames_sent": float(self.sent)}
 
-    def _schedule(self, arrivals: list[Arrival], source: Address, outgoing: Outgoing, fate: Outcome) -> None:
-        news: list[tuple[Address, LinkEvent]] = []
-        if outgoing.token is not None:
-            news.append((source, Fate(outgoing.token, fate)))
-        at = self.kernel.now + self.delay
-        if self._arrive_at == at:  # sent at the same instant: one event for all
-            self._arrivals.extend(arrivals)
-            self._late_news.extend(news)
-            return
-        self._arrive_at, self._arrivals, self._late_news = at, arrivals, news
-        batch, late = arrivals, news
-        self.kernel.at(at, lambda: self._arrive(batch, late))
+    def _hears(self, one: Address, other: Address) -> bool:
+        return one != other and 0 <= other < self.size and self._on[one] and self._on[other]
 
-    def _arrive(self, arrivals: list[Arrival], news: list[tuple[Address, LinkEvent]]) -> None:
-        self.deliver(
-            [arrival for arrival in arrivals if self._on[arrival[0]]],
-            [item for item in news if self._on[item[0]]],
-        )
+    def _arrive(self, batch: list[_Sent]) -> None:
+        """Deliver what was sent one delay ago to those who are switched on now, and tell the senders."""
+        arrivals: list[Arrival] = []
+        news: list[tuple[Address, LinkEvent]] = []
+        for source, outgoing in batch:
+            to_all = outgoing.destination == BROADCAST
+            receivers = range(self.size) if to_all else (outgoing.destination,)
+            heard = [a for a in receivers if a != source and self._on[a]]
+            arrivals += [(address, outgoing.payload, Reception(source, to_all)) for address in heard]
+            self._record(source, outgoing, bool(heard))
+            if outgoing.token is not None and self._on[source]:
+                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
+                news.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, news)
 
     def _tell(self, *news: tuple[Address, LinkEvent]) -> None:
-        if not self._news:
+        if not self._news and news:
             self.kernel.soon(self._pass_on)
         self._news.extend(news)
-
-    def _tell_fate(self, source: Address, outgoing: Outgoing, outcome: Outcome) -> None:
-        if outgoing.token is not None:
-            self._tell((source, Fate(outgoing.token, outcome)))
 
     def _pass_on(self) -> None:
         news, self._news = self._news, []
         self.deliver((), [item for item in news if self._on[item[0]]])
 
-    def _record(self, source: Address, outgoing: Outgoing) -> None:
+    def _record(self, source: Address, outgoing: Outgoing, heard: bool) -> None:
         self.trace.row(
             FRAMES,
-            self.kernel.now,
+            self.kernel.now - self.delay,
             source,
             outgoing.destination,
             self.delay,
@@ -148,5 +150,5 @@ class IdealChannel(Channel):
             -1,
             0,
             len(outgoing.payload),
-            "received",
+            "received" if heard else "out_of_range",
         )
