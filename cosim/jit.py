@@ -58,4 +58,4 @@ def _cache_home() -> Path:
 
 
 # not by the environment variable: a child process would inherit the name of its parent's sources
-numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())
+numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())  # type: ignore[attr-defined]

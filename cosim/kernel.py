@@ -94,7 +94,7 @@ class Kernel:
         return self.at(self.now + index(delay), callback, priority)
 
     def soon(self, callback: Callback) -> Handle:
-        """Call *callback* at this instant, as a new event, in the phase DELIVER or in the present one if that is later."""
+        """Call *callback* at this instant, as a new event, in the phase DELIVER or the present one if that is later."""
         time, phase = self.phase
         return self.at(self.now, callback, max(DELIVER, phase) if time == self.now else DELIVER)
 
@@ -104,16 +104,15 @@ class Kernel:
         Raise :exc:`LocalProtocolError` if *until* lies in the past, or inside of another run.
         """
         until = index(until)
-        if until < self.now or self._ends:
-            raise LocalProtocolError(
-                f"cannot run until {until} ns: it is {self.now} ns, {'running' if self._ends else 'idle'}"
-            )
+        if self._ends:
+            raise LocalProtocolError(f"cannot run until {until} ns: this is inside of a run")
+        if until < self.now:
+            raise LocalProtocolError(f"cannot run until {until} ns: it is {self.now} ns")
         try:
             self.environment.run(until=self._end(until))
         finally:
             for end in self._ends:
-                if end.callbacks is not None:  # ended early: this end must not end a later run
-                    end.callbacks.clear()
+                end.callbacks = []  # one that has not been reached must not end a later run
             self._ends.clear()
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""A node joins one machine with its channel and its body: it drives the machine and acts on what the machine leaves behind."""
+"""A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
 from typing import Any
 
@@ -13,7 +13,8 @@ from cosim.units import Time
 class Node:
     """The driver of one machine. Inputs of one instant are taken first; ``drain`` then acts on them once.
 
-    A deadline that moves later is not re-armed: its event fires, looks, and is set anew. Only an earlier one replaces it.
+    A deadline that moves later is not re-armed: its event fires, looks, and is set anew.
+    Only an earlier one replaces it.
     """
 
     def __init__(self, address: Address, machine: Machine, kernel: Kernel, channel: Channel, trace: Trace) -> None:

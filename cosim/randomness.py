@@ -62,7 +62,7 @@ class Draws:
 
 
 class Streams:
-    """All the randomness of one run: ``streams("loss", "r1")`` is a generator that depends on the seed and the names only."""
+    """All the randomness of one run: ``streams("loss", "r1")`` depends on the seed and the names only."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed

@@ -137,7 +137,7 @@ class Simulation:
                 self.trace.row(POSES, now, node.address, observation.x_m, observation.y_m, observation.heading_rad)
             node.observe(observation, now)
         over = self.referee.look(positions[:, 0], positions[:, 1], now)
-        if over or all(machine.finished or not node.alive for machine, node in zip(self.machines, self.nodes, strict=True)):
+        if over or all(node.machine.finished or not node.alive for node in self.nodes):
             self.kernel.stop()
         else:
             self.kernel.after(self.scenario.tick, self._tick, WORLD)

@@ -101,7 +101,7 @@ TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, CALLS)
 
 
 def events_table(types: Iterable[type]) -> Table:
-    """Return the table of the protocol's event *types*: the union of their fields, empty where an event has no such field.
+    """Return the table of the event *types*: the union of their fields, empty where an event has no such field.
 
     Raise TypeError if two types disagree about a field, one has a field that is not int, float, str or bool, or one
     has a field of the name of a column that every event has.
@@ -190,8 +190,8 @@ class Trace:
         return pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
 
     def digest(self, names: Iterable[str] | None = None) -> str:
-        """Return a SHA-256 of the rows of the tables *names* (all, by default), sorted by (time, table, source, sequence)."""
-        keyed = []
+        """Return a SHA-256 of the rows of the tables *names* (default: all), by (time, table, source, sequence)."""
+        keyed: list[tuple[Any, ...]] = []
         for name in self.tables if names is None else names:
             columns = self._columns[name]
             times, sources = columns[:2]

@@ -58,10 +58,10 @@ class Channel(ABC):
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return who would hear *address* now, in order."""
 
-    def advance(self, now: Time) -> None:
+    def advance(self, now: Time) -> None:  # noqa: B027  # most channels have nothing that runs ahead
         """Bring models that run ahead lazily up to *now*; called before anything moves."""
 
-    def moved(self, positions_m: Positions) -> None:
+    def moved(self, positions_m: Positions) -> None:  # noqa: B027  # the ideal channel reaches everywhere
         """Take the robots' new positions, shape (size, 2); gains are computed when they are needed."""
 
     def power(self, address: Address, on: bool) -> None:

@@ -37,7 +37,6 @@ from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
-
 _Sent: TypeAlias = tuple[Address, Outgoing]
 """(sender, what it sent)"""
 

@@ -6,8 +6,8 @@ then the one with the lower number; the others drop theirs, evaluate again and c
 next cell is somebody's present one always gives way: a body stands there. When no conflict is left everyone answers
 *accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
 
-Where a robot that was dropped stands, nobody knows for sure. A robot that cannot enter a cell turns back and reports
-that step as a wall; as everybody hears it, everybody goes around that cell from then on.
+Where a robot stands that was never found, or was dropped, nobody knows: it may have made its last step or not. A robot
+that cannot enter a cell turns back and reports that step as a wall; everybody hears it and goes around that cell.
 """
 
 from collections.abc import Iterable, Mapping
@@ -140,11 +140,9 @@ class Coordination:
         return self.view.complete() or (self._stop_at is not None and self._stopped.issuperset(self.view.members))
 
     def team_changed(self, members: tuple[Address, ...]) -> None:
-        """Take a new team; where a dropped robot stood, or was going to stand, may be its body."""
+        """Take a new team; who is gone is believed nowhere."""
         for gone in set(self.view.members) - set(members):
-            cell = self.view.cells.pop(gone, None)
-            if cell is not None:
-                self.view.obstacles |= {cell}
+            self.view.cells.pop(gone, None)
         self.view.members = members
         self.plan_due = True
 
@@ -154,7 +152,8 @@ class Coordination:
             cell = self._knowledge.cell(message.x, message.y)
             if cell is None or cell not in self._knowledge.cells:
                 continue  # nobody can be there: a peer's fault, not ours
-            self.view.cells[robot] = cell
+            if robot != self.view.me:  # I know better: I may have turned back since
+                self.view.cells[robot] = cell
             if message.kind == Kind.STOP:
                 self._stopped.add(robot)
             self._go_around(robot, cell, message)

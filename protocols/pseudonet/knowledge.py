@@ -90,7 +90,7 @@ class View:
     covered: set[Cell] = field(default_factory=set)
     """What robots have reported to have covered."""
     obstacles: frozenset[Cell] = frozenset()
-    """Where robots that were dropped may stand."""
+    """What robots could not enter, though the plan has no wall there: somebody stands in it."""
     omitted: set[Action] = field(default_factory=set)
     """Actions that I have given up in this step, because others had the better claim."""
 
@@ -104,7 +104,7 @@ class View:
         return [self.cells[member] for member in self.members if member != self.me]
 
     def occupied(self) -> set[Cell]:
-        """Return the cells in which somebody else stands, dropped robots included."""
+        """Return the cells in which somebody else stands, robots of no team included."""
         return set(self.others()) | self.obstacles
 
     def is_covered(self, cell: Cell) -> bool:

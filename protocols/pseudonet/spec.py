@@ -54,6 +54,16 @@ def _grid(parameters: Parameters, surroundings: Surroundings, starts_m: Sequence
             f"protocol.parameters.cell_m: {parameters.cell_m} is not >= {2 * surroundings.radius_m}, "
             "the diameter of the largest robot"
         )
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    columns, rows = (math.floor(side / parameters.cell_m + 1e-9) for side in (x_max - x_min, y_max - y_min))
+    if not (1 <= columns <= COLUMN_LIMIT and 1 <= rows <= COLUMN_LIMIT):
+        raise UserError(
+            f"protocol.parameters.cell_m: {parameters.cell_m} makes {columns} x {rows} cells of this floor, "
+            f"expected 1 to {COLUMN_LIMIT} a side"
+        )
+    for robot, (x_m, y_m) in enumerate(starts_m):
+        if x_m - x_min >= columns * parameters.cell_m or y_m - y_min >= rows * parameters.cell_m:
+            raise UserError(f"team.starts[{robot}]: ({x_m}, {y_m}) is beyond the last whole cell of the floor")
     grid = coverage_grid(
         surroundings.bounds_m,
         parameters.cell_m,
@@ -62,8 +72,6 @@ def _grid(parameters: Parameters, surroundings: Surroundings, starts_m: Sequence
         surroundings.forbidden,
         starts_m,
     )
-    if max(grid.nx, grid.ny) > COLUMN_LIMIT:
-        raise UserError(f"protocol.parameters.cell_m: {parameters.cell_m} makes more than {COLUMN_LIMIT} cells a side")
     if not grid.reachable.any():
         raise UserError(f"protocol.parameters.cell_m: no cell of {parameters.cell_m} m is free on this floor")
     return grid

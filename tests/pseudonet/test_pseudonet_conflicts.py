@@ -213,13 +213,12 @@ def test_the_nearest_robot_names_the_nearest_uncovered_cell() -> None:
         assert coordination.direction_for(0, messages) == (cells[expected] if expected else None)
 
 
-def test_a_dropped_robot_leaves_an_obstacle_where_it_was() -> None:
+def test_a_dropped_robot_is_believed_nowhere_and_its_work_is_divided_anew() -> None:
     coordination, algorithm, cells = team()
     coordination.plan()
     coordination.team_changed((0, 2))
     assert coordination.plan_due
-    assert coordination.view.obstacles == {cells["c"]}
-    assert coordination.view.occupied() == {cells["c"], cells["h"]}
+    assert coordination.view.cells == {0: cells["a"], 2: cells["h"]}
     coordination.plan()
     assert algorithm.enlisted == 2
 
@@ -232,6 +231,12 @@ def test_a_cell_that_somebody_could_not_enter_is_an_obstacle_to_all() -> None:
     coordination.take_positions({1: replace(at(1, 0, 0), verdicts=wall), 2: replace(at(2, 0, 2), verdicts=outer)})
     assert coordination.view.obstacles == {cells["b"]}
     assert coordination.plan_due
+
+
+def test_a_robot_knows_its_own_place_better_than_its_last_message() -> None:
+    coordination, _, cells = team()
+    coordination.take_positions({0: at(0, 1, 0), 1: at(1, 1, 1)})
+    assert coordination.view.cells == {0: cells["a"], 1: cells["e"], 2: cells["h"]}
 
 
 def test_a_robot_that_has_turned_back_says_so_until_the_team_has_heard_it() -> None:

@@ -1,4 +1,4 @@
-"""Native clocks (Bluetooth Core v1.2, Vol 2 Part B, section 1.1): free-running, one tick every 312.5 us, never adjusted.
+"""Native clocks (Bluetooth Core v1.2, Vol 2 Part B, section 1.1): one tick every 312.5 us, never adjusted.
 
 Integers only: local_ns = phase + t + t * ppm // 1_000_000 and tick = local_ns // TICK. Ticks are unwrapped; the 28 bits
 of the specification matter only where the hop kernel reads them. Two devices' ticks are not aligned with each other.

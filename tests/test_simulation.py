@@ -1,0 +1,324 @@
+"""One run: one order of phases a tick, when commands act, how it ends, and that the seed decides everything."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from cosim.errors import UserError
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Command,
+    Event,
+    GoTo,
+    LinkEvent,
+    Metric,
+    Observation,
+    Outgoing,
+    ProtocolSpec,
+    Reception,
+    Surroundings,
+)
+from cosim.scenario import Scenario
+from cosim.settings import Settings
+from cosim.simulation import METRICS, Outcome, Simulation, simulate
+from cosim.trace import POSES
+from cosim.units import MS, S, Time, to_seconds
+
+TICK = 100 * MS
+
+
+class Parameters(Settings):
+    """Parameters of the walkers."""
+
+    goal_m: tuple[float, float] | None = None
+    order_s: float | None = Field(default=None, description="s, when the order to go comes; from the start if not given")
+    finish_s: float | None = None
+    over_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a machine has drawn."""
+
+    number: int
+
+
+class Walker:
+    """Goes to its goal when it is told to, calls out at every observation, and notes what it sees and hears."""
+
+    def __init__(self, parameters: Parameters, knowledge: Any, me: Address, stream: np.random.Generator, start: Time):
+        self.parameters, self.me = parameters, me
+        self.seen: list[tuple[Time, Observation]] = []
+        self.heard: list[tuple[Time, bytes]] = []
+        self.order: Time | None = None if parameters.order_s is None else start + round(parameters.order_s * S)
+        self.motion: list[Command] = []
+        if parameters.goal_m is not None and self.order is None:
+            self.motion.append(GoTo(*parameters.goal_m))
+        self.out: list[Outgoing] = []
+        self.notes: list[Event] = [Drawn(int(stream.integers(2**40)))]
+        self.now = start
+
+    @property
+    def finished(self) -> bool:
+        end = self.parameters.finish_s
+        return end is not None and self.now >= round(end * S)
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        self.heard.append((now, data))
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        raise AssertionError("nobody asked")
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        self.now = now
+        self.seen.append((now, observation))
+        self.out.append(Outgoing(BROADCAST, bytes([self.me, len(self.seen)])))
+
+    def wake(self, now: Time) -> None:
+        assert self.parameters.goal_m is not None
+        self.order = None
+        self.motion.append(GoTo(*self.parameters.goal_m))
+
+    def wake_at(self) -> Time | None:
+        return self.order
+
+    def outbox(self) -> list[Any]:
+        self.out, drained = [], self.out
+        return list(drained)
+
+    def commands(self) -> list[Command]:
+        self.motion, drained = [], self.motion
+        return drained
+
+    def events(self) -> list[Event]:
+        self.notes, drained = [], self.notes
+        return drained
+
+
+class Judge:
+    """Ends the run when the parameters say so."""
+
+    def __init__(self, parameters: Parameters, knowledge: Surroundings) -> None:
+        self.over_s = parameters.over_s
+        self.looks: list[Time] = []
+
+    def look(self, x_m: Any, y_m: Any, now: Time) -> bool:
+        self.looks.append(now)
+        return self.over_s is not None and now >= self.over_s * S
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        return {"judged_s": to_seconds(now)}
+
+
+SPEC = ProtocolSpec(
+    name="walkers",
+    parameters=Parameters,
+    place=lambda parameters, surroundings, size, stream: [(2.0 * robot + stream.random(), 5.0) for robot in range(size)],
+    prepare=lambda parameters, surroundings: surroundings,
+    make=Walker,
+    referee=Judge,
+    metrics=(Metric("heard", "1", "payloads heard"), Metric("judged_s", "s", "simulated time")),
+    measure=lambda machines: {"heard": float(sum(len(machine.heard) for machine in machines))},
+    events=(Drawn,),
+)
+SIGHTED = replace(SPEC, needs_sight=True)
+
+
+@pytest.fixture(autouse=True)
+def walkers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make this file the module that a user's scenario names."""
+    monkeypatch.setitem(sys.modules, "walkers", sys.modules[__name__])
+
+
+def scenario(size: int = 2, use: str = "walkers:SPEC", duration_s: float = 2.0, **parameters: Any) -> Scenario:
+    plain = {
+        "duration_s": duration_s,
+        "floorplan": {"map": "walls", "bounds_m": [-1, -1, 11, 11], "walls": [[-1, 4, 11, 4]]},
+        "team": {"size": size, "body": {"radius_m": 0.2, "speed_mps": 0.5, "acceleration_mps2": 1000.0}},
+        "protocol": {"use": use, "parameters": parameters},
+    }
+    return Scenario.model_validate(plain)
+
+
+def with_starts(plain: Scenario, starts: Sequence[tuple[float, float]]) -> Scenario:
+    return plain.model_copy(update={"team": plain.team.model_copy(update={"starts": tuple(starts)})})
+
+
+# ---------------------------------------------------------------- the tick
+
+
+def test_a_tick_has_one_order_of_phases(monkeypatch: pytest.MonkeyPatch):
+    run = Simulation(scenario(goal_m=(1.0, 1.0), order_s=0.15), 1)
+    log: list[tuple[Time, str]] = []
+
+    def spy(target: Any, name: str) -> None:
+        inner = getattr(target, name)
+
+        def noted(*given: Any) -> Any:
+            log.append((run.kernel.now, name))
+            return inner(*given)
+
+        monkeypatch.setattr(target, name, noted)
+
+    for name in ("advance", "moved"):
+        spy(run.channel, name)
+    for name in ("apply", "step", "observations"):
+        spy(run.fleet, name)
+    for node in run.nodes:
+        spy(node, "observe")
+    spy(run.referee, "look")
+    run.run()
+    first = ["moved", "observations", "observe", "observe", "look"]
+    assert [name for time, name in log if time == 0] == first
+    assert [name for time, name in log if time == TICK] == ["advance", "step", *first]
+    assert [name for time, name in log if time == 2 * TICK] == ["advance", "apply", "apply", "step", *first]
+    assert {time for time, _ in log} == set(range(0, 2 * S + 1, TICK))
+
+
+def moving_since(outcome: Simulation, robot: int = 0) -> Time:
+    """Return the last tick at which the robot still stood where it started."""
+    seen = outcome.machines[robot].seen  # type: ignore[attr-defined]
+    start = seen[0][1]
+    return max(time for time, at in seen if (at.x_m, at.y_m) == (start.x_m, start.y_m))
+
+
+@pytest.mark.parametrize(
+    ("order_s", "acts_at"),
+    [(None, TICK), (0.0, TICK), (0.05, TICK), (0.199_999_999, 2 * TICK), (0.2, 3 * TICK), (0.25, 3 * TICK)],
+)
+def test_commands_given_since_a_tick_act_at_the_next(order_s: float | None, acts_at: Time):
+    run = Simulation(scenario(size=1, goal_m=(9.0, 5.0), order_s=order_s), 1)
+    run.run()
+    assert moving_since(run) == acts_at
+
+
+def test_what_a_machine_sends_when_it_observes_arrives_between_the_ticks():
+    run = Simulation(scenario(duration_s=0.25), 1)
+    run.run()
+    delay = 1_000
+    assert run.machines[0].heard == [(k * TICK + delay, bytes([1, k + 1])) for k in range(3)]  # type: ignore[attr-defined]
+
+
+def test_a_robot_is_told_whom_it_sees_if_its_protocol_asks():
+    starts = [(1.0, 5.0), (3.0, 5.0), (5.0, 1.0)]  # the third is behind the wall
+    for use, expected in [("walkers:SIGHTED", [(1,), (0,), ()]), ("walkers:SPEC", [(), (), ()])]:
+        run = Simulation(with_starts(scenario(size=3, use=use), starts), 1)
+        run.run()
+        assert [machine.seen[-1][1].visible for machine in run.machines] == expected  # type: ignore[attr-defined]
+
+
+# ---------------------------------------------------------------- the end
+
+
+def test_a_run_ends_at_its_duration_before_anything_of_that_instant():
+    outcome = simulate(scenario(), 1, [POSES])
+    assert outcome.simulated_s == outcome.metrics["simulated_s"] == 2.0
+    assert max(outcome.trace.columns("poses")["time_ns"]) == 2 * S - TICK
+
+
+def test_a_run_ends_at_the_tick_when_all_machines_have_finished():
+    run = Simulation(scenario(finish_s=0.75), 1)
+    assert run.run().simulated_s == 0.8
+    assert run.referee.looks == list(range(0, 8 * TICK + 1, TICK))  # type: ignore[attr-defined]
+
+
+def test_a_run_goes_on_while_one_machine_has_not_finished():
+    run = Simulation(scenario(finish_s=0.75), 1)
+    run.machines[1].parameters = Parameters(finish_s=1.0)  # type: ignore[attr-defined]
+    assert run.run().simulated_s == 1.0
+
+
+def test_a_dead_machine_need_not_finish():
+    run = Simulation(scenario(finish_s=0.75), 1)
+    run.machines[1].parameters = Parameters()  # type: ignore[attr-defined]
+    run.nodes[1].kill()
+    assert run.run().simulated_s == 0.8
+
+
+def test_the_referee_ends_a_run():
+    assert simulate(scenario(over_s=0.5), 1).simulated_s == 0.5
+
+
+# ---------------------------------------------------------------- what comes out
+
+
+def test_same_scenario_and_seed_give_the_same_digest_and_another_seed_another():
+    plain = scenario(goal_m=(9.0, 9.0))
+    digest = simulate(plain, 3).digest
+    assert simulate(plain, 3).digest == digest
+    assert simulate(plain, 4).digest != digest
+    assert simulate(scenario(goal_m=(9.0, 8.0)), 3).digest != digest
+
+
+def test_the_digest_does_not_depend_on_what_else_is_kept():
+    assert simulate(scenario(), 3, [POSES]).digest == simulate(scenario(), 3).digest
+
+
+@pytest.mark.slow
+def test_another_process_finds_the_same_digest():
+    folder = Path(__file__).parent / "data"
+    code = (
+        "from cosim.scenario import Scenario; from cosim.simulation import simulate;"
+        "plain = {'duration_s': 5, 'protocol': {'use': 'beacon:SPEC'}};"
+        "print(simulate(Scenario.model_validate(plain), 3).digest)"
+    )
+    digests = set()
+    for seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", code]
+        digests.add(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
+    assert len(digests) == 1
+    assert len(digests.pop().strip()) == 64
+
+
+def test_poses_are_a_row_a_robot_and_tick():
+    starts = [(1.0, 5.0), (3.0, 6.0)]
+    outcome = simulate(with_starts(scenario(duration_s=0.5, goal_m=(1.0, 9.0)), starts), 1, [POSES])
+    poses = outcome.trace.columns("poses")
+    assert poses["time_ns"] == [tick * TICK for tick in range(5) for _ in range(2)]
+    assert poses["source"] == [0, 1] * 5
+    assert list(zip(poses["x_m"], poses["y_m"], strict=True))[:4] == starts * 2
+    # 0.5 m/s: at tick 1 the command acts, from then on 5 cm a tick, straight up
+    assert poses["y_m"][::2] == pytest.approx([5.0, 5.0, 5.05, 5.1, 5.15])
+    assert poses["x_m"][::2] == pytest.approx([1.0] * 5)
+
+
+def test_the_distance_is_that_of_all_robots():
+    starts = [(1.0, 5.0), (3.0, 5.0)]
+    outcome = simulate(with_starts(scenario(duration_s=0.45, goal_m=(9.0, 5.0)), starts), 1)
+    assert outcome.metrics["distance_m"] == pytest.approx(2 * 3 * 0.05)
+
+
+def test_metrics_come_from_the_run_the_machines_the_referee_and_the_channel():
+    outcome: Outcome = simulate(scenario(duration_s=0.5), 1)
+    assert outcome.metrics["judged_s"] == 0.5
+    assert outcome.metrics["heard"] == outcome.metrics["frames_sent"] == 10.0  # 2 robots, 5 ticks
+    assert outcome.metrics["kernel_events"] == 5 + 5  # ticks and deliveries
+    assert [metric.name for metric in outcome.metric_columns] == [
+        *(metric.name for metric in METRICS),
+        "heard",
+        "judged_s",
+        "frames_sent",
+    ]
+    assert set(outcome.metrics) == {metric.name for metric in outcome.metric_columns}
+
+
+def test_events_of_the_machines_are_kept_from_the_first_instant():
+    events = simulate(scenario(), 1).trace.columns("events")
+    assert events["time_ns"] == [0, 0]
+    assert events["event"] == ["Drawn", "Drawn"]
+    assert len(set(events["number"])) == 2  # a stream each
+
+
+def test_starts_that_do_not_fit_are_the_users_mistake():
+    with pytest.raises(UserError, match=r"team\.starts\[1\]"):
+        simulate(with_starts(scenario(), [(1.0, 5.0), (1.0, 4.0)]), 1)
