@@ -117,6 +117,14 @@ def test_what_is_sent_at_one_instant_is_one_event_and_drains_each_host_once(room
     assert [data for _, address, (data, _) in room.log[:6] if address == 1] == [b"\x02", b"\x00"]  # in send order
 
 
+def test_hosts_are_drained_in_order_of_addresses_in_large_teams_too():
+    room = Room(size=20)
+    for destination in (17, 9, 1):
+        room.channel.send(0, Outgoing(destination, b"x"))
+    room.run()
+    assert room.drains == [1, 9, 17]
+
+
 def test_what_is_sent_at_two_instants_arrives_at_two(room: Room):
     for time in (5, 6):
         room.kernel.at(time, lambda: room.channel.send(0, Outgoing(1, b"x")))
@@ -176,7 +184,7 @@ def test_an_inquiry_ends_when_enough_are_found_and_finds_only_who_scans(room: Ro
     room.log.clear()
     room.channel.command(1, Scan(True))
     room.channel.command(0, Inquire(10 * S, 1))
-    assert room.run(2 * MS)[0][2] == Discovered(1)
+    assert [event for *_, event in room.run(2 * MS)] == [Discovered(1), InquiryComplete((1,))]
 
 
 def test_a_page_connects_both_sides(room: Room):
@@ -226,6 +234,16 @@ def test_the_others_lose_a_device_that_goes_off_once(room: Room):
     room.channel.power(1, False)
     room.channel.power(1, False)
     assert room.run() == [(0, 0, Lost(1)), (0, 2, Lost(1))]
+
+
+def test_a_device_that_is_off_takes_no_command(room: Room):
+    room.channel.power(1, False)
+    room.channel.command(1, Scan(False))
+    room.channel.power(1, True)
+    room.run(1)
+    room.log.clear()
+    room.channel.command(0, Page(1))
+    assert room.run()[0] == (1, 0, Connected(1, Role.MASTER))
 
 
 def test_a_device_that_comes_on_is_no_news(room: Room):

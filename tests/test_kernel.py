@@ -275,13 +275,14 @@ def test_soon_is_a_new_event_of_this_instant_in_whatever_phase(log: Log, phase: 
     assert log.kernel.phase == (10, max(phase, DELIVER))
 
 
-def test_soon_outside_of_a_run_comes_first_in_the_next(log: Log):
+def test_soon_outside_of_a_run_is_a_delivery_of_the_next(log: Log):
     log.kernel.at(4, log.note("air"), AIR)
     log.kernel.run(5)
+    log.kernel.at(5, log.note("wake"), WAKE)
     log.kernel.soon(log.note("soon"))
     assert log.names == ["air"]
     log.kernel.run(6)
-    assert log.entries[1:] == [(5, "soon")]
+    assert log.entries[1:] == [(5, "soon"), (5, "wake")]
 
 
 # ---------------------------------------------------------------- exact time
@@ -295,6 +296,7 @@ def test_numpy_integers_become_exact_ints(log: Log):
     log.kernel.run(2**62 + 2)
     assert log.entries == [(7, "near"), (2**62 + 1, "far")]
     assert {type(time) for time, _ in log.entries} == {int}
+    assert log.kernel.after(np.int32(7), log.note("narrow")).time == 2**62 + 9
 
 
 @pytest.mark.parametrize("time", [1.0, 625e-6, "1", None, np.float64(3)])

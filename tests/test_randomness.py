@@ -53,6 +53,12 @@ def test_a_bounded_draw_keeps_its_bound(bound: int, number: int):
     assert 0 <= Draws(3, "bound").below(bound, number) < bound
 
 
+def test_a_bounded_draw_uses_64_bits():
+    draws = Draws(3, "wide")
+    high, low, *_ = draws.words(9)
+    assert draws.below(2**64, 9) == high << 32 | low
+
+
 def chi_square(counts: np.ndarray) -> float:
     expected = counts.sum() / len(counts)
     return float(((counts - expected) ** 2 / expected).sum())
@@ -102,7 +108,7 @@ def test_asking_twice_gives_the_same_stream_from_its_beginning():
 
 def test_streams_of_other_names_or_seeds_are_others():
     streams = Streams(5)
-    names = [("ab", "c"), ("a", "bc"), ("abc",), ("abc", 1), ("abc", "1"), ("abc", 1, 1)]
+    names = [("ab", "c"), ("a", "bc"), ("abc",), ("abc", 1), ("abc", "1"), ("abc", 1, 1), ("abstr:c",)]
     assert len({tuple(drawn(streams(*parts))) for parts in names}) == len(names)
     assert drawn(Streams(6)("abc")) != drawn(streams("abc"))
 
@@ -116,6 +122,8 @@ def test_streams_and_draws_of_one_run_share_its_seed():
     assert Streams(7).draws("backoff", 2).words(9) != Streams(8).draws("backoff", 2).words(9)
 
 
-def test_a_name_that_is_neither_text_nor_a_whole_number_is_refused():
+def test_fractions_are_neither_names_nor_seeds():
     with pytest.raises(TypeError):
         Streams(1)(1.5)
+    with pytest.raises(TypeError):
+        Streams(1.0)("loss")

@@ -10,7 +10,7 @@ The number of cells is known, so each robot finds completion by itself.
 from collections.abc import Callable, Mapping
 
 from cosim.geometry.grids import Cell
-from cosim.machine import Address, Event, Fate, Observation, Reception, next_state
+from cosim.machine import Address, Observation, next_state
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.broadcast import Answered, Broadcast, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
@@ -63,14 +63,6 @@ class Application:
         return self.me in self.coordination.view.cells
 
     # ------------------------------------------------------------ inputs
-
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Pass a payload to the room below."""
-        self.broadcast.receive(data, reception, now)
-
-    def fate(self, fate: Fate, now: Time) -> None:
-        """Pass the fate of a payload to the room below."""
-        self.broadcast.fate(fate, now)
 
     def assemble(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         """As the master, call the team up: the piconet stands."""
@@ -277,7 +269,3 @@ class Application:
         else:
             self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
             self.broadcast.submit(message)
-
-    def events(self) -> list[Event]:
-        """Drain the journal."""
-        return self.journal.drain()

@@ -201,5 +201,4 @@ class Coordination:
         """Return where to direct *asker*, if it is me who answers and if I know an uncovered cell."""
         if helper(asker, messages) != self.view.me:
             return None
-        taken = self.view.occupied() | {self.view.cells[self.view.me]}
-        return self.view.nearest_uncovered(self.view.cells[asker], taken)
+        return self.view.nearest_uncovered(self.view.cells[asker])

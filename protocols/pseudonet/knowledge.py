@@ -6,7 +6,7 @@ because it never changes; ``View`` is the second, one a robot.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, TypeVar
 
@@ -125,8 +125,8 @@ class View:
             return len(self.covered) == len(self.knowledge.cells)  # nobody ever stands on another cell
         return not self.remaining()
 
-    def nearest_uncovered(self, origin: Cell, avoid: Iterable[Cell] = ()) -> Cell | None:
+    def nearest_uncovered(self, origin: Cell) -> Cell | None:
         """Return the uncovered cell that is the fewest steps away from *origin*; the lowest number breaks ties."""
         away = self.knowledge.distances(origin, self.obstacles)
-        cells = [cell for cell in sorted(self.remaining() - set(avoid)) if away[cell] >= 0]
+        cells = [cell for cell in self.remaining() if away[cell] >= 0]
         return min(cells, key=lambda cell: (int(away[cell]), cell)) if cells else None

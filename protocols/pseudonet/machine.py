@@ -47,12 +47,12 @@ class Pseudonet:
         """Take a payload off the air."""
         if reception.source != self.me:
             self._silent_at = now + self._silence
-        self.application.receive(data, reception, now)
+        self.application.broadcast.receive(data, reception, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links."""
         if isinstance(event, Fate):
-            self.application.fate(event, now)
+            self.application.broadcast.fate(event, now)
             return
         self._silent_at = now + self._silence
         self.bluetooth.link(event, now)
@@ -119,4 +119,4 @@ class Pseudonet:
 
     def events(self) -> list[Event]:
         """Drain the journal."""
-        return self.application.events()
+        return self.application.journal.drain()

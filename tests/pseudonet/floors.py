@@ -6,7 +6,7 @@ from inspect import cleandoc
 import numpy as np
 
 from cosim.geometry.grids import Cell, CoverageGrid
-from protocols.pseudonet.algorithms.base import STEPS, Evaluation
+from protocols.pseudonet.algorithms.base import Evaluation
 from protocols.pseudonet.algorithms.planned import Planned
 from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Action
@@ -111,10 +111,3 @@ class PaperTeam:
     @property
     def covered(self) -> set[Cell]:
         return self.views[0].covered
-
-
-def steps_between(knowledge: Knowledge, path: str, start: Cell) -> Cell:
-    """Return where *path*, letters of N, E, S, W, leads from *start*."""
-    for letter in path:
-        start = knowledge.steps[start][STEPS["NESW".index(letter)]]
-    return start

@@ -86,15 +86,33 @@ def test_exchanges_are_numbered_modulo_256() -> None:
         assert [upcall.messages[2].y for upcall in robot.exchanged] == list(range(600))
 
 
-def test_a_repeated_message_does_not_come_back_when_the_numbers_do() -> None:
-    air = PaperAir(2, exchanges=300)
+@pytest.mark.parametrize("frames", [4, 8])
+def test_a_repeated_message_is_not_kept_until_the_numbers_come_back(frames: int) -> None:
+    air = PaperAir(3)
     air.assemble()
-    air.run(frames=4)
-    stale = air.air[3][2]
-    assert isinstance(stale, Message)
-    air.robots[0].room.receive(encode(replace(stale, x=99)), Reception(1, False), air.now)
+    air.run(frames)  # within the exchange that it belongs to, and after that
+    repeated, master = air.air[3][2], air.robots[0].room
+    assert isinstance(repeated, Message)
+    master.receive(encode(repeated), Reception(1, False), air.now)
+    assert master._early == {}
+
+
+def test_a_slave_that_has_missed_a_whole_roll_call_joins_the_next() -> None:
+    air = PaperAir(4)
+    air.assemble()
     air.run()
-    assert {upcall.messages[1].x for upcall in air.robots[0].exchanged} == {1}
+    slave = air.robots[1]
+    slave.room.receive(encode(Sync(0, slave.room.exchange + 2, (0, 1), True)), Reception(0, True), air.now)
+    assert slave.heard[-1] == TeamChanged((0, 1))
+
+
+def test_an_answer_for_another_robot_is_none_of_mine() -> None:
+    air = PaperAir(4)
+    air.assemble()
+    air.run()
+    heard = list(air.robots[1].heard)
+    air.robots[1].room.receive(encode(direct(0, 2, addressee=3)), Reception(0, True), air.now)
+    assert air.robots[1].heard == heard
 
 
 @pytest.mark.parametrize("count", [254, 255, 256])
@@ -279,6 +297,7 @@ def test_the_master_takes_only_messages_of_its_slaves_own(packet: Message | Sync
     air.assemble()
     air.run(frames=2)
     air.robots[0].room.receive(encode(packet), Reception(1, False), air.now)
+    assert air.robots[0].room._early == {}
     air.run()
     assert air.robots[0].exchanged[0].messages == air.robots[1].exchanged[0].messages
     assert [(m.x, m.source) for m in air.robots[0].exchanged[0].messages.values()] == [(0, 0), (1, 1), (2, 2)]

@@ -119,6 +119,7 @@ _frames = st.lists(
 """Packets, and by how much their number is ahead of the exchange that the receiver is in."""
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.sampled_from(ALGORITHMS), st.integers(0, 2), _frames)
 def test_well_formed_frames_of_any_content_never_raise(

@@ -156,3 +156,15 @@ def test_what_lies_behind_a_dropped_robot_is_left() -> None:
     assert view.remaining() == {0, 1, 3}
     view.covered |= {0, 1, 3}
     assert view.complete()
+
+
+def test_who_makes_room_for_somebody_does_not_decide_again() -> None:
+    knowledge, cells = floor(
+        """
+        xYab
+        ##n#
+        """
+    )
+    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"]})
+    step = joint_step(view, [Errand(1, cells["x"], 3), Errand(0, cells["Y"], 1)])
+    assert step == {0: Action.SOUTH}

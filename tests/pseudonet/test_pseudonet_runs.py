@@ -144,7 +144,12 @@ def test_every_real_map_is_covered(name: str, algorithm: str, channel: str) -> N
 
 def test_robots_that_start_beside_their_cells_centres_drive_there_first() -> None:
     starts = [[0.22, 0.3], [5.3, 3.73]]
-    check_covered(*run(scenario(size=2, team={"starts": starts}, floor={"map": "walls", "bounds_m": [0, 0, 6, 4]})))
+    floor = {"map": "walls", "bounds_m": [0, 0, 6, 4]}
+    simulation, outcome = run(scenario(size=2, team={"starts": starts}, floor=floor))
+    check_covered(simulation, outcome)
+    early = Tracks(simulation, outcome).at[:10]  # in the first second
+    for robot, centre in enumerate([(0.25, 0.25), (5.25, 3.75)]):
+        assert np.abs(early[:, robot] - centre).max(axis=1).min() < 1e-6
 
 
 @pytest.mark.slow
