@@ -44,7 +44,9 @@ def bare_timeouts(seed: int) -> workloads.Work:
 FIGURES = (
     Figure("bare SimPy timeout (the unit)", bare_timeouts),
     Figure("robot-tick: 8 robots that drive among the walls of the storey", workloads.robot_ticks),
-    Figure("second of an idle piconet, 7 slaves, T_poll 40 slots, world ticks of 100 ms", workloads.idle_piconet_seconds),
+    Figure(
+        "second of an idle piconet, 7 slaves, T_poll 40 slots, world ticks of 100 ms", workloads.idle_piconet_seconds
+    ),
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages),
@@ -68,9 +70,8 @@ def main() -> None:
     for column, figure in enumerate(FIGURES):
         each = median(row[column] for row in rounds)
         ratios = [row[column] / row[0] for row in rounds]
-        print(
-            f"{figure.name:75s} {each * 1e6:12.3f} us {median(ratios):12.2f} x  ({min(ratios):.2f} to {max(ratios):.2f})"
-        )
+        spread = f"({min(ratios):.2f} to {max(ratios):.2f})"
+        print(f"{figure.name:78s} {each * 1e6:11.3f} us {median(ratios):11.2f} x  {spread}")
 
 
 if __name__ == "__main__":

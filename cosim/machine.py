@@ -281,7 +281,7 @@ class ProtocolSpec:
     parameters: type[Settings]
     """Model of the protocol's parameters in a scenario."""
     place: Callable[[Any, "Surroundings", int, np.random.Generator], Sequence[tuple[float, float]]]
-    """(parameters, surroundings without starts, team size, random stream) -> where robots start that have no given start."""
+    """(parameters, surroundings without starts, team size, random stream) -> starts, where the scenario gives none."""
     prepare: Callable[[Any, "Surroundings"], Any]
     """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
 

@@ -47,7 +47,8 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         if not self.size:
             return "-"
-        return f"{self.mean:.4g}" if not self.half > 0 else f"{self.mean:.4g} ± {self.half:.2g}"
+        spread = self.half > 1e-12 * abs(self.mean)  # NaN for a single value; less is the rounding of the sum
+        return f"{self.mean:.4g} ± {self.half:.2g}" if spread else f"{self.mean:.4g}"
 
 
 class Verdict(NamedTuple):

@@ -33,9 +33,13 @@ def described(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_the_document_is_the_one_that_the_code_makes():
-    ours = [spec for spec in map(protocol_spec, protocol_names()) if f"## Protocol {spec.name}\n" in DOCUMENT.read_text()]
+    ours = [
+        spec for spec in map(protocol_spec, protocol_names()) if f"## Protocol {spec.name}\n" in DOCUMENT.read_text()
+    ]
     made = page(ours)
-    assert DOCUMENT.read_text(encoding="utf-8") == made, "make it anew: python -m cosim.data_dictionary > docs/tables.md"
+    assert DOCUMENT.read_text(encoding="utf-8") == made, (
+        "make it anew: python -m cosim.data_dictionary > docs/tables.md"
+    )
 
 
 def test_every_column_and_metric_says_what_it_means():

@@ -301,7 +301,11 @@ def test_numpy_integers_become_exact_ints(log: Log):
 
 @pytest.mark.parametrize("time", [1.0, 625e-6, "1", None, np.float64(3)])
 def test_what_is_no_integer_is_refused(log: Log, time: Any):
-    for call in (log.kernel.run, lambda t: log.kernel.at(t, log.note("x")), lambda t: log.kernel.after(t, log.note("x"))):
+    for call in (
+        log.kernel.run,
+        lambda t: log.kernel.at(t, log.note("x")),
+        lambda t: log.kernel.after(t, log.note("x")),
+    ):
         with pytest.raises(TypeError):
             call(time)
 
@@ -351,7 +355,7 @@ def test_an_exception_of_a_simpy_process_leaves_the_run_with_its_type_and_text(l
         raise kind("robot 3")
 
     log.kernel.environment.process(process())
-    with pytest.raises(kind, match="^robot 3$") as caught:
+    with pytest.raises(kind, match=r"^robot 3$") as caught:
         log.kernel.run(10)
     assert type(caught.value) is kind
 

@@ -62,7 +62,7 @@ def test_random_starts_keep_large_bodies_apart(seed):
 
 
 def test_too_many_robots_are_an_error():
-    with pytest.raises(UserError, match="team.size: 1000 do not fit on the floor, expected at most"):
+    with pytest.raises(UserError, match=r"team\.size: 1000 do not fit on the floor, expected at most"):
         random_starts(GRID, [0.2] * 1000, Streams(1)("starts"))
 
 

@@ -40,7 +40,9 @@ class Parameters(Settings):
     """Parameters of the walkers."""
 
     goal_m: tuple[float, float] | None = None
-    order_s: float | None = Field(default=None, description="s, when the order to go comes; from the start if not given")
+    order_s: float | None = Field(
+        default=None, description="s, when the order to go comes; from the start if not given"
+    )
     finish_s: float | None = None
     over_s: float | None = None
 
@@ -122,7 +124,9 @@ class Judge:
 SPEC = ProtocolSpec(
     name="walkers",
     parameters=Parameters,
-    place=lambda parameters, surroundings, size, stream: [(2.0 * robot + stream.random(), 5.0) for robot in range(size)],
+    place=lambda parameters, surroundings, size, stream: [
+        (2.0 * robot + stream.random(), 5.0) for robot in range(size)
+    ],
     prepare=lambda parameters, surroundings: surroundings,
     make=Walker,
     referee=Judge,
@@ -175,13 +179,17 @@ def test_a_tick_has_one_order_of_phases(monkeypatch: pytest.MonkeyPatch):
         spy(run.fleet, name)
     for node in run.nodes:
         spy(node, "observe")
+        spy(node, "drain")
     spy(run.referee, "look")
+    run.kernel.at(2 * TICK, lambda: log.append((2 * TICK, "delivery")))
     run.run()
-    first = ["moved", "observations", "observe", "observe", "look"]
-    assert [name for time, name in log if time == 0] == first
-    assert [name for time, name in log if time == TICK] == ["advance", "step", *first]
-    assert [name for time, name in log if time == 2 * TICK] == ["advance", "apply", "apply", "step", *first]
-    assert {time for time, _ in log} == set(range(0, 2 * S + 1, TICK))
+    sensing = ["observations", "observe", "drain", "observe", "drain", "look"]
+    names = [[name for time, name in log if time == tick * TICK] for tick in range(4)]
+    assert names[0] == ["moved", "drain", "drain", *sensing]
+    assert names[1] == ["advance", "step", "moved", *sensing]
+    assert names[2] == ["advance", "apply", "apply", "step", "moved", *sensing, "delivery"]
+    assert names[3] == ["advance", "step", "moved", *sensing]  # a command is applied once
+    assert {time for time, name in log if name != "drain"} == set(range(0, 2 * S + 1, TICK))
 
 
 def moving_since(outcome: Simulation, robot: int = 0) -> Time:
@@ -257,6 +265,17 @@ def test_same_scenario_and_seed_give_the_same_digest_and_another_seed_another():
     assert simulate(plain, 3).digest == digest
     assert simulate(plain, 4).digest != digest
     assert simulate(scenario(goal_m=(9.0, 8.0)), 3).digest != digest
+
+
+def test_the_digest_covers_metrics_and_events():
+    still = with_starts(scenario(), [(1.0, 5.0), (3.0, 5.0)])
+    one, other = simulate(still, 3), simulate(still, 4)
+    assert one.metrics == other.metrics
+    assert one.trace.columns("events")["number"] != other.trace.columns("events")["number"]
+    assert one.digest != other.digest
+    longer = simulate(still.model_copy(update={"duration_s": 3.0}), 3)
+    assert longer.trace.digest() == one.trace.digest()
+    assert longer.digest != one.digest
 
 
 def test_the_digest_does_not_depend_on_what_else_is_kept():
