@@ -60,7 +60,8 @@ class QuickSettings(Settings):
 class ReportSettings(Settings):
     """What the report shows first."""
 
-    metrics: tuple[str, ...] = Field(default=(), description="columns of the table and figures; all, if none are named")
+    metrics: tuple[str, ...] = Field(default=(), description="columns of the table; all, if none are named")
+    figures: tuple[str, ...] = Field(default=(), description="those of them to draw; all, if none are named")
     x: str | None = Field(
         default=None, description="the axis along the figures; the first one with numbers, if not named"
     )

@@ -16,6 +16,7 @@ import csv
 import importlib.util
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,8 @@ from cosim.experiment import experiment_folders
 from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
 
 CONFIDENCE = 0.95
+WIDTH = 110
+"""Columns of a terminal that claims are wrapped to."""
 _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
 _WITHIN = re.compile(r"within ([0-9.]+) ?%")
 
@@ -62,6 +65,14 @@ class Verdict(NamedTuple):
     """holds, fails, open (the claim has no test that decides), or no data"""
 
 
+def _lines_of(verdict: Verdict) -> str:
+    """Return *verdict* for a terminal: the word first, then what was claimed, what was printed and what we have."""
+    indent = " " * 7
+    lines = textwrap.wrap(f"{verdict.id}: {verdict.claim}", WIDTH - 7, subsequent_indent=indent)
+    lines[0] = f"{verdict.verdict:7s}{lines[0]}"
+    return "\n".join([*lines, f"{indent}published {verdict.published}; ours {verdict.ours}"])
+
+
 @dataclass
 class Report:
     """The tables by their titles, the claims, and the figures that were written."""
@@ -76,8 +87,7 @@ class Report:
         """Return the report for a terminal."""
         parts = [f"{title}\n{table.to_string(index=False)}" for title, table in self.tables.items()]
         if self.verdicts:
-            frame = pd.DataFrame(self.verdicts).to_string(index=False)
-            parts.append(f"{self.name}, ours beside the published\n{frame}")
+            parts.append("\n".join([f"{self.name}, ours beside the published", *map(_lines_of, self.verdicts)]))
         if self.failures:
             parts.append(f"{self.failures} runs failed; the column error of the table runs says why")
         parts += ["\n".join(f"figure: {path}" for path in self.figures)] if self.figures else []
@@ -115,7 +125,8 @@ def report(folder: Path) -> Report:
             kinds = [column for column in frame if not pd.api.types.is_numeric_dtype(frame[column])]
             by = [*axes, *(str(column) for column in kinds if column not in {*axes, *_fixed()})]
             made.tables[f"{title}: mean ± half of the 95 % confidence interval"] = _shown(estimates(frame, by, metrics))
-            made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in metrics]
+            drawn = [metric for metric in told["report"].get("figures", ()) if metric in metrics] or metrics
+            made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in drawn]
     if figures is not None and hasattr(figures, "tables"):
         made.tables |= figures.tables(good, seen)
     if figures is not None and hasattr(figures, "draw"):

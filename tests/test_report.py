@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from cosim.errors import UserError
-from cosim.report import Report, estimate, estimates, judge, report
+from cosim.report import Report, Verdict, estimate, estimates, judge, report
 from cosim.results import RunStore
 
 DESCRIPTION = {
@@ -148,6 +148,19 @@ def test_a_report_of_nothing_says_so(tmp_path: Path):
     with pytest.raises(UserError, match="holds no results"):
         report(tmp_path)
     assert Report("calls").text() == "calls: no runs"
+
+
+def test_figures_can_be_fewer_than_the_columns_of_the_table(tmp_path: Path):
+    folder = filled(tmp_path / "r", tmp_path, report={"metrics": [], "figures": ["delay_s"], "x": None})
+    assert [path.name for path in report(folder).figures] == ["delay_s.png"]
+
+
+def test_a_claim_is_wrapped_and_led_by_its_verdict():
+    verdict = Verdict("linear", "so many words " * 20, "1 s", "2 s", "fails")
+    lines = Report("calls", verdicts=[verdict]).text().splitlines()
+    assert lines[1].startswith("fails  linear: so many words")
+    assert max(map(len, lines)) <= 110
+    assert lines[-1] == "       published 1 s; ours 2 s"
 
 
 def test_another_sweep_in_an_experiments_folder_is_not_held_against_its_claims(tmp_path: Path):
