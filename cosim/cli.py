@@ -4,9 +4,10 @@ Exit 0: done. 1: a run failed, or the computer did (a full disk). 2: the user's 
 """
 
 import json
+import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -24,7 +25,7 @@ from cosim.experiment import base_scenario, experiment_folders, find_experiment,
 from cosim.report import report as make_report
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
-from cosim.simulation import Outcome, Simulation, simulate
+from cosim.simulation import Outcome, Simulation
 from cosim.sweep import check_set_up, default_folder, run_sweep
 from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
@@ -52,8 +53,8 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     except (BrokenPipeError, SystemExit):  # (click's answer to a closed pipe) the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
-    except OSError as error:
-        return _complain(f"{error}: what is finished is kept", 1)
+    except OSError as error:  # its text ends with the name of the file, if it has one
+        return _complain(" ".join(str(error).split()), 1)
     return code if isinstance(code, int) else 0
 
 
@@ -84,13 +85,16 @@ def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | No
         chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
     tables = tuple(TABLES.values()) if trace else ()
-    with _naming(scenario), _waiting(f"{chosen.name}, seed {seed}"):
-        outcome = simulate(chosen, seed, tables)
+    with _naming(scenario, sets), _waiting(f"{chosen.name}, seed {seed}"):
+        simulation = Simulation(chosen, seed, tables)
+        if trace is not None:  # a folder that cannot be made shows now, not after the run
+            trace.mkdir(parents=True, exist_ok=True)
+        outcome = simulation.run()
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
-        click.echo(json.dumps(found, indent=2))
+        click.echo(_json(found))
         return
     click.echo(_metrics(outcome, seed))
     if trace is not None:
@@ -103,12 +107,27 @@ def _scenario(text: str, sets: Sequence[str]) -> Scenario:
 
 
 @contextmanager
-def _naming(source: str) -> Iterator[None]:
-    """Put *source* before errors that show only when a run is set up, where nobody knows the file."""
+def _naming(source: str, sets: Sequence[str]) -> Iterator[None]:
+    """Put *source*, or that of *sets* which is to blame, before errors that show only when a run is set up."""
     try:
         yield
     except UserError as error:
-        raise UserError(f"{source}: {error}") from None
+        place, _, rest = str(error).partition(": ")
+        blamed = next((text for text in reversed(sets) if text.partition("=")[0].strip() == place), None)
+        raise UserError(f"--set {blamed}: {rest}" if blamed else f"{source}: {error}") from None
+
+
+def _json(plain: Any) -> str:
+    """Return *plain* as JSON, which knows no NaN: null stands for it."""
+    return json.dumps(_finite(plain), indent=2, default=str, allow_nan=False)
+
+
+def _finite(plain: Any) -> Any:
+    if isinstance(plain, Mapping):
+        return {key: _finite(value) for key, value in plain.items()}
+    if isinstance(plain, list | tuple):
+        return [_finite(value) for value in plain]
+    return None if isinstance(plain, float) and not math.isfinite(plain) else plain
 
 
 def _metrics(outcome: Outcome, seed: int) -> str:
@@ -174,15 +193,24 @@ def sweep(
 ) -> int:
     """Make all runs of EXPERIMENT, a name or a sweep.yaml, that are not there yet."""
     chosen = load_experiment(find_experiment(experiment), sets, quick, replicates)
-    with _bar(chosen.name) as told:
+    with _keeping(), _bar(chosen.name) as told:
         summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, progress=told)
     if as_json:
-        click.echo(json.dumps(summary._asdict(), indent=2, default=str))
+        click.echo(_json(summary._asdict()))
     else:
         click.echo(f"{summary.runs} runs, {summary.resumed} of them were there already, in {summary.folder}")
         for failure in summary.failures:
             click.echo(f"failed: {failure}", err=True)
     return 1 if summary.failures else 0
+
+
+@contextmanager
+def _keeping() -> Iterator[None]:
+    """Say with an error of the computer's that a sweep loses nothing by it."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(f"{error}: what is finished is kept") from None
 
 
 @commands.command("report")
@@ -193,7 +221,7 @@ def report(results: Path, as_json: bool) -> None:
     with _waiting(f"reading {results}"):
         found = make_report(results)
     if as_json:
-        click.echo(json.dumps(found.plain(), indent=2, default=str))
+        click.echo(_json(found.plain()))
     else:
         click.echo(found.text())
 
@@ -213,7 +241,7 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
         click.echo(yaml.safe_dump(dump(experiment.settings) | {"scenario": experiment.base}, sort_keys=False), nl=False)
         return
     scenario = load(file, sets)
-    with _naming(str(file)):
+    with _naming(str(file), sets):
         Simulation(scenario, scenario.seed)
     click.echo("\n".join(described(scenario)))
 

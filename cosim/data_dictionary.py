@@ -9,12 +9,16 @@ from collections.abc import Iterable, Sequence
 from inspect import getdoc
 from typing import Final
 
+from cosim.channels.base import Channel
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.ideal import IdealChannel
 from cosim.machine import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.simulation import METRICS
 from cosim.trace import TABLES, Field, event_fields, events_table
 
+CHANNELS: Final[dict[str, type[Channel]]] = {"ideal": IdealChannel, "bluetooth": BluetoothChannel}
 INTRODUCTION: Final = """\
 # Tables
 
@@ -32,6 +36,7 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         _section("observations", "a row for each thing that a run counts more than once", OBSERVATION_FIXED),
         "### Metrics of every run\n\nThe channel's own counts and the metrics of the protocol follow.\n",
         _metrics(METRICS),
+        *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
         "## What `cosim run --trace` writes\n",
         *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
         _section("events", "what machines report; the columns of the protocol's event types follow", _EVERY_EVENT),

@@ -214,6 +214,9 @@ def _expectation(error: ErrorDetails, names: Iterable[str]) -> str:
         return f"{_short(value)} is not expected here: there is no such key{nearest(str(error['loc'][-1]), names)}"
     if kind == "model_type":
         return f"{_short(value)} is not a mapping of settings"
+    if kind == "model_attributes_type":  # settings of one of several kinds
+        named = value if isinstance(value, str) else "..."
+        return f"{_short(value)} is not a mapping of settings, expected a mapping such as {{kind: {named}}}"
     if kind == "value_error":
         text = str(context.get("error", error["msg"]))
         return f"{_short(value)} {text}"

@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from cosim.documents import Assignment, assign, nearest, parse_assignment, parse_place, read_yaml, validated
 from cosim.errors import UserError
@@ -207,10 +207,41 @@ def base_scenario(path: Path, sets: Iterable[str] = ()) -> Scenario:
     return build(base, source, folder)
 
 
+def _of_axes(
+    items: Iterable[Assignment], settings: ExperimentSettings, columns: Mapping[str, str]
+) -> list[Assignment]:
+    """Return *items* with the column of an axis replaced by its path, and the name of a value by the value."""
+    axes = {(columns[key],): axis for key, axis in settings.sweep.items()}
+    result = []
+    for item in items:
+        axis = axes.get(item.place)
+        if axis is None:
+            result.append(given_here(item))
+        elif isinstance(axis.values, dict) and isinstance(item.value, Label) and item.value in axis.values:
+            result.append(item._replace(place=parse_place(axis.path), value=axis.values[item.value]))
+        else:
+            result.append(given_here(item._replace(place=parse_place(axis.path))))
+    return result
+
+
+def parameters_model(run: str) -> type[Settings]:
+    """Return the settings called ``Parameters`` beside the function *run*; if there are none, whatever it takes."""
+    model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
+    return model if isinstance(model, type) and issubclass(model, Settings) else _AnyParameters
+
+
+class _AnyParameters(Settings):
+    """What a function takes that says nothing about it."""
+
+    model_config = ConfigDict(extra="allow")
+
+
 def _base(settings: ExperimentSettings, path: Path, given: Sequence[Assignment]) -> tuple[dict[str, Any], Path, str]:
     if settings.run is not None:
         find_function(settings.run, str(path))
-        return assign(settings.parameters, given), path.parent, f"{path}: parameters"
+        source, parameters = f"{path}: parameters", assign(settings.parameters, given)
+        validated(parameters_model(settings.run), parameters, source, given)
+        return parameters, path.parent, source
     if isinstance(settings.scenario, str):
         file = path.parent / settings.scenario
         return dump(build(read_yaml(file), str(file), file.parent, given)), file.parent, str(file)
@@ -233,6 +264,7 @@ def _arm(
     ]
     if settings.run is not None:
         parameters = assign(base, changes)
+        validated(parameters_model(settings.run), parameters, source, changes)
         return Arm(labels, None, settings.run, parameters, digest([settings.run, parameters]))
     scenario = build(base, source, folder, changes)
     return Arm(labels, scenario, None, {}, digest([dump(scenario), scenario.map_digests()]))

@@ -16,7 +16,7 @@ import importlib.util
 import json
 import os
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -46,7 +46,7 @@ FIXED: Final = (
     Field("status", "str", "", "done, or failed"),
     Field("error", "str", "", "what went wrong, in one line", optional=True),
     Field("wall_s", "float", "s", "time that the run took on the computer"),
-    Field("digest", "str", "", "SHA-256 of the run's trace", optional=True),
+    Field("digest", "str", "", "SHA-256 of the run's metrics and of the protocol's events, or of the function's answer", optional=True),
 )
 """The columns of ``runs`` that every sweep has; its axes and its metrics follow."""
 OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the repetition, from 0"))
@@ -57,7 +57,7 @@ _LIBRARIES: Final = ("cosim", "simpy", "numpy", "numba", "scipy", "shapely", "ne
 
 
 class RunStore:
-    """The results in one folder. Only ``writing`` touches the disk, and only the first row makes the folder's parts."""
+    """The results in one folder: ``writing`` creates it, empty tables and all, and reading creates nothing."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -67,7 +67,7 @@ class RunStore:
         """Hold the folder for one writer: create it, clear away what a killed one left, refuse a second one."""
         for table in ("runs", "observations"):
             (self.folder / table).mkdir(parents=True, exist_ok=True)
-        lock = os.open(self.folder / ".lock", os.O_CREAT | os.O_RDWR)
+        lock = os.open(self.folder / ".lock", os.O_CREAT | os.O_RDWR, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -81,7 +81,7 @@ class RunStore:
     def done(self) -> set[Key]:
         """Return the keys of all rows that are there."""
         names = [field.name for field in KEY]
-        tables = [pq.read_table(part, columns=names) for part in self._parts("runs")]
+        tables = [self._whole(pq.read_table, part, columns=names) for part in self._parts("runs")]
         return {(row["configuration"], row["seed"], row["code"]) for table in tables for row in table.to_pylist()}
 
     def append(
@@ -99,8 +99,12 @@ class RunStore:
         """Write down what the present sweep is."""
         path = self.folder / "sweep.json"
         draft = path.with_name(f".{path.name}.part")
-        draft.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
-        draft.replace(path)
+        try:
+            draft.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+            draft.replace(path)
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
 
     def description(self) -> dict[str, Any]:
         """Return what the last sweep into this folder was; raise UserError if this is no such folder."""
@@ -113,9 +117,12 @@ class RunStore:
             ) from None
 
     def read(self, table: str = "runs") -> pd.DataFrame:
-        """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too."""
+        """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too.
+
+        Raise UserError for a part that is damaged, as ``done`` and ``units`` do.
+        """
         whole = {part.name for part in self._parts("runs")}
-        parts = [pq.read_table(part) for part in self._parts(table) if part.name in whole]
+        parts = [self._whole(pq.read_table, part) for part in self._parts(table) if part.name in whole]
         if not parts:
             return pd.DataFrame(columns=[field.name for field in (FIXED if table == "runs" else OBSERVATION_FIXED)])
         frame: pd.DataFrame = pa.concat_tables(parts, promote_options="permissive").to_pandas()
@@ -136,9 +143,21 @@ class RunStore:
 
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
-        schemas = [pq.read_schema(part) for part in self._parts("runs")]
+        schemas = [self._whole(pq.read_schema, part) for part in self._parts("runs")]
         described = [(field.name, field.metadata or {}) for schema in schemas for field in schema]
         return {name: (each.get(b"unit", b"").decode(), each.get(b"meaning", b"").decode()) for name, each in described}
+
+    def _whole(self, read: Callable[..., Any], part: Path, **how: Any) -> Any:
+        """Return what *read* finds in *part*; raise UserError if that is damaged."""
+        try:
+            return read(part, **how)
+        except (pa.ArrowException, OSError) as error:
+            if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
+                raise
+        runs = self.folder / "runs" / part.name  # the next sweep clears away observations without runs
+        raise UserError(
+            f"{part}: is not a whole Parquet file; delete {'it' if part == runs else runs} and sweep again"
+        ) from None
 
     def _parts(self, table: str) -> list[Path]:
         return sorted((self.folder / table).glob("part-*.parquet"))

@@ -20,7 +20,8 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cosim.channels.bluetooth.device import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
-from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, read_yaml, validated
+from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
+from cosim.errors import UserError
 from cosim.machine import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.settings import Settings
@@ -138,13 +139,15 @@ class Scenario(Settings):
         return from_seconds(self.duration_s)
 
     def map_digests(self) -> list[str]:
-        """Return the SHA-256 of the floor's files, if its map is a file: of it and those that share its stem."""
+        """Return the SHA-256 of the floor's files, if its map is a file: of it, those that share its stem, its image."""
         places = [base / self.floorplan.map for base in (self.folder, Path())]
         found = next((place for place in places if place.is_file()), None)
         if found is None:
             return []
-        files = sorted(path for path in found.parent.glob(f"{glob.escape(found.stem)}.*") if path.is_file())
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+        files = {*found.parent.glob(f"{glob.escape(found.stem)}.*")}
+        if found.suffix in (".yaml", ".yml"):
+            files |= {found.parent / image for image in _images_named(found.read_bytes())}
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if path.is_file()]
 
     def placed(self, folder: Path) -> Self:
         """Return a copy whose relative map path is resolved against *folder*."""
@@ -172,6 +175,17 @@ def _misplaced(place: tuple[str | int, ...], value: Any, expected: str) -> Valid
     """Return an error at *place* below the model that raises it: one that concerns several fields has no other way."""
     kind = PydanticCustomError("value_error", "{error}", {"error": expected})
     return ValidationError.from_exception_data("Scenario", [InitErrorDetails(type=kind, loc=place, input=value)])
+
+
+@cache  # every arm of a sweep asks for the same few maps
+def _images_named(content: bytes) -> tuple[str, ...]:
+    """Return the image that the YAML *content* of a ROS map names; none for what is no such map."""
+    try:
+        plain = parse_yaml(content.decode(), "map")
+    except (UserError, UnicodeDecodeError):  # broken in itself: loading the floor will say so, with its name
+        return ()
+    image = plain.get("image") if isinstance(plain, dict) else None
+    return (image,) if isinstance(image, str) else ()
 
 
 # ---------------------------------------------------------------- files

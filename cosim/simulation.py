@@ -15,6 +15,7 @@ import numpy as np
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.errors import LocalProtocolError
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import Machine, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.node import Node
@@ -159,7 +160,10 @@ class Simulation:
             **self.referee.verdict(now),
         }
         summary = self.channel.summary()
-        columns = (*METRICS, *self.spec.metrics, *(Metric(name, "", "counted by the channel") for name in summary))
+        columns = (*METRICS, *self.spec.metrics, *self.channel.metrics)
+        twice = sorted(metrics.keys() & summary.keys())
+        if twice:
+            raise LocalProtocolError(f"{self.spec.name} and its channel both have a metric {twice[0]}")
         metrics |= summary
         counted = {name: value for name, value in metrics.items() if name != "kernel_events"}  # not an outcome
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept

@@ -330,9 +330,10 @@ def test_the_summary_counts_frames_and_set_up_time() -> None:
     world.at(now, lambda: world.channel.send(0, Outgoing(1, bytes(100))))
     world.kernel.run(connected + 10 * S)
     summary = world.channel.summary()
+    assert list(summary) == [metric.name for metric in world.channel.metrics]
     assert summary["frames_dm3"] == summary["frames_sent"] == 1
     assert summary["idle_polls"] == summary["frames_poll"] == pytest.approx(10 * S / (40 * SLOT), abs=2)
-    assert summary["inquiry_s"] + summary["paging_s"] == pytest.approx(connected / S)
+    assert summary["radio_inquiry_s"] + summary["radio_paging_s"] == pytest.approx(connected / S)
 
 
 @pytest.mark.parametrize(

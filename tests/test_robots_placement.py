@@ -1,17 +1,14 @@
-"""Starts: those of a scenario are checked, random ones are free, apart and repeatable."""
+"""Starts: robots that do not fit are named."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from cosim.errors import UserError
 from cosim.geometry.grids import coverage_grid
-from cosim.geometry.segments import clearance
-from cosim.randomness import Streams
 from cosim.robots.body import BodySettings
-from cosim.robots.placement import checked_starts, random_starts
+from cosim.robots.placement import checked_starts
 from cosim.world.floorplan import FloorplanSettings, load_floorplan
 
 FLOOR = load_floorplan(
@@ -41,29 +38,6 @@ def test_a_start_that_does_not_fit_is_named(start, message):
     with pytest.raises(UserError) as error:
         checked_starts([(1, 1), (2, 2), start], [0.2] * 3, FLOOR)
     assert message in str(error.value)
-
-
-def test_random_starts_fit_and_depend_on_the_stream_only():
-    radii = [0.2] * 80
-    starts = random_starts(GRID, radii, Streams(7)("starts"))
-    assert starts.tolist() == random_starts(GRID, radii, Streams(7)("starts")).tolist()
-    assert starts.tolist() != random_starts(GRID, radii, Streams(8)("starts")).tolist()
-    assert checked_starts([tuple(start) for start in starts.tolist()], radii, FLOOR).shape == (80, 2)
-    assert all(GRID.reachable[GRID.cell_at(*start)] for start in starts.tolist())
-    assert (clearance(FLOOR.grid, starts, 1.0) >= 0.2 - 1e-9).all()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_random_starts_keep_large_bodies_apart(seed):
-    radii = np.array([0.2, 0.5, 0.5, 0.5, 0.2])
-    starts = random_starts(GRID, radii.tolist(), Streams(seed)("starts"))
-    apart = np.hypot(*(starts[:, None] - starts[None]).transpose(2, 0, 1))
-    assert (apart + 9 * np.eye(5) >= radii[:, None] + radii[None] - 1e-9).all()
-
-
-def test_too_many_robots_are_an_error():
-    with pytest.raises(UserError, match=r"team\.size: 1000 do not fit on the floor, expected at most"):
-        random_starts(GRID, [0.2] * 1000, Streams(1)("starts"))
 
 
 @pytest.mark.parametrize(

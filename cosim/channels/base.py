@@ -6,12 +6,12 @@ event; each endpoint that got something is drained once, in the order of address
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
 from cosim.kernel import Kernel
-from cosim.machine import Address, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, LinkCommand, LinkEvent, Metric, Outgoing, Reception
 from cosim.trace import Trace
 from cosim.units import Time
 
@@ -35,6 +35,9 @@ class Endpoint(Protocol):
 
 class Channel(ABC):
     """A shared medium with one device for each address, 0 to *size* - 1."""
+
+    metrics: ClassVar[tuple[Metric, ...]] = ()
+    """What ``summary`` returns: names that no protocol uses."""
 
     def __init__(self, kernel: Kernel, trace: Trace, size: int) -> None:
         self.kernel = kernel

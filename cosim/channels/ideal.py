@@ -25,6 +25,7 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Lost,
+    Metric,
     Outcome,
     Outgoing,
     Page,
@@ -50,6 +51,8 @@ class IdealSettings(Settings):
 
 class IdealChannel(Channel):
     """Instant links between all devices that are switched on, and a fixed delay without loss."""
+
+    metrics = (Metric("frames_sent", "1", "payloads sent"),)
 
     def __init__(self, settings: IdealSettings, kernel: Kernel, trace: Trace, size: int) -> None:
         super().__init__(kernel, trace, size)

@@ -1,4 +1,4 @@
-"""Where robots start: places of a scenario that are checked, or random cells."""
+"""Where robots start: places that are checked before anything moves."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim.errors import UserError
-from cosim.geometry.grids import TOUCH_M, CoverageGrid
+from cosim.geometry.grids import TOUCH_M
 from cosim.geometry.segments import clearance
 from cosim.world.floorplan import Floorplan
 
@@ -48,21 +48,3 @@ def _check_apart(starts: Floats, radii_m: Sequence[float], number: int, place: s
                 f"{place} is {apart:.3g} m from team.starts[{other}], expected at least {least:g} m: "
                 "two robots in one place"
             )
-
-
-def random_starts(grid: CoverageGrid, radii_m: Sequence[float], draw: np.random.Generator) -> Floats:
-    """Return centres of distinct reachable cells of *grid*, shape (n, 2), where bodies of *radii_m* do not overlap.
-
-    Raise UserError if there is not room for all.
-    """
-    centres = grid.centres_m()
-    chosen = np.empty((0, 2))
-    for cell in draw.permutation(np.flatnonzero(grid.reachable)).tolist():
-        if len(chosen) == len(radii_m):
-            break
-        least = radii_m[len(chosen)] + np.array(radii_m[: len(chosen)]) - TOUCH_M
-        if (np.hypot(*(chosen - centres[cell]).T) >= least).all():
-            chosen = np.vstack((chosen, centres[cell]))
-    if len(chosen) < len(radii_m):
-        raise UserError(f"team.size: {len(radii_m)} do not fit on the floor, expected at most {len(chosen)}")
-    return chosen

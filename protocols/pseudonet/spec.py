@@ -42,8 +42,8 @@ METRICS = (
     Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by the master"),
     Metric("radio_wait_s", "s", "time in which the team stood still while messages were exchanged"),
     Metric("setup_s", "s", "from the start until the team was called up, mean over robots"),
-    Metric("inquiry_s", "s", "time spent in inquiry by the master"),
-    Metric("page_s", "s", "time spent in paging by the master"),
+    Metric("inquiry_s", "s", "from asking for an inquiry to its end, as the host of the master sees it, all inquiries"),
+    Metric("page_s", "s", "from asking for a link to the answer, as the host of the master sees it, all pages"),
     Metric("robots_dropped", "1", "robots that were never found, or that the team went on without"),
 )
 

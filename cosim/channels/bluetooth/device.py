@@ -30,6 +30,7 @@ from cosim.machine import (
     Inquire,
     LinkCommand,
     LinkEvent,
+    Metric,
     Outgoing,
     Page,
     Scan,
@@ -79,6 +80,16 @@ def _reach_differs(positions_m: Positions, range_m: float, near: np.ndarray[Any,
 
 class BluetoothChannel(Channel):
     """All devices of a run. What they draw depends on the streams "bluetooth", purpose, address only."""
+
+    metrics = (
+        Metric("radio_inquiry_s", "s", "time that all devices together have spent in inquiry"),
+        Metric(
+            "radio_paging_s", "s", "time that all devices together have spent in paging, up to each link or failure"
+        ),
+        Metric("frames_sent", "1", "packets with payload, retransmissions included"),
+        Metric("idle_polls", "1", "polls of idle slaves, computed in bulk"),
+        *(Metric(f"frames_{kind.lower()}", "1", f"{kind} packets sent") for kind in (*ACL, "POLL", "NULL")),
+    )
 
     def __init__(self, settings: BluetoothSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams) -> None:
         super().__init__(kernel, trace, size)
@@ -184,8 +195,8 @@ class BluetoothChannel(Channel):
     def summary(self) -> dict[str, float]:
         """Return the time spent in procedures, summed over devices, and the frames of all piconets by type."""
         totals = {
-            "inquiry_s": to_seconds(sum(device.inquiry_time for device in self.devices)),
-            "paging_s": to_seconds(sum(device.paging_time for device in self.devices)),
+            "radio_inquiry_s": to_seconds(sum(device.inquiry_time for device in self.devices)),
+            "radio_paging_s": to_seconds(sum(device.paging_time for device in self.devices)),
             "frames_sent": 0.0,
             "idle_polls": 0.0,
         } | {f"frames_{kind.lower()}": 0.0 for kind in (*ACL, "POLL", "NULL")}

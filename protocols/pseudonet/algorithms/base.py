@@ -22,6 +22,11 @@ class Evaluation:
     kind: Kind = Kind.STATE
     trail: tuple[Action, ...] = ()
 
+    def __str__(self) -> str:
+        """Say what the trace of calls shows of an evaluation."""
+        failed = [f"{a.name.lower()}: {v.name.lower()}" for a, v in zip(STEPS, self.verdicts, strict=True) if v]
+        return f"{self.action.name.lower()}{', as ' if failed else ''}{', '.join(failed)}"
+
 
 class Algorithm(Protocol):
     """A coverage algorithm of one robot."""
