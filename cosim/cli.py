@@ -98,7 +98,9 @@ def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | No
         return
     click.echo(_metrics(outcome, seed))
     if trace is not None:
-        click.echo(f"\none step, as the calls of the rooms:\n{nested_calls(outcome.trace)}\n\ntables in {trace}")
+        click.echo(
+            f"\nthe set-up and one step, as the calls of the rooms:\n{nested_calls(outcome.trace)}\n\ntables in {trace}"
+        )
 
 
 def _scenario(text: str, sets: Sequence[str]) -> Scenario:
@@ -141,13 +143,21 @@ def _metrics(outcome: Outcome, seed: int) -> str:
 
 
 def nested_calls(trace: Trace) -> str:
-    """Return the calls of one step in the middle of the run, indented by depth: one robot, from one call at depth 0."""
+    """Return the calls of the set-up and of one step in the middle of the run, indented by depth.
+
+    Each is what one robot did from a call at depth 0 to its next; of the steps in the middle, the one with the deepest
+    calls, and of those the lowest robot's.
+    """
     columns = trace.columns(CALLS.name)
     calls = list(zip(*(columns[field.name] for field in CALLS.fields), strict=True))
     tops = [number for number, call in enumerate(calls) if call[2] == 0]
     if not tops:
         return "(this protocol reports no calls)"
-    first = _deepest(calls, tops[len(tops) // 3 : len(tops) - len(tops) // 3] or tops)
+    step = _deepest(calls, tops[len(tops) // 3 : len(tops) - len(tops) // 3] or tops)
+    return "\n\n".join(_block(calls, top) for top in dict.fromkeys((tops[0], step)))
+
+
+def _block(calls: Sequence[tuple[Any, ...]], first: int) -> str:
     time, robot = calls[first][:2]
     lines = [f"robot {robot} at {to_seconds(time):.6f} s"]
     for _, source, depth, room, call, detail in calls[first:]:
@@ -168,7 +178,7 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
         top = latest.get(call[1], -1)
         if top in depths:
             depths[top] = max(depths[top], call[2])
-    return max(tops, key=lambda top: depths[top])
+    return max(tops, key=lambda top: (depths[top], -calls[top][1]))
 
 
 # ---------------------------------------------------------------- sweep and report

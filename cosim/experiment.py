@@ -10,7 +10,8 @@
     quick: {replicates: 2, sweep: {size: [2, 4]}, set: {duration_s: 60}}
 
 What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
-It is called with (parameters, seed) and returns metrics as a dict, or observations as a list of dicts.
+It is called with (parameters, seed) and returns metrics as a dict, or observations as a list of dicts. If there are
+settings called ``Parameters`` in its module, the parameters of every arm are validated with them.
 """
 
 import itertools
@@ -22,9 +23,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import Assignment, assign, nearest, parse_assignment, parse_place, read_yaml, validated
+from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
 from cosim.errors import UserError
 from cosim.results import FIXED
 from cosim.scenario import Scenario, build, digest, dump, given_here
@@ -65,6 +66,7 @@ class ReportSettings(Settings):
     x: str | None = Field(
         default=None, description="the axis along the figures; the first one with numbers, if not named"
     )
+    panel: str | None = Field(default=None, description="the axis whose values get a panel each")
 
 
 class ExperimentSettings(Settings):
@@ -181,11 +183,13 @@ def load_experiment(
 ) -> Experiment:
     """Return the experiment in the file *path*, cut down if *quick*, changed by *sets*.
 
-    A path in *sets* that is an axis's leaves only the given value on that axis. Raise UserError for whatever is wrong.
+    A path in *sets* that is an axis's, or the name of its column, leaves only the given value on that axis. Raise
+    UserError for whatever is wrong.
     """
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
-    given = [given_here(parse_assignment(text)) for text in sets]
-    axes = _axes(settings, str(path), settings.quick.sweep if quick else {}, given)
+    columns = _columns(settings.sweep, str(path))
+    given = _given(sets, settings, columns)
+    axes = _axes(settings, str(path), columns, settings.quick.sweep if quick else {}, given)
     fixed = given
     if quick:
         changes = settings.quick.set.items()
@@ -202,45 +206,48 @@ def base_scenario(path: Path, sets: Iterable[str] = ()) -> Scenario:
     """Return the scenario of the experiment in the file *path* as it is before its axes."""
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     if settings.scenario is None:
-        raise UserError(f"{path}: scenario: is missing, this experiment runs {settings.run}")
-    base, folder, source = _base(settings, path, [given_here(parse_assignment(text)) for text in sets])
+        name = next((name for name, at in experiment_folders().items() if at / "sweep.yaml" == path), path)
+        raise UserError(f"{name}: is no run of robots but of {settings.run}: cosim sweep {name} makes it")
+    base, folder, source = _base(settings, path, _given(sets, settings, _columns(settings.sweep, str(path))))
     return build(base, source, folder)
 
 
-def _of_axes(
-    items: Iterable[Assignment], settings: ExperimentSettings, columns: Mapping[str, str]
-) -> list[Assignment]:
-    """Return *items* with the column of an axis replaced by its path, and the name of a value by the value."""
-    axes = {(columns[key],): axis for key, axis in settings.sweep.items()}
-    result = []
-    for item in items:
+def _given(sets: Iterable[str], settings: ExperimentSettings, columns: Mapping[str, str]) -> list[Assignment]:
+    """Return *sets* parsed; an axis may go by its column, and a value of it by its name."""
+    known = settings.parameters if settings.run is not None else Scenario.model_fields
+    axes: dict[Place, AxisSettings] = {(columns[key],): axis for key, axis in settings.sweep.items()}
+    axes |= {parse_place(axis.path): axis for axis in settings.sweep.values()}
+    given = []
+    for item in map(parse_assignment, sets):
         axis = axes.get(item.place)
-        if axis is None:
-            result.append(given_here(item))
-        elif isinstance(axis.values, dict) and isinstance(item.value, Label) and item.value in axis.values:
-            result.append(item._replace(place=parse_place(axis.path), value=axis.values[item.value]))
+        if axis is not None and not (len(item.place) == 1 and item.place[0] in known):  # a setting goes by its own name
+            item = item._replace(place=parse_place(axis.path))
+        if axis is not None and item.place == parse_place(axis.path) and _names(axis, item.value):
+            given.append(item._replace(value=axis.values[item.value]))
         else:
-            result.append(given_here(item._replace(place=parse_place(axis.path))))
-    return result
+            given.append(given_here(item))
+    return given
 
 
-def parameters_model(run: str) -> type[Settings]:
-    """Return the settings called ``Parameters`` beside the function *run*; if there are none, whatever it takes."""
+def _names(axis: AxisSettings, value: Any) -> bool:
+    return isinstance(axis.values, dict) and isinstance(value, Label) and value in axis.values
+
+
+def _check_parameters(
+    run: str, parameters: dict[str, Any], source: str, assignments: Sequence[Assignment]
+) -> dict[str, Any]:
+    """Return *parameters*; raise UserError if the settings called ``Parameters`` beside the function refuse them."""
     model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
-    return model if isinstance(model, type) and issubclass(model, Settings) else _AnyParameters
-
-
-class _AnyParameters(Settings):
-    """What a function takes that says nothing about it."""
-
-    model_config = ConfigDict(extra="allow")
+    if isinstance(model, type) and issubclass(model, Settings):
+        validated(model, parameters, source, assignments)
+    return parameters
 
 
 def _base(settings: ExperimentSettings, path: Path, given: Sequence[Assignment]) -> tuple[dict[str, Any], Path, str]:
     if settings.run is not None:
         find_function(settings.run, str(path))
-        source, parameters = f"{path}: parameters", assign(settings.parameters, given)
-        validated(parameters_model(settings.run), parameters, source, given)
+        source = f"{path}: parameters"
+        parameters = _check_parameters(settings.run, assign(settings.parameters, given), source, given)
         return parameters, path.parent, source
     if isinstance(settings.scenario, str):
         file = path.parent / settings.scenario
@@ -263,8 +270,7 @@ def _arm(
         for axis, (label, value) in zip(axes, values, strict=True)
     ]
     if settings.run is not None:
-        parameters = assign(base, changes)
-        validated(parameters_model(settings.run), parameters, source, changes)
+        parameters = _check_parameters(settings.run, assign(base, changes), source, changes)
         return Arm(labels, None, settings.run, parameters, digest([settings.run, parameters]))
     scenario = build(base, source, folder, changes)
     return Arm(labels, scenario, None, {}, digest([dump(scenario), scenario.map_digests()]))
@@ -275,9 +281,12 @@ def _product(axes: Sequence[Axis]) -> Iterable[tuple[tuple[Label, Any], ...]]:
 
 
 def _axes(
-    settings: ExperimentSettings, source: str, quick: Mapping[str, Any], given: Sequence[Assignment]
+    settings: ExperimentSettings,
+    source: str,
+    names: Mapping[str, str],
+    quick: Mapping[str, Any],
+    given: Sequence[Assignment],
 ) -> tuple[Axis, ...]:
-    names = _columns(settings.sweep, source)
     for name in quick:
         if name not in names.values():
             raise UserError(f"{source}: quick.sweep.{name}: there is no such axis{nearest(name, names.values())}")
@@ -292,13 +301,16 @@ def _axes(
         if isinstance(chosen, list) and isinstance(axis.values, dict):  # names of the full list
             chosen = {label: axis.values.get(label, label) for label in chosen}
         pairs = list(chosen.items()) if isinstance(chosen, dict) else [(value, value) for value in chosen]
-        pairs = [(_label(item.value), item.value) for item in given if item.place == place][-1:] or pairs
+        pairs = [(_label(item.value, axis), item.value) for item in given if item.place == place][-1:] or pairs
         axes.append(Axis(names[key], axis.path, tuple(pairs)))
     return tuple(axes)
 
 
-def _label(value: Any) -> Label:
-    return value if isinstance(value, Label) else str(value)
+def _label(value: Any, axis: AxisSettings) -> Label:
+    """Return what *value* is called on *axis*: its name there, if it has one."""
+    named = axis.values.items() if isinstance(axis.values, dict) else ()
+    found: Label = next((label for label, other in named if other == value), value)
+    return found if isinstance(found, Label) else str(found)
 
 
 def _columns(sweep: Mapping[str, AxisSettings], source: str) -> dict[str, str]:

@@ -8,6 +8,7 @@
 
 ``test`` is ``equal`` (every single row), ``within N %``, ``at least`` or ``at most`` (the mean), or the name of a
 function in the experiment's ``figures.py``: (runs, observations) -> (ours, whether the claim holds, or None for open).
+Such a function answers ("-", None) where it finds no data.
 Functions ``tables(runs, observations)`` and ``draw(runs, observations, folder)`` there may add tables by their titles,
 and figures.
 """
@@ -70,7 +71,8 @@ def _lines_of(verdict: Verdict) -> str:
     indent = " " * 7
     lines = textwrap.wrap(f"{verdict.id}: {verdict.claim}", WIDTH - 7, subsequent_indent=indent)
     lines[0] = f"{verdict.verdict:7s}{lines[0]}"
-    return "\n".join([*lines, f"{indent}published {verdict.published}; ours {verdict.ours}"])
+    answer = f"{indent}published {verdict.published}; ours {verdict.ours}"
+    return "\n".join([*lines, *textwrap.wrap(answer, WIDTH, subsequent_indent=indent)])
 
 
 @dataclass
@@ -126,7 +128,9 @@ def report(folder: Path) -> Report:
             by = [*axes, *(str(column) for column in kinds if column not in {*axes, *_fixed()})]
             made.tables[f"{title}: mean ± half of the 95 % confidence interval"] = _shown(estimates(frame, by, metrics))
             drawn = [metric for metric in told["report"].get("figures", ()) if metric in metrics] or metrics
-            made.figures += [draw(frame, axes, metric, told["report"]["x"], folder) for metric in drawn]
+            x, panel = told["report"]["x"], told["report"].get("panel")
+            known = [metric for metric in drawn if frame[metric].notna().any()]
+            made.figures += [draw(frame, axes, metric, x, folder, panel) for metric in known]
     if figures is not None and hasattr(figures, "tables"):
         made.tables |= figures.tables(good, seen)
     if figures is not None and hasattr(figures, "draw"):
@@ -219,9 +223,12 @@ def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures
     function = (
         getattr(figures, claim["test"], None) if claim["test"].isidentifier() and claim["test"] != "equal" else None
     )
+    if runs.empty:
+        return Verdict(claim["id"], claim["claim"], published, "-", "no data")
     if function is not None:
         ours, holds = function(runs, seen)
-        word = "open" if holds is None else "holds" if holds else "fails"
+        undecided = "no data" if ours == "-" else "open"
+        word = undecided if holds is None else "holds" if holds else "fails"
         return Verdict(claim["id"], claim["claim"], published, str(ours), word)
     frame = next((each for each in (runs, seen) if claim["quantity"] in each), None)
     rows = _rows(frame, claim)
@@ -259,35 +266,53 @@ def _passes(claim: dict[str, str], values: "pd.Series[float]") -> bool:
 # ---------------------------------------------------------------- figures
 
 
-def draw(frame: pd.DataFrame, axes: Sequence[str], metric: str, x: str | None, folder: Path) -> Path:
+def draw(
+    frame: pd.DataFrame, axes: Sequence[str], metric: str, x: str | None, folder: Path, panel: str | None = None
+) -> Path:
     """Draw *metric* over the axis *x*, a line for each remaining arm, and return the path of the picture.
 
-    Without *x* the first axis with numbers is taken. Of several remaining axes the last one gives the panels.
+    Without *x* the first axis with numbers is taken. The axis *panel* gives the panels; if it is none of those that
+    remain, the last of several does. Arms without any value of *metric* are left out.
     """
+    frame = frame[frame[metric].notna()]
     numeric = [axis for axis in axes if pd.api.types.is_numeric_dtype(frame[axis])]
     along = x if x in axes else next(iter([*numeric, *axes]), None)
     others = [axis for axis in axes if axis != along and frame[axis].nunique() > 1]
-    panel = others.pop() if len(others) > 1 else None
+    panel = panel if panel in others else others[-1] if len(others) > 1 else None
+    others = [axis for axis in others if axis != panel]
     parts = list(frame.groupby(panel, sort=False)) if panel else [("", frame)]
     figure = Figure(figsize=(5.0 * len(parts) + 1.5, 4.0), layout="constrained")
     plots = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
+    colours = {label: f"C{rank}" for rank, label in enumerate(_arms(frame, others))}  # the same in every panel
+    lines: dict[str, Any] = {}
     for plot, (value, part) in zip(plots, parts, strict=True):
-        _lines(plot, part, along, others, metric)
-        plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "", ylabel=metric)
+        for label, arm in _arms(part, others).items():
+            lines[label] = _line(plot, arm, along, metric, colours[label])
+        plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "")
         plot.grid(alpha=0.3)
+        if along in numeric:
+            plot.set_xticks(sorted(frame[along].unique()))
+    plots[0].set_ylabel(metric)
+    if (frame[metric] >= 0).all():
+        plots[0].set_ylim(bottom=0)
     if others:
-        plots[-1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        handles = [lines[label] for label in colours]
+        plots[-1].legend(handles, list(colours), fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
     path = folder / f"{metric}.png"
     with mpl.rc_context({"savefig.dpi": 120}):
         figure.savefig(path)
     return path
 
 
-def _lines(plot: Any, frame: pd.DataFrame, along: str | None, others: Sequence[str], metric: str) -> None:
+def _arms(frame: pd.DataFrame, others: Sequence[str]) -> dict[str, pd.DataFrame]:
+    """Return the rows of *frame* by the label of their arm."""
     groups = frame.groupby(list(others), sort=False) if others else [(("all",), frame)]
-    for key, group in groups:
-        points = estimates(group, [along] if along else [], [metric])
-        places = points[along].tolist() if along else [0.0]
-        means = [value.mean for value in points[metric]]
-        halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
-        plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, label=", ".join(map(str, key)))
+    return {", ".join(map(str, key)): group for key, group in groups}
+
+
+def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour: str) -> Any:
+    points = estimates(frame, [along] if along else [], [metric])
+    places = points[along].tolist() if along else [0.0]
+    means = [value.mean for value in points[metric]]
+    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
+    return plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, color=colour)

@@ -46,7 +46,13 @@ FIXED: Final = (
     Field("status", "str", "", "done, or failed"),
     Field("error", "str", "", "what went wrong, in one line", optional=True),
     Field("wall_s", "float", "s", "time that the run took on the computer"),
-    Field("digest", "str", "", "SHA-256 of the run's metrics and of the protocol's events, or of the function's answer", optional=True),
+    Field(
+        "digest",
+        "str",
+        "",
+        "SHA-256 of the run's metrics and of the protocol's events, or of the function's answer",
+        optional=True,
+    ),
 )
 """The columns of ``runs`` that every sweep has; its axes and its metrics follow."""
 OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the repetition, from 0"))

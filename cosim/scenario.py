@@ -139,7 +139,7 @@ class Scenario(Settings):
         return from_seconds(self.duration_s)
 
     def map_digests(self) -> list[str]:
-        """Return the SHA-256 of the floor's files, if its map is a file: of it, those that share its stem, its image."""
+        """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
         places = [base / self.floorplan.map for base in (self.folder, Path())]
         found = next((place for place in places if place.is_file()), None)
         if found is None:

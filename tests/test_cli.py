@@ -1,8 +1,10 @@
 import json
+import math
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -12,6 +14,7 @@ from cosim import trace
 from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
 from cosim.results import RunStore
+from cosim.simulation import Outcome
 from cosim.trace import CALLS, Trace
 
 DATA = Path(__file__).parent / "data"
@@ -86,6 +89,19 @@ def test_run_prints_json_for_programs(cosim: Any):
     assert found.keys() == {"seed", "digest", "parameters", "metrics"}
 
 
+def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    outcome = Outcome({"found_s": math.nan, "far_m": math.inf, "heard": 1.0}, "d", Trace([]), 1.0, ())
+    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: outcome)
+    assert strict(cosim("run", "depot.yaml", "--json").out)["metrics"] == {"found_s": None, "far_m": None, "heard": 1.0}
+    made = SimpleNamespace(plain=lambda: {"rows": [{"mean": math.nan}, {"mean": 2.0}]})
+    monkeypatch.setattr("cosim.cli.make_report", lambda folder: made)
+    assert strict(cosim("report", "r", "--json").out) == {"rows": [{"mean": None}, {"mean": 2.0}]}
+
+
+def strict(text: str) -> Any:
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
 def test_the_seed_decides_the_digest(cosim: Any):
     digests = [json.loads(cosim("run", "depot.yaml", "--json", "--seed", seed).out)["digest"] for seed in "121"]
     assert digests[0] == digests[2] != digests[1]
@@ -100,7 +116,7 @@ def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, 
     assert "\n  beacon.call  2\n    radio.send\n\ntables in tables\n" in ended.out
 
 
-def test_the_step_that_is_shown_lies_in_the_middle_and_goes_deep():
+def test_the_set_up_is_shown_and_a_step_that_lies_in_the_middle_and_goes_deep():
     calls = Trace([CALLS])
     for time, source, depth, name in (
         *((0, 0, 0, "first"), (0, 0, 1, "under_first"), (0, 0, 2, "deep_under_first")),
@@ -115,7 +131,9 @@ def test_the_step_that_is_shown_lies_in_the_middle_and_goes_deep():
         *((3, 0, 0, "next"), (4, 0, 0, "last")),
     ):
         calls.row(CALLS, time * 10**9, source, depth, "room", name, "")
-    assert nested_calls(calls) == "robot 0 at 2.000000 s\n  room.middle\n    room.under_middle"
+    set_up, step = nested_calls(calls).split("\n\n")
+    assert set_up == "robot 0 at 0.000000 s\n  room.first\n    room.under_first\n      room.deep_under_first"
+    assert step == "robot 0 at 2.000000 s\n  room.middle\n    room.under_middle"
     assert nested_calls(Trace([CALLS])) == "(this protocol reports no calls)"
 
 
@@ -146,6 +164,28 @@ def test_an_unknown_key(cosim: Any):
 def test_a_map_that_is_missing(cosim: Any):
     depot(floorplan={"map": "nowhere.yaml"})
     refuse(cosim, "depot.yaml: floorplan.map: 'nowhere.yaml' is neither 'office' nor 'walls' nor a file")
+
+
+def test_a_missing_map_on_the_command_line_is_not_blamed_on_the_file(cosim: Any):
+    change = "floorplan.map=missing.map"
+    for command in ("run", "validate"):
+        refuse(cosim, f"--set {change}: 'missing.map' is neither", command, "depot.yaml", "--set", change)
+
+
+def test_a_channel_that_is_no_mapping(cosim: Any):
+    expected = "--set channel=ideal: 'ideal' is not a mapping of settings, expected a mapping such as {kind: ideal}"
+    refuse(cosim, expected, "run", "depot.yaml", "--set", "channel=ideal")
+
+
+def test_what_is_no_run_of_robots(cosim: Any):
+    expected = "messaging_delay: is no run of robots but of experiments.messaging_delay.delay:measure: "
+    refuse(cosim, f"{expected}cosim sweep messaging_delay makes it\n", "run", "messaging_delay")
+    refuse(cosim, "sweep.yaml: is no run of robots but of delays:metrics: cosim sweep sweep.yaml", "run", "sweep.yaml")
+
+
+def test_parameters_that_a_function_refuses(cosim: Any):
+    change = "strategy=smoke"
+    refuse(cosim, f"--set {change}: 'smoke' is not 'broadcast'", "sweep", "messaging_delay", "--set", change, "-o", "r")
 
 
 def test_a_map_that_is_not_an_image(cosim: Any):
@@ -235,11 +275,28 @@ def no_space(table: Any, name: str) -> None:
 
 def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(trace.pq, "write_table", no_space)
-    for words in (("run", "depot.yaml", "--trace", "t"), ("sweep", "sweep.yaml", "--jobs", "1", "-o", "t")):
+    for words, kept in (
+        (("run", "depot.yaml", "--trace", "t"), ""),
+        (("sweep", "sweep.yaml", "--jobs", "1", "-o", "t"), ": what is finished is kept"),
+    ):
         ended = cosim(*words)
         assert ended.code == 1
-        assert ended.err == "[Errno 28] No space left on device: what is finished is kept\n"
+        assert ended.err == f"[Errno 28] No space left on device{kept}\n"
         assert not [path for path in (tmp_path / "t").rglob("*") if path.suffix in (".parquet", ".part")]
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_run(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: pytest.fail("it has run"))
+    ended = cosim("run", "depot.yaml", "--trace", "depot.yaml/t")
+    assert (ended.code, ended.err) == (1, "[Errno 20] Not a directory: 'depot.yaml/t'\n")
+
+
+@pytest.mark.parametrize("command", [("sweep", "sweep.yaml", "--jobs", "1", "-o", "r"), ("report", "r")])
+def test_a_damaged_part_is_told_in_one_line(cosim: Any, command: tuple[str, ...]):
+    cosim("sweep", "sweep.yaml", "--jobs", "1", "-o", "r")
+    (part,) = Path("r/runs").glob("*.parquet")
+    part.write_bytes(part.read_bytes()[:100])
+    refuse(cosim, f"{part}: is not a whole Parquet file; delete it and sweep again\n", *command)
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
@@ -251,7 +308,7 @@ def test_an_interrupt_ends_with_130(cosim: Any, monkeypatch: pytest.MonkeyPatch)
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosim.cli.simulate", interrupt)
+    monkeypatch.setattr("cosim.cli.Simulation", interrupt)
     ended = cosim("run", "depot.yaml")
     assert (ended.code, ended.err.strip()) == (130, "interrupted: what is finished is kept")
 

@@ -80,6 +80,36 @@ def test_a_value_on_the_command_line_is_all_that_is_left_of_its_axis():
     assert {arm.scenario.duration_s for arm in experiment.arms if arm.scenario} == {7}
 
 
+def test_an_axis_on_the_command_line_may_go_by_its_column():
+    experiment = load_experiment(written(SWEEP), ["size=3", "radio=far"])
+    (arm,) = experiment.arms
+    assert arm.labels == {"size": 3, "radio": "far"}
+    assert arm.scenario is not None
+    assert (arm.scenario.team.size, arm.scenario.channel.delay_s) == (3, 1)
+    assert base_scenario(Path("sweep.yaml"), ["size=3"]).team.size == 3
+    assert complaint(SWEEP, "size=9").startswith("--set size=9: 9 is more than the 8 robots")
+
+
+def test_a_setting_goes_before_an_axis_of_its_name():
+    plain = SWEEP | {"sweep": {"name": {"path": "team.size", "values": [2, 4]}}}
+    experiment = load_experiment(written(plain), ["name=three"])
+    assert [(arm.labels["name"], arm.scenario.name) for arm in experiment.arms if arm.scenario] == [
+        (2, "three"),
+        (4, "three"),
+    ]
+
+
+def test_the_parameters_of_every_arm_are_validated_if_the_function_says_how(folder: Path):
+    checked = "class Parameters(Settings):\n    size: int = Field(ge=2, le=8)\n"
+    imports = "from delays import metrics\nfrom pydantic import Field\nfrom cosim.settings import Settings\n"
+    (folder / "checked_delays.py").write_text(imports + checked)
+    plain = {"run": "checked_delays:metrics", "parameters": {"size": 2}, "sweep": {"size": [2, 8]}}
+    assert [arm.parameters for arm in load_experiment(written(plain)).arms] == [{"size": 2}, {"size": 8}]
+    assert complaint(plain, "size=9") == "--set size=9: 9 is not <= 8"
+    assert complaint(plain | {"sweep": {"size": [2, 9]}}) == "sweep.yaml: parameters with size=9: 9 is not <= 8"
+    assert complaint(plain | {"parameters": {"size": 1}}) == "sweep.yaml: parameters: size: 1 is not >= 2"
+
+
 def test_a_wrong_value_on_the_command_line_of_an_axis_is_told():
     assert complaint(SWEEP, "team.size=9").startswith("--set team.size=9: 9 is more than the 8 robots")
 

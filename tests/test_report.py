@@ -6,9 +6,11 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
+from cosim import report as reports
 from cosim.errors import UserError
-from cosim.report import Report, Verdict, estimate, estimates, judge, report
+from cosim.report import Report, Verdict, draw, estimate, estimates, judge, report
 from cosim.results import RunStore
 
 DESCRIPTION = {
@@ -161,6 +163,8 @@ def test_a_claim_is_wrapped_and_led_by_its_verdict():
     assert lines[1].startswith("fails  linear: so many words")
     assert max(map(len, lines)) <= 110
     assert lines[-1] == "       published 1 s; ours 2 s"
+    verdict = Verdict("linear", "it is so", "1 s", "M=2 4, " * 30, "open")
+    assert max(map(len, Report("calls", verdicts=[verdict]).text().splitlines())) <= 110
 
 
 def test_another_sweep_in_an_experiments_folder_is_not_held_against_its_claims(tmp_path: Path):
@@ -175,3 +179,82 @@ def test_another_sweep_in_an_experiments_folder_is_not_held_against_its_claims(t
         store.describe(DESCRIPTION | {"source": str(source / "sweep.yaml")})
     with pytest.raises(UserError, match="line 2"):
         report(tmp_path / "results")
+
+
+@pytest.fixture
+def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return a function that draws like ``draw`` and returns the panels."""
+    made: list[Figure] = []
+
+    def remembered(*args: Any, **settings: Any) -> Figure:
+        made.append(Figure(*args, **settings))
+        return made[-1]
+
+    monkeypatch.setattr(reports, "Figure", remembered)
+
+    def panels(rows: pd.DataFrame, axes: list[str], panel: str | None = None) -> list[Any]:
+        draw(rows, axes, "delay_s", "size", tmp_path, panel)
+        return made[-1].axes
+
+    return panels
+
+
+def legend(plot: Any) -> list[str]:
+    return [text.get_text() for text in plot.get_legend().get_texts()]
+
+
+def test_a_figure_has_ticks_where_runs_were_and_starts_at_zero(drawn: Any):
+    rows = pd.DataFrame(RUNS)
+    (plot,) = drawn(rows, ["size", "radio"])
+    assert plot.get_xticks().tolist() == [2, 4]
+    assert plot.get_ylim()[0] == 0
+    (plot,) = drawn(rows.assign(delay_s=rows["delay_s"] - 6), ["size", "radio"])
+    assert plot.get_ylim()[0] < -2  # the mean of the near ones is -2
+
+
+def test_arms_without_a_value_are_neither_drawn_nor_named(drawn: Any):
+    rows = pd.DataFrame(RUNS)
+    (plot,) = drawn(rows.assign(delay_s=rows["delay_s"].where(rows["radio"] == "far")), ["size", "radio"])
+    assert len(plot.containers) == 1
+    both = pd.concat([rows.assign(floor="a"), rows.assign(floor="b"), rows.assign(floor="c", delay_s=math.nan)])
+    assert [plot.get_title() for plot in drawn(both, ["size", "radio", "floor"])] == ["floor a", "floor b"]
+
+
+def test_the_panels_are_those_of_the_axis_that_the_experiment_names(drawn: Any):
+    rows = pd.concat([pd.DataFrame(RUNS).assign(floor=floor) for floor in "ab"])
+    plots = drawn(rows, ["size", "floor", "radio"])
+    assert [plot.get_title() for plot in plots] == ["radio near", "radio far"]
+    plots = drawn(rows, ["size", "floor", "radio"], panel="floor")
+    assert [plot.get_title() for plot in plots] == ["floor a", "floor b"]
+    assert [plot.get_ylabel() for plot in plots] == ["delay_s", ""]
+    assert legend(plots[-1]) == ["near", "far"]
+    assert [plot.get_title() for plot in drawn(rows, ["size", "radio"], panel="radio")] == ["radio near", "radio far"]
+
+
+def test_an_arm_has_the_same_colour_in_every_panel_and_is_named_if_it_is_in_any(drawn: Any):
+    rows = pd.concat([pd.DataFrame(RUNS).assign(floor=floor) for floor in "ab"])
+    rows = rows[(rows["floor"] == "a") | (rows["radio"] == "far")]
+    left, right = drawn(rows, ["size", "floor", "radio"], panel="floor")
+    assert right.containers[0].lines[0].get_color() == left.containers[1].lines[0].get_color()
+    assert legend(right) == ["near", "far"]
+
+
+def test_the_report_takes_the_panel_from_the_sweep_and_draws_nothing_where_nothing_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    told: list[Any] = []
+    monkeypatch.setattr(reports, "draw", lambda *given: told.append((given[2], given[-1])) or tmp_path)
+    store = RunStore(tmp_path / "r")
+    shown = {"metrics": ["delay_s", "constant"], "x": "size", "panel": "radio"}
+    with store.writing():
+        store.describe(DESCRIPTION | {"source": str(tmp_path / "sweep.yaml"), "report": shown})
+        store.append([row | {"constant": math.nan} for row in RUNS], [], [], {})
+    report(tmp_path / "r")
+    assert told == [("delay_s", "radio")]
+
+
+def test_functions_are_not_asked_about_runs_that_are_not_there():
+    figures: Any = SimpleNamespace(decide=lambda runs, seen: (runs["delay_s"].mean(), True))
+    assert judge(claim(test="decide"), pd.DataFrame(), pd.DataFrame(), figures).verdict == "no data"
+    silent: Any = SimpleNamespace(decide=lambda runs, seen: ("-", None))
+    assert judge(claim(test="decide"), pd.DataFrame(RUNS), pd.DataFrame(), silent).verdict == "no data"

@@ -83,6 +83,61 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
     assert sorted(path.suffix for path in tmp_path.rglob("*") if path.is_file()) == ["", ".parquet"]  # .lock, one part
 
 
+def test_a_full_disk_leaves_no_draft_of_the_description(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    store = RunStore(tmp_path)
+
+    def full(path: Path, text: str, encoding: str) -> None:
+        path.write_bytes(text[:5].encode())
+        raise OSError(28, "No space left on device")
+
+    with store.writing():
+        store.describe(DESCRIPTION)
+        monkeypatch.setattr(Path, "write_text", full)
+        with pytest.raises(OSError, match="No space left"):
+            store.describe(DESCRIPTION | {"replicates": 11})
+        assert not list(tmp_path.rglob("*.part"))
+    assert store.description() == DESCRIPTION
+
+
+def test_the_lock_is_no_program(tmp_path: Path):
+    with RunStore(tmp_path).writing():
+        assert (tmp_path / ".lock").stat().st_mode & 0o777 & ~0o644 == 0
+
+
+@pytest.mark.parametrize("damaged", [b"", b"PAR1 half", b"PAR1" + bytes(range(100)) + b"\x40\0\0\0PAR1"])
+@pytest.mark.parametrize("table", ["runs", "observations"])
+def test_a_damaged_part_is_told(tmp_path: Path, table: str, damaged: bytes):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [key(1) | {"robot": 0}], [], {})
+    (part,) = (tmp_path / table).glob("*.parquet")
+    part.write_bytes(damaged)
+    runs = tmp_path / "runs" / part.name
+    which = "it" if table == "runs" else str(runs)
+    for read in (store.done, store.units, store.read) if table == "runs" else (lambda: store.read(table),):
+        with pytest.raises(UserError) as raised:
+            read()
+        assert str(raised.value) == f"{part}: is not a whole Parquet file; delete {which} and sweep again"
+    runs.unlink()
+    with store.writing():
+        assert (store.done(), len(store.read(table))) == (set(), 0)
+        store.append([run_row(1)], [key(1) | {"robot": 0}], [], {})
+    assert len(store.read(table)) == 1
+
+
+def test_a_disk_that_fails_is_no_damaged_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [], [], {})
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("cosim.results.pq.read_table", fail)
+    with pytest.raises(OSError, match="Input/output error"):
+        store.read()
+
+
 def test_what_a_killed_writer_left_is_ignored_and_cleared_away(tmp_path: Path):
     store = RunStore(tmp_path)
     with store.writing():

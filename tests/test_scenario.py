@@ -1,3 +1,4 @@
+import hashlib
 import json
 import pickle
 import shutil
@@ -214,6 +215,27 @@ def test_an_edited_map_is_another_configuration(tmp_path: Path):
     (tmp_path / "room.pgm").write_text("two")
     assert scenario.map_digests() != before
     assert build(DEPOT, "depot.yaml", tmp_path).map_digests() == []
+
+
+def test_an_edited_image_of_any_name_is_another_configuration(tmp_path: Path):
+    (tmp_path / "room.yaml").write_text("image: images/pic.pgm\n")
+    (tmp_path / "images").mkdir()
+    image = tmp_path / "images" / "pic.pgm"
+    image.write_text("one")
+    scenario = build(DEPOT | {"floorplan": {"map": "room.yaml"}}, "depot.yaml", tmp_path)
+    before = scenario.map_digests()
+    assert len(before) == 2
+    image.write_text("two")
+    assert scenario.map_digests() != before
+
+
+@pytest.mark.parametrize(
+    "content", [b"image: [", b"- 1\n", b"image: 3\n", b"\xff", b"image: nowhere.pgm\n", b"image: .\n"]
+)
+def test_a_map_that_is_broken_has_a_digest_of_its_own(tmp_path: Path, content: bytes):
+    (tmp_path / "room.yaml").write_bytes(content)
+    scenario = build(DEPOT | {"floorplan": {"map": "room.yaml"}}, "depot.yaml", tmp_path)
+    assert scenario.map_digests() == [hashlib.sha256(content).hexdigest()]
 
 
 def test_an_installed_protocol_is_found_by_its_name():

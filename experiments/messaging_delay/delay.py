@@ -8,6 +8,8 @@ the first frame to the end of the last slot pair. Nothing of a formula enters it
 from enum import StrEnum
 from typing import Final
 
+from pydantic import Field
+
 from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
 from cosim.errors import CosimError
 from cosim.kernel import Kernel
@@ -59,9 +61,9 @@ class Strategy(StrEnum):
 class Parameters(Settings):
     """What the experiment varies."""
 
-    team_size: int
+    team_size: int = Field(ge=2, le=8)
     strategy: Strategy
-    n_bc: int = 1
+    n_bc: int = Field(default=1, ge=1)
 
 
 def state(source: Address, exchange: int = 0) -> bytes:

@@ -16,6 +16,8 @@ OVERHEAD = ["messages_help", "messages_answer", "messages_trap", "messages_stop"
 
 def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the paired differences Bluetooth - ideal: both channels of a replicate see the same world."""
+    if not {"channel", *PAIRED} <= set(runs):
+        return {}
     present = [column for column in COSTS if column in runs]
     sides = {name: part.set_index(PAIRED)[present] for name, part in runs.groupby("channel")}
     if not {"ideal", "bluetooth"} <= sides.keys():
@@ -41,18 +43,27 @@ def _interval(values: "pd.Series[float]") -> str:
 
 def overhead(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, bool | None]:
     """Return the mean number of messages other than state that each algorithm sends in a run."""
+    if runs.empty or not {"algorithm", *OVERHEAD} <= set(runs):
+        return "-", None
     sums = runs.assign(overhead=runs[OVERHEAD].sum(axis=1)).groupby("algorithm", sort=False)["overhead"].mean()
     return ", ".join(f"{algorithm} {value:.4g}" for algorithm, value in sums.items()), None
 
 
 def exchange_time(runs: pd.DataFrame, observations: pd.DataFrame) -> tuple[str, bool | None]:
-    """Return the mean duration of an exchange over Bluetooth by team size."""
-    means = runs[runs["channel"] == "bluetooth"].groupby("team_size")["exchange_s"].mean()
-    return ", ".join(f"M={size} {value:.4g}" for size, value in means.items()), None
+    """Return the mean duration of an exchange over Bluetooth by team size, in ms, beside the paper's ideal one."""
+    if not {"channel", "team_size", "exchange_s"} <= set(runs):
+        return "-", None
+    means = 1000 * runs[runs["channel"] == "bluetooth"].groupby("team_size")["exchange_s"].mean()
+    ideal = (2 * (means.index.to_numpy() - 1) + 1) * SLOT_MS
+    rows = zip(means.index, means, ideal, strict=True)
+    told = [f"M={size} {mean:.4g} (ideal {least:g})" for size, mean, least in rows]
+    return ", ".join(told) or "-", None
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw what the radio costs: setting the piconet up, and standing still for messages in each step."""
+    if runs.empty or not {"channel", "team_size", "algorithm", "setup_s", "radio_wait_s", "steps"} <= set(runs):
+        return []
     rows = runs[runs["channel"] == "bluetooth"]
     if rows.empty:
         return []
@@ -65,9 +76,10 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     for algorithm, part in waits.groupby("algorithm", sort=False):
         _points(right, str(algorithm), part.groupby("team_size")["wait_ms"])
     sizes = np.arange(rows["team_size"].min(), rows["team_size"].max() + 1)
-    right.plot(sizes, 2 * (4 * sizes - 2) * SLOT_MS, "k--", label="two exchanges of 4M - 2 slots")
+    right.plot(sizes, 2 * (4 * sizes - 2) * SLOT_MS, "k--", label="two exchanges of 4M - 2 slots on the air")
     right.set(title="standing still for messages, each step", xlabel="robots", ylabel="ms")
     for plot in (left, right):
+        plot.set_xticks(sorted(rows["team_size"].unique()))
         plot.set_ylim(bottom=0)
         plot.grid(alpha=0.3)
     right.legend(fontsize="small")

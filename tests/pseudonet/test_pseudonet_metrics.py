@@ -1,4 +1,4 @@
-"""The metrics of a run are what its trace says: one Bluetooth run, recounted from frames, messages, events and calls."""
+"""The metrics of a run are what its trace says: one Bluetooth run, recounted from messages, events and calls."""
 
 from collections import Counter
 from functools import cache

@@ -24,6 +24,7 @@ from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.jit import njit
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
+    BROADCAST,
     Address,
     Disconnect,
     Flush,
@@ -116,7 +117,8 @@ class BluetoothChannel(Channel):
         device = self.devices[source]
         if device.powered:
             if self._calls_wanted:
-                detail = f"{len(outgoing.payload)} bytes to {outgoing.destination}"
+                receiver = "all" if outgoing.destination == BROADCAST else outgoing.destination
+                detail = f"{len(outgoing.payload)} bytes to {receiver}"
                 for depth, name in enumerate(("l2cap.data_request", "hci.acl_data", "lc.transmit")):
                     self._call(source, depth, name, detail)
             device.send(outgoing)

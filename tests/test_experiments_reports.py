@@ -1,0 +1,123 @@
+"""Reports of the shipped experiments, on folders that a user would naturally make."""
+
+from pathlib import Path
+from typing import NoReturn
+
+import pandas as pd
+import pytest
+
+from cosim import report as reports
+from cosim.experiment import experiment_folders, find_experiment, load_experiment
+from cosim.report import Report, judge, report
+from cosim.sweep import run_sweep
+from experiments.messaging_delay import figures as delay_figures
+from experiments.pseudonet_coverage import figures as coverage_figures
+
+COVERAGE = ["protocol.parameters.algorithm=random_walk", "team.size=2", "floorplan.map=office", "duration_s=30"]
+
+
+def swept(name: str, sets: list[str], folder: Path) -> Report:
+    run_sweep(load_experiment(find_experiment(name), sets, quick=True, replicates=1), folder, jobs=1)
+    return report(folder)
+
+
+def fail(*given: object) -> NoReturn:
+    raise RuntimeError("no such luck")
+
+
+def verdicts(made: Report) -> dict[str, tuple[str, str]]:
+    return {verdict.id: (verdict.ours, verdict.verdict) for verdict in made.verdicts}
+
+
+@pytest.mark.slow
+def test_one_strategy_of_messaging_delay_is_reported(tmp_path: Path):
+    made = swept("messaging_delay", ["strategy=broadcast"], tmp_path)
+    assert made.failures == 0
+    found = verdicts(made)
+    assert found["exact"] == ("0", "holds")
+    assert found["linear"] == found["constant"] == found["two"] == ("-", "no data")
+    assert [path.name for path in made.figures] == ["slots.png"]
+
+
+@pytest.mark.slow
+def test_one_arm_of_pseudonet_coverage_is_reported(tmp_path: Path):
+    made = swept("pseudonet_coverage", COVERAGE, tmp_path)
+    assert made.failures == 0
+    found = verdicts(made)
+    assert found["complete"] == ("-", "no data")
+    assert found["overhead"][0].startswith("random_walk ")
+    assert found["timing"][0].startswith("M=2 ")
+    assert found["timing"][0].endswith(" (ideal 1.875)")  # 3 slots of 0.625 ms
+    names = {path.name for path in made.figures}
+    assert "what_bluetooth_costs.png" in names
+    assert "time_to_cover_s.png" not in names  # nothing was covered
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "sets", "broken"),
+    [
+        ("messaging_delay", ["n_bc=1"], "experiments.messaging_delay.delay.exchange_slots"),
+        ("pseudonet_coverage", COVERAGE, "cosim.sweep.simulate"),
+    ],
+)
+def test_a_folder_in_which_all_runs_failed_is_reported(
+    name: str, sets: list[str], broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(broken, fail)
+    made = swept(name, sets, tmp_path)
+    assert made.failures > 0
+    assert set(verdicts(made).values()) == {("-", "no data")}
+    assert (made.tables, made.figures) == ({}, [])
+
+
+@pytest.mark.parametrize("rows", [pd.DataFrame(), pd.DataFrame({"status": ["done"], "n_bc": [1]})])
+def test_claims_about_columns_that_are_not_there_have_no_data(rows: pd.DataFrame):
+    nothing = pd.DataFrame()
+    for name, module in (("messaging_delay", delay_figures), ("pseudonet_coverage", coverage_figures)):
+        claims = reports._published(experiment_folders()[name])
+        assert {judge(claim, rows, nothing, module).verdict for claim in claims} == {"no data"}
+    assert coverage_figures.tables(rows, nothing) == {}
+    assert coverage_figures.draw(rows, nothing, Path()) == []
+
+
+def test_broadcast_gains_from_a_team_on_that_depends_on_its_repetitions():
+    sizes, repetitions = range(2, 9), (1, 3)
+    rows = [
+        {"strategy": strategy, "n_bc": n, "team_size": m, "slots": slots}
+        for n in repetitions
+        for m in sizes
+        for strategy, slots in (
+            ("broadcast", 2 * n * m + 2 * (m - 1)),
+            ("unicast", 2 * m * (m - 1)),
+            ("unicast_piggyback", 2 * (m - 1) ** 2),
+        )
+        if not (strategy == "unicast_piggyback" and m == 3)  # a run that failed
+    ]
+    # N_BC 3: 8M - 2 slots against 2M(M-1): 38 and 40 for M = 5; against 2(M-1)^2: 46 and 50 for M = 6
+    assert delay_figures.smallest_team_that_gains(pd.DataFrame(rows), pd.DataFrame())[0] == (
+        "N_BC 1: from M=3 on against unicast, from M=4 on against unicast_piggyback; "
+        "N_BC 3: from M=5 on against unicast, from M=6 on against unicast_piggyback"
+    )
+
+
+@pytest.mark.parametrize(("sizes", "slots", "holds"), [([2, 4, 8], [2, 6, 14], True), ([2, 3, 4], [2, 4, 7], False)])
+def test_growth_is_linear_if_every_robot_adds_the_same(sizes: list[int], slots: list[int], holds: bool):
+    rows = pd.DataFrame({"strategy": "one_message_unicast", "n_bc": 1, "team_size": sizes, "slots": slots})
+    assert delay_figures.grows_linearly(rows, pd.DataFrame())[1] is holds
+    assert delay_figures.grows_linearly(rows[:2], pd.DataFrame())[1] is None  # two points are always on a line
+
+
+def test_a_first_look_at_coverage_has_intervals_and_both_channels_in_a_panel():
+    experiment = load_experiment(find_experiment("pseudonet_coverage"), quick=True)
+    assert experiment.replicates == 3  # Student's t for two values is 12.7: no interval that tells anything
+    assert {arm.labels["team_size"] for arm in experiment.arms} == {2, 4, 8}
+    assert len({arm.labels["algorithm"] for arm in experiment.arms}) == 4
+    assert experiment.settings.report.panel == "algorithm"
+
+
+@pytest.mark.parametrize("name", ["messaging_delay", "pseudonet_coverage"])
+def test_claims_speak_of_the_paper(name: str):
+    for row in reports._published(experiment_folders()[name]):
+        assert "issue" not in row["claim"]
+        assert "report it" not in row["claim"]
