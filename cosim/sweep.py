@@ -266,7 +266,7 @@ def _from_processes(workers: int, todo: Sequence[Task]) -> Generator[Finished, N
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_die_with_parent)
     try:
-        yield from _from(pool, todo)
+        yield from _from(pool, todo, cancel=False)  # that is left to the pool: it fails over futures others cancelled
     except BaseException:  # the runs under way would keep us waiting
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - strangers:
@@ -275,7 +275,7 @@ def _from_processes(workers: int, todo: Sequence[Task]) -> Generator[Finished, N
     pool.shutdown()
 
 
-def _from(executor: Executor, todo: Sequence[Task]) -> Generator[Finished, None, None]:
+def _from(executor: Executor, todo: Sequence[Task], cancel: bool = True) -> Generator[Finished, None, None]:
     futures: list[Future[Finished]] = [executor.submit(execute, task) for task in todo]
     try:
         for future in as_completed(futures):
@@ -283,7 +283,7 @@ def _from(executor: Executor, todo: Sequence[Task]) -> Generator[Finished, None,
     except BrokenExecutor:
         raise ChildProcessError("a worker process died (killed, or out of memory)") from None
     finally:
-        for future in futures:
+        for future in futures if cancel else ():
             future.cancel()
 
 

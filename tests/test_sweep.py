@@ -212,6 +212,10 @@ def _alive(pid: int) -> bool:
     return state != "Z"
 
 
+def _heed_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 SLOW = {"name": "slow", "run": "delays:slow", "parameters": {"wait_s": 0.3}, "replicates": 12}
 
 
@@ -238,7 +242,8 @@ def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path):
 def test_an_interrupted_sweep_ends_with_130_and_keeps_what_is_finished(tmp_path: Path):
     Path("sweep.yaml").write_text(yaml.safe_dump(SLOW))
     command = _command("sweep", "sweep.yaml", "--jobs", "2", "-o", "r")
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    # a shell that runs the tests in the background has them ignore SIGINT, and a process would inherit that
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts)
     _wait_for(lambda: list((tmp_path / "r" / "runs").glob("part-*.parquet")))
     os.kill(process.pid, signal.SIGINT)
     _, complaint = process.communicate(timeout=60)
