@@ -276,7 +276,7 @@ def _nothing_raised(what: str) -> Iterator[None]:
         yield
     except LawError:
         raise
-    except Exception as error:
+    except Exception as error:  # whatever a user's machine raises is a broken law, named and raised on
         raise LawError(f"{what} raised {error!r}") from error
 
 

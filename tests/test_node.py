@@ -103,6 +103,9 @@ class Wire(Channel):
     def command(self, source: Address, command: LinkCommand) -> None:
         self.asked.append((source, command))
 
+    def power(self, address: Address, on: bool) -> None:
+        pass
+
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         return ()
 

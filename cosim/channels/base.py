@@ -67,9 +67,9 @@ class Channel(ABC):
     def moved(self, positions_m: Positions) -> None:  # noqa: B027  # the ideal channel reaches everywhere
         """Take the robots' new positions, shape (size, 2); gains are computed when they are needed."""
 
+    @abstractmethod
     def power(self, address: Address, on: bool) -> None:
         """Switch the radio at *address* on or off."""
-        raise NotImplementedError(f"{type(self).__name__} has no radio to switch")
 
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""
