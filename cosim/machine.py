@@ -87,6 +87,8 @@ class Discovered:
     """An inquiry has found *peer*."""
 
     peer: Address
+    clock_offset: int = 0
+    """Ticks of 312.5 us from the own clock to the peer's, mod 2**28, as far as its answer told; 0 without clocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +162,8 @@ class Page:
     """Ask *peer* for a link, of which the caller becomes the master."""
 
     peer: Address
+    clock_offset: int | None = None
+    """Where the peer's clock is taken to be, as in :class:`Discovered`; None: as the last inquiry told, if any did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +187,22 @@ class Flush:
     destination: Address
 
 
-LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush
+@dataclass(frozen=True, slots=True)
+class Share:
+    """Divide the own time among several piconets: be in that of each master only during its part of every period.
+
+    A period begins wherever the number of slots that the clock of *reference* has counted is a multiple of
+    *period_slots*; that clock is taken to be known to all who follow it. A master that is away silences its piconet.
+    Without parts (as in the beginning) the device is everywhere at all times, which does for a single link.
+    """
+
+    period_slots: int
+    parts: tuple[tuple[Address, int, int], ...]
+    """(master of the piconet, possibly oneself; first slot of the part; its number of slots)."""
+    reference: Address
+
+
+LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush | Share
 
 
 @dataclass(frozen=True, slots=True)

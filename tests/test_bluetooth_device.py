@@ -32,7 +32,7 @@ def test_a_device_is_found_connected_and_talked_to() -> None:
     world = World(2)
     world.connect(1)
     master, slave = world.hosts
-    assert master.got(Discovered) == [Discovered(1)]
+    assert [event.peer for event in master.got(Discovered)] == [1]
     assert master.got(InquiryComplete) == [InquiryComplete((1,))]
     identity = world.channel.devices[0].identity
     (up,), (down,) = master.got(Connected), slave.got(Connected)

@@ -33,6 +33,7 @@ from cosim.machine import (
     Reception,
     Role,
     Scan,
+    Share,
 )
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
@@ -97,8 +98,8 @@ class IdealChannel(Channel):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._hears(source, peer):
                 self._tell((source, Lost(peer)), (peer, Lost(source)))
-            case Disconnect() | Flush():
-                pass  # there is no such link; nothing ever waits in a queue
+            case Disconnect() | Flush() | Share():
+                pass  # there is no such link; nothing ever waits in a queue, and time is not divided
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices that are switched on, if this one is."""

@@ -179,7 +179,7 @@ class Controller:
         self.master_of.suspend()
         self._began = self._kernel.now
         command = self._waiting.popleft()
-        self._procedure = self._inquire(command) if isinstance(command, Inquire) else self._page_to(command.peer)
+        self._procedure = self._inquire(command) if isinstance(command, Inquire) else self._page_to(command)
         self.update_scan()
 
     def _refusal(self, command: Inquire | Page) -> LinkEvent | None:
@@ -207,7 +207,9 @@ class Controller:
             self._complete,
         )
 
-    def _page_to(self, peer: Address) -> PageProcedure:
+    def _page_to(self, command: Page) -> PageProcedure:
+        peer = command.peer
+        told = command.clock_offset
         lt_addr = self.master_of.free_lt_addr() or 0  # not 0: a page without a free one is refused before
         self._call(self.address, 2, "lm.page", f"robot {peer}")
         self._call(self.address, 3, "lc.page", f"robot {peer}, LT_ADDR {lt_addr}, {self._page.mode}")
@@ -219,7 +221,7 @@ class Controller:
             self.identity.clock,
             self._page,
             self._peers[peer].page_scanner,
-            self._estimates.get(peer, 0),
+            self._estimates.get(peer, 0) if told is None else told & ~3,
             lt_addr,
             lambda poll_tick: self._connect(peer, poll_tick),
             lambda: self._page_failed(peer),
@@ -227,7 +229,7 @@ class Controller:
 
     def _found(self, peer: Address, estimate: int) -> None:
         self._estimates[peer] = estimate
-        self._tell(self.address, Discovered(peer))
+        self._tell(self.address, Discovered(peer, estimate))
 
     def _complete(self, found: tuple[Address, ...]) -> None:
         self._end()

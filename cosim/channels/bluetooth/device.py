@@ -35,6 +35,7 @@ from cosim.machine import (
     Outgoing,
     Page,
     Scan,
+    Share,
 )
 from cosim.randomness import Streams
 from cosim.settings import Settings
@@ -142,6 +143,8 @@ class BluetoothChannel(Channel):
                 device.piconet().close(source, command.peer)
             case Flush():
                 device.piconet().flush(source, command.destination)
+            case Share():
+                pass  # TODO
 
     # ------------------------------------------------------------ reach
 
