@@ -19,15 +19,17 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
+from cosim.export.baseband import write_capture
 from cosim.report import report as make_report
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
 from cosim.simulation import Outcome, Simulation
 from cosim.sweep import check_set_up, default_folder, run_sweep
-from cosim.trace import CALLS, TABLES, Trace
+from cosim.trace import CALLS, FRAMES, TABLES, Trace
 from cosim.units import to_seconds
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
@@ -77,21 +79,38 @@ def commands() -> None:
 @click.option("--seed", type=click.IntRange(min=0), help="Instead of the scenario's own.")
 @_SETS
 @click.option("--trace", "trace", type=click.Path(file_okay=False, path_type=Path), help="Write the tables there.")
+@click.option(
+    "--pcapng",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write what the Bluetooth radios receive there, for Wireshark.",
+)
 @_JSON
-def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | None, as_json: bool) -> None:
+def run(
+    scenario: str,
+    seed: int | None,
+    sets: tuple[str, ...],
+    trace: Path | None,
+    pcapng: Path | None,
+    as_json: bool,
+) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
     chosen = _scenario(scenario, sets)
+    if pcapng and chosen.channel.kind != "bluetooth":
+        raise UserError(f"--pcapng: channel.kind is {chosen.channel.kind!r}, captures are of 'bluetooth' only")
     if trace and "trace_calls" in type(chosen.protocol.parameters).model_fields:
         chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
-    tables = tuple(TABLES.values()) if trace else ()
+    tables = tuple(TABLES.values()) if trace else (FRAMES,) if pcapng else ()
     with _naming(scenario, sets), _waiting(f"{chosen.name}, seed {seed}"):
         simulation = Simulation(chosen, seed, tables)
-        if trace is not None:  # a folder that cannot be made shows now, not after the run
-            trace.mkdir(parents=True, exist_ok=True)
+        for folder in (trace, pcapng and pcapng.parent):
+            if folder is not None:  # a folder that cannot be made shows now, not after the run
+                folder.mkdir(parents=True, exist_ok=True)
         outcome = simulation.run()
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
+    captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
         click.echo(_json(found))
@@ -101,6 +120,17 @@ def run(scenario: str, seed: int | None, sets: tuple[str, ...], trace: Path | No
         click.echo(
             f"\nthe set-up and one step, as the calls of the rooms:\n{nested_calls(outcome.trace)}\n\ntables in {trace}"
         )
+    if captured:
+        click.echo(f"\n{captured}")
+
+
+def _capture(path: Path, simulation: Simulation, comment: str) -> str:
+    """Write what the radios of a run have received to *path*, and return what to tell of it."""
+    channel = simulation.channel
+    assert isinstance(channel, BluetoothChannel)
+    devices = [device.identity for device in channel.devices]
+    count = write_capture(path, simulation.trace.columns(FRAMES.name), devices, comment)
+    return f"{count} received frames in {path}, {path.stat().st_size / 1e6:.1f} MB"
 
 
 def _scenario(text: str, sets: Sequence[str]) -> Scenario:

@@ -16,6 +16,7 @@ settings called ``Parameters`` in its module, the parameters of every arm are va
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -266,7 +267,8 @@ def _arm(
 ) -> Arm:
     labels = {axis.name: label for axis, (label, _) in zip(axes, values, strict=True)}
     changes = [
-        Assignment(parse_place(axis.path), value, f"{source} with {axis.path}={label}")
+        # a copy: an axis below this one writes into it
+        Assignment(parse_place(axis.path), deepcopy(value), f"{source} with {axis.path}={label}")
         for axis, (label, value) in zip(axes, values, strict=True)
     ]
     if settings.run is not None:

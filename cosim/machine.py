@@ -272,6 +272,18 @@ class Machine(Protocol):
         """Drain rows for the trace."""
 
 
+class Death(NamedTuple):
+    """What a referee is told of a robot that a fault has killed, once its body has come to rest."""
+
+    robot: Address
+    at: Time
+    """When its host died."""
+    x_m: float
+    """Where the body rests."""
+    y_m: float
+    radius_m: float
+
+
 class Referee(Protocol):
     """Judge of the truth of one run: sees the bodies, never the machines' beliefs."""
 
@@ -279,6 +291,9 @@ class Referee(Protocol):
         self, x_m: np.ndarray[Any, np.dtype[np.float64]], y_m: np.ndarray[Any, np.dtype[np.float64]], now: Time
     ) -> bool:
         """Note the robots' true positions (metres) at a tick; return whether the run is over."""
+
+    def died(self, death: Death) -> None:
+        """Note that a robot is dead, and where its body rests for ever; before the ``look`` of the same tick."""
 
     def verdict(self, now: Time) -> dict[str, float]:
         """Return the metrics that the truth decides, by name."""
@@ -332,7 +347,7 @@ class Surroundings(NamedTuple):
     speed_mps: float
     """Speed limit of the slowest robot."""
     acceleration_mps2: float
-    """Acceleration limit of the slowest robot."""
+    """Lowest acceleration limit in the team."""
     tick: Time
     """Duration of a world tick."""
     walls_m: np.ndarray[Any, np.dtype[np.float64]]
@@ -341,6 +356,12 @@ class Surroundings(NamedTuple):
     """Extent of the floor: x_min, y_min, x_max, y_max."""
     forbidden: Callable[[np.ndarray[Any, np.dtype[np.float64]]], np.ndarray[Any, np.dtype[np.bool_]]]
     """points (n, 2) -> True where the floor is occupied, unknown or outside."""
+    radii_m: tuple[float, ...] = ()
+    """Radius of each robot's body."""
+    speeds_mps: tuple[float, ...] = ()
+    """Speed limit of each robot."""
+    accelerations_mps2: tuple[float, ...] = ()
+    """Acceleration limit of each robot."""
 
 
 def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:

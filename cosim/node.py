@@ -63,8 +63,9 @@ class Node:
         self._arm(now)
 
     def kill(self) -> None:
-        """Stop driving the machine: its host is dead."""
+        """Stop driving the machine: its host is dead, and what it wanted to do next is not done."""
         self.alive = False
+        self.motion.clear()
 
     def _note(self, event: Any, now: Time) -> None:
         if isinstance(event, Call):

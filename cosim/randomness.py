@@ -12,6 +12,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from cosim.jit import njit
+
 Words: TypeAlias = tuple[int, int, int, int]
 
 _MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
@@ -32,6 +34,31 @@ def philox(counter: Words, key: tuple[int, int], rounds: int = 10) -> Words:
     return c0, c1, c2, c3
 
 
+_WIDE_MULTIPLIERS = tuple(np.uint64(word) for word in _MULTIPLIERS)
+_WIDE_WEYL = tuple(np.uint64(word) for word in _WEYL)
+_WIDE_MASK = np.uint64(_MASK)
+_HALF = np.uint64(32)
+
+
+@njit(cache=True)
+def philox_words(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> Words:
+    """Return what ``philox((c0, c1, c2, c3), (k0, k1))`` returns; a kernel for kernels.
+
+    Of each argument the low 32 bits count. The words are signed 64-bit integers in 0..2**32 - 1.
+    """
+    # unsigned throughout: a product needs all 64 bits, and numba makes a float of mixed signs
+    a, b, c, d = np.uint64(c0) & _WIDE_MASK, np.uint64(c1) & _WIDE_MASK, np.uint64(c2) & _WIDE_MASK, np.uint64(c3)
+    d &= _WIDE_MASK
+    key_0, key_1 = np.uint64(k0) & _WIDE_MASK, np.uint64(k1) & _WIDE_MASK
+    for _ in range(10):
+        p0 = _WIDE_MULTIPLIERS[0] * a
+        p1 = _WIDE_MULTIPLIERS[1] * c
+        a, b, c, d = (p1 >> _HALF) ^ b ^ key_0, p1 & _WIDE_MASK, (p0 >> _HALF) ^ d ^ key_1, p0 & _WIDE_MASK
+        key_0 = (key_0 + _WIDE_WEYL[0]) & _WIDE_MASK
+        key_1 = (key_1 + _WIDE_WEYL[1]) & _WIDE_MASK
+    return int(np.int64(a)), int(np.int64(b)), int(np.int64(c)), int(np.int64(d))
+
+
 def _digest(seed: int, names: tuple[str | int, ...]) -> bytes:
     # a NumPy integer is the integer that it stands for, but 1 and "1" are two names
     parts = (f"str:{name}" if isinstance(name, str) else f"int:{index(name)}" for name in names)
@@ -45,6 +72,11 @@ class Draws:
     def __init__(self, seed: int, *names: str | int) -> None:
         digest = _digest(seed, names)
         self._key = (int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:8], "little"))
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """The Philox key of the stream: two 32-bit words, for a kernel that draws by itself."""
+        return self._key
 
     def words(self, number: int, link: int = 0, purpose: int = 0) -> Words:
         """Return four 32-bit words for (*number*, *link*, *purpose*); *number* may need 64 bits, the others 32."""

@@ -3,11 +3,13 @@
 ``published.csv``, beside an experiment's sweep.yaml, holds a claim a row:
 
     id, paper, section, claim     what the paper says, and where
-    quantity, where               the column that answers it, and which rows (a pandas query; all, if empty)
+    quantity, where               what answers it, a column or an expression of columns such as ``delay_s <= 2.5`` (its
+                                  mean is a share), and which rows (a pandas query; all, if empty)
     unit, published, test         the printed value, and how ours is held against it
 
-``test`` is ``equal`` (every single row), ``within N %``, ``at least`` or ``at most`` (the mean), or the name of a
-function in the experiment's ``figures.py``: (runs, observations) -> (ours, whether the claim holds, or None for open).
+``test`` is ``equal`` (every single row), ``within N %``, ``at least`` or ``at most`` (the mean), ``in the interval``
+(the printed value lies in the confidence interval of ours), or the name of a function in the experiment's
+``figures.py``: (runs, observations) -> (ours, whether the claim holds, or None for open).
 Such a function answers ("-", None) where it finds no data.
 Functions ``tables(runs, observations)`` and ``draw(runs, observations, folder)`` there may add tables by their titles,
 and figures.
@@ -32,17 +34,19 @@ from scipy import stats
 
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders
-from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+from cosim.results import FIXED, KEY, OBSERVATION_FIXED, RunStore
 
 CONFIDENCE = 0.95
 WIDTH = 110
 """Columns of a terminal that claims are wrapped to."""
 _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
+ANSWER = "answer"
+"""The column of a claim's rows that holds the value of its quantity."""
 _WITHIN = re.compile(r"within ([0-9.]+) ?%")
 
 
 class Estimate(NamedTuple):
-    """A mean, half the width of its confidence interval (NaN for a single value), and the number of values."""
+    """A mean, half the width of its confidence interval (NaN for a single run), and the number of values."""
 
     mean: float
     half: float
@@ -51,7 +55,7 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         if not self.size:
             return "-"
-        spread = self.half > 1e-12 * abs(self.mean)  # NaN for a single value; less is the rounding of the sum
+        spread = self.half > 1e-12 * abs(self.mean)  # NaN for a single run; less is the rounding of the sum
         return f"{self.mean:.4g} ± {self.half:.2g}" if spread else f"{self.mean:.4g}"
 
 
@@ -63,7 +67,7 @@ class Verdict(NamedTuple):
     published: str
     ours: str
     verdict: str
-    """holds, fails, open (the claim has no test that decides), or no data"""
+    """holds, fails, open (the claim has no test that decides, or a single run no interval), or no data"""
 
 
 def _lines_of(verdict: Verdict) -> str:
@@ -153,26 +157,46 @@ def _metrics(frame: pd.DataFrame, axes: Sequence[str], fixed: Iterable[str], nam
 # ---------------------------------------------------------------- estimates
 
 
-def estimate(values: "pd.Series[float]") -> Estimate:
-    """Return the mean of *values* (empty ones left out) with its 95 % interval by Student's t."""
-    known = values.dropna().to_numpy(dtype=float)
+def estimate(values: "pd.Series[float]", runs: "pd.Series[int] | None" = None) -> Estimate:
+    """Return the mean of *values* (empty ones left out) with its 95 % interval by Student's t.
+
+    *runs*, as long as *values*, says which run each is from: values of one run need not be independent, so the
+    interval is that of a mean of clusters (Cochran, Sampling Techniques, 3rd ed., 9A.1), with a degree of freedom less
+    than there are runs. Without it every value is a run of its own.
+    """
+    there = values.notna().to_numpy()
+    known = values.to_numpy(dtype=float)[there]
     if not len(known):
         return Estimate(math.nan, math.nan, 0)
-    if len(known) == 1:
-        return Estimate(float(known[0]), math.nan, 1)
-    deviation = float(np.std(known, ddof=1)) / math.sqrt(len(known))
-    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(known) - 1))
-    return Estimate(float(np.mean(known)), quantile * deviation, len(known))
+    mean = float(np.mean(known))
+    numbers = np.arange(len(known)) if runs is None else np.unique(runs.to_numpy()[there], return_inverse=True)[1]
+    sums = np.bincount(numbers, weights=known - mean)
+    count = len(sums)
+    if count == 1:
+        return Estimate(mean, math.nan, len(known))
+    deviation = math.sqrt(float((sums**2).sum()) * count / (count - 1)) / len(known)
+    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, count - 1))
+    return Estimate(mean, quantile * deviation, len(known))
 
 
 def estimates(frame: pd.DataFrame, by: Sequence[str], metrics: Sequence[str]) -> pd.DataFrame:
-    """Return a row for each combination of the columns *by*, with an Estimate of each metric."""
+    """Return a row for each combination of the columns *by*, with an Estimate of each metric.
+
+    Rows of one configuration and seed, where *frame* has these columns, are of one run.
+    """
     groups = frame.groupby(list(by), sort=False, dropna=False) if by else [((), frame)]
     rows = []
     for key, group in groups:
         row: dict[str, Any] = dict(zip(by, key, strict=True))
-        rows.append(row | {"n": len(group)} | {metric: estimate(group[metric]) for metric in metrics})
+        runs = _run_of(group)
+        rows.append(row | {"n": len(group)} | {metric: estimate(group[metric], runs) for metric in metrics})
     return pd.DataFrame(rows)
+
+
+def _run_of(frame: pd.DataFrame) -> "pd.Series[int] | None":
+    """Return a number for each row of *frame*, the same for rows of one run; None if that is not known."""
+    key = [field.name for field in KEY]
+    return frame.groupby(key).ngroup() if set(key) <= set(frame) else None
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -230,36 +254,47 @@ def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures
         undecided = "no data" if ours == "-" else "open"
         word = undecided if holds is None else "holds" if holds else "fails"
         return Verdict(claim["id"], claim["claim"], published, str(ours), word)
-    frame = next((each for each in (runs, seen) if claim["quantity"] in each), None)
-    rows = _rows(frame, claim)
-    if rows is None or rows.empty or rows[claim["quantity"]].isna().all():
+    rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
+    if rows is None or rows.empty or rows[ANSWER].isna().all():
         return Verdict(claim["id"], claim["claim"], published, "-", "no data")
-    values = rows[claim["quantity"]]
-    word = "holds" if _passes(claim, values) else "fails"
-    return Verdict(claim["id"], claim["claim"], published, str(estimate(values)), word)
+    found = estimate(rows[ANSWER], _run_of(rows))
+    holds = _passes(claim, rows[ANSWER], found)
+    word = "open" if holds is None else "holds" if holds else "fails"
+    return Verdict(claim["id"], claim["claim"], published, str(found), word)
 
 
-def _rows(frame: pd.DataFrame | None, claim: dict[str, str]) -> pd.DataFrame | None:
-    if frame is None or frame.empty or not claim["where"]:
-        return frame
+def _rows(frame: pd.DataFrame, claim: dict[str, str]) -> pd.DataFrame | None:
+    """Return the rows that *claim* is about, its quantity in the column ANSWER; None if *frame* does not hold that."""
+    quantity, where = claim["quantity"], claim["where"]
+    if not quantity or frame.empty:
+        return None
     try:
-        return frame.query(claim["where"])
+        answer: Any = frame[quantity] if quantity in frame else frame.eval(quantity)
+    except pd.errors.UndefinedVariableError:
+        return None
+    except (SyntaxError, TypeError, ValueError) as error:
+        raise UserError(f"published.csv: {claim['id']}: quantity: {quantity!r}: {error}") from None
+    frame = frame.assign(**{ANSWER: answer.astype(float)})
+    try:
+        return frame.query(where) if where else frame
     except (pd.errors.UndefinedVariableError, SyntaxError) as error:
-        raise UserError(f"published.csv: {claim['id']}: where: {claim['where']!r}: {error}") from None
+        raise UserError(f"published.csv: {claim['id']}: where: {where!r}: {error}") from None
 
 
-def _passes(claim: dict[str, str], values: "pd.Series[float]") -> bool:
-    published, mean, test = float(claim["published"]), float(values.mean()), claim["test"]
+def _passes(claim: dict[str, str], values: "pd.Series[float]", found: Estimate) -> bool | None:
+    published, mean, test = float(claim["published"]), found.mean, claim["test"]
     within = _WITHIN.fullmatch(test)
     if within:
         return abs(mean - published) <= abs(published) * float(within[1]) / 100
+    if test == "in the interval":
+        return None if math.isnan(found.half) else abs(mean - published) <= found.half
     if test == "equal":
         return bool(np.isclose(values.to_numpy(dtype=float), published, rtol=1e-12, atol=0).all())
     if test in ("at least", "at most"):
         return mean >= published if test == "at least" else mean <= published
     raise UserError(
         f"published.csv: {claim['id']}: test: {test!r} is neither equal, within N %, at least, at most, "
-        "nor a function in figures.py"
+        "in the interval, nor a function in figures.py"
     )
 
 

@@ -13,15 +13,25 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field, PrivateAttr, SerializeAsAny, ValidationError, field_validator, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    SerializeAsAny,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from cosim.channels.bluetooth.device import BluetoothSettings
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
+from cosim.faults import FaultSettings, misplaced
 from cosim.machine import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.settings import Settings
@@ -59,11 +69,28 @@ def protocol_spec(use: str) -> ProtocolSpec:
     return found
 
 
-class TeamSettings(Settings):
-    """The robots of a run, all alike."""
+PowerClass: TypeAlias = Literal[1, 2, 3]
 
-    size: int = Field(default=4, ge=1, description="number of robots")
+
+class GroupSettings(Settings):
+    """Robots of a team that are alike."""
+
+    size: int = Field(default=1, ge=1, description="number of robots")
+    body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
+    power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
+
+
+class TeamSettings(Settings):
+    """The robots of a run: all alike, or groups of robots that are, numbered in the order of the groups."""
+
+    size: int = Field(default=4, ge=1, description="number of robots; groups have sizes of their own")
     body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
+    power_class: PowerClass | None = Field(
+        default=None, description="of the robots' radios, 1 to 3; what the channel says if not given"
+    )
+    groups: tuple[GroupSettings, ...] | None = Field(
+        default=None, min_length=1, description="what a mixed team consists of; all robots are alike if not given"
+    )
     starts: tuple[tuple[float, float], ...] | None = Field(
         default=None, description="m, where the robots start; drawn from the seed if not given"
     )
@@ -71,11 +98,43 @@ class TeamSettings(Settings):
         default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
     )
 
+    @property
+    def bodies(self) -> tuple[BodySettings, ...]:
+        """The body of each robot."""
+        return tuple(group.body or self.body for group in self._members())
+
+    @property
+    def power_classes(self) -> tuple[int | None, ...]:
+        """The power class of each robot's radio; None where the channel decides."""
+        return tuple(group.power_class or self.power_class for group in self._members())
+
+    def _members(self) -> list[GroupSettings]:
+        groups = self.groups or (GroupSettings(size=self.size),)
+        return [group for group in groups for _ in range(group.size)]
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        """Take the size of a mixed team from its groups; it cannot be given beside them, unless it is the same."""
+        if self.groups is not None:
+            together = sum(group.size for group in self.groups)
+            if "size" in self.model_fields_set and self.size != together:
+                raise _misplaced(("size",), self.size, f"is given, but groups have {together} robots together")
+            object.__setattr__(self, "size", together)
+        return self
+
     @model_validator(mode="after")
     def _one_start_each(self) -> Self:
         if self.starts is not None and len(self.starts) != self.size:
             raise _misplaced(("starts",), len(self.starts), f"positions are given for {self.size} robots")
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_what_follows(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the size of a mixed team, so that its groups can be changed in a dump."""
+        plain: dict[str, Any] = serialize(self)
+        if self.groups is not None:
+            del plain["size"]
+        return plain
 
 
 class ProtocolChoice(Settings):
@@ -120,6 +179,7 @@ class Scenario(Settings):
         default_factory=IdealSettings, description="what carries their messages"
     )
     protocol: ProtocolChoice = Field(description="what they run")
+    faults: tuple[FaultSettings, ...] = Field(default=(), description="what goes wrong, and when")
 
     _folder: Path = PrivateAttr(default_factory=Path)
 
@@ -167,7 +227,15 @@ class Scenario(Settings):
         limit = self.protocol.spec.team_limit
         if limit is not None and self.team.size > limit:
             expected = f"is more than the {limit} robots that {self.protocol.use} can address"
-            raise _misplaced(("team", "size"), self.team.size, expected)
+            raise _misplaced(("team", "groups" if self.team.groups else "size"), self.team.size, expected)
+        return self
+
+    @model_validator(mode="after")
+    def _faults_can_happen(self) -> Self:
+        wrong = misplaced(self.faults, self.team.size, self.duration_s)
+        if wrong is not None:
+            number, field, expected = wrong
+            raise _misplaced(("faults", number, field), getattr(self.faults[number], field), expected)
         return self
 
 

@@ -13,9 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.channels.base import Channel
-from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.errors import LocalProtocolError
+from cosim.faults import EVENTS as FAULT_EVENTS
+from cosim.faults import Faults
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import Machine, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.node import Node
@@ -32,6 +35,7 @@ METRICS: Final = (
     Metric("simulated_s", "s", "simulated time at which the run ended"),
     Metric("distance_m", "m", "driven by all robots together"),
     Metric("kernel_events", "1", "events that the kernel executed"),
+    Metric("robots_killed", "1", "robots that a fault has killed"),
 )
 
 
@@ -62,15 +66,14 @@ class Simulation:
         self.scenario = scenario
         self.spec: ProtocolSpec = scenario.protocol.spec
         self.kernel = Kernel()
-        self.trace = Trace((events_table(self.spec.events), *tables))
+        self.trace = Trace((events_table((*self.spec.events, *FAULT_EVENTS)), *tables))
         self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
         streams = Streams(seed)
         parameters = scenario.protocol.parameters
         surroundings = self._surroundings(parameters, streams)
         knowledge = self.spec.prepare(parameters, surroundings)
-        bodies = [scenario.team.body] * scenario.team.size
-        self.fleet = Fleet(bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
-        self.channel = _channel(scenario, self.kernel, self.trace, streams)
+        self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
+        self.channel = _channel(scenario, self.kernel, self.trace, streams, self.floorplan)
         self.referee: Referee = self.spec.referee(parameters, knowledge)
         self.machines: list[Machine] = [
             self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
@@ -81,6 +84,8 @@ class Simulation:
         ]
         for node in self.nodes:
             self.channel.attach(node.address, node)
+        self.faults = Faults(scenario.faults, self.kernel, self.nodes, self.channel, self.fleet, self.trace)
+        self.faults.schedule(scenario.duration)
         self._distance_m = 0.0
         self._sight_m = scenario.team.sight_range_m or float("inf")
         self._poses_wanted = self.trace.wants(POSES)
@@ -94,21 +99,27 @@ class Simulation:
 
     def _surroundings(self, parameters: Any, streams: Streams) -> Surroundings:
         scenario, floor = self.scenario, self.floorplan
-        body = scenario.team.body
+        bodies = scenario.team.bodies
+        radii_m = tuple(body.radius_m for body in bodies)
+        speeds_mps = tuple(body.speed_mps for body in bodies)
+        accelerations_mps2 = tuple(body.acceleration_mps2 for body in bodies)
         surroundings = Surroundings(
             starts_m=(),
-            radius_m=body.radius_m,
-            speed_mps=body.speed_mps,
-            acceleration_mps2=body.acceleration_mps2,
+            radius_m=max(radii_m),
+            speed_mps=min(speeds_mps),
+            acceleration_mps2=min(accelerations_mps2),
             tick=scenario.tick,
             walls_m=floor.walls_m,
             bounds_m=floor.bounds_m,
             forbidden=floor.forbidden,
+            radii_m=radii_m,
+            speeds_mps=speeds_mps,
+            accelerations_mps2=accelerations_mps2,
         )
         starts = scenario.team.starts
         if starts is None:
             starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
-        checked_starts(starts, [body.radius_m] * len(starts), floor)
+        checked_starts(starts, radii_m, floor)
         return surroundings._replace(starts_m=tuple(starts))
 
     def _first_tick(self) -> None:
@@ -137,6 +148,8 @@ class Simulation:
             if self._poses_wanted:
                 self.trace.row(POSES, now, node.address, observation.x_m, observation.y_m, observation.heading_rad)
             node.observe(observation, now)
+        for death in self.faults.deaths():
+            self.referee.died(death)
         over = self.referee.look(positions[:, 0], positions[:, 1], now)
         if over or all(node.machine.finished or not node.alive for node in self.nodes):
             self.kernel.stop()
@@ -152,10 +165,13 @@ class Simulation:
         now = self.kernel.now
         simulated_s = to_seconds(now)
         self.channel.advance(now)
+        for death in self.faults.deaths(run_is_over=True):
+            self.referee.died(death)
         metrics = {
             "simulated_s": simulated_s,
             "distance_m": self._distance_m,
             "kernel_events": float(self.kernel.executed),
+            "robots_killed": float(self.faults.killed),
             **self.spec.measure(self.machines),
             **self.referee.verdict(now),
         }
@@ -170,10 +186,11 @@ class Simulation:
         return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
 
 
-def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams) -> Channel:
-    size = scenario.team.size
+def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan) -> Channel:
+    team = scenario.team
     match scenario.channel:
         case IdealSettings() as settings:
-            return IdealChannel(settings, kernel, trace, size)
+            return IdealChannel(settings, kernel, trace, team.size)
         case BluetoothSettings() as settings:
-            return BluetoothChannel(settings, kernel, trace, size, streams)
+            walls = floor.grid, floor.wall_loss_db
+            return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)

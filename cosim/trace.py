@@ -72,6 +72,7 @@ FRAMES: Final = Table(
         Field("lt_addr", "int", "", "logical transport address; 0 for broadcasts and outside of a piconet"),
         Field("length", "int", "B", "user payload"),
         Field("outcome", "str", "", "what became of it at the receiver"),
+        Field("part", "str", "", "the part that failed first: access_code, header or payload; empty if none did"),
     ),
 )
 MESSAGES: Final = Table(

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, Inquire, InquiryComplete, LinkCommand, LinkEvent, Page, Reception
 from cosim.randomness import Streams

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
 from cosim.channels.bluetooth.radio import Air, Frame, Heard
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Address, Fate, LinkEvent, Lost, Outcome, Outgoing
+from cosim.machine import Address, LinkEvent, Lost, Outcome, Outgoing
+from cosim.machine import Fate as FateEvent
 from cosim.units import SLOT, Time
 
 PAIR = 2 * SLOT
@@ -34,22 +37,20 @@ class Bench:
         self.news: list[tuple[Time, Address, LinkEvent]] = []
         self.deliveries = 0
         self.deaf: set[tuple[Address, Address]] = set()
-        air = Air(self.reach, lambda frame, heard: self.frames.append((frame, heard)))
-        log = FrameLog(air, self.clock, WORD, wanted=True, idle_wanted=idle)
+        self.air = Air(size + 1, lambda frame, fate: self.frames.append((frame, fate.heard)))
+        log = FrameLog(self.air, MASTER, self.clock, wanted=True, idle_wanted=idle)
         self.piconet = Piconet(
             self.kernel,
+            self.air,
             MASTER,
+            WORD,
             self.clock,
             PiconetSettings(**settings),  # type: ignore[arg-type]
-            self.reach,
             log,
             self.deliver,
         )
         for slave in range(1, size + 1):
             self.piconet.add_slave(slave, slave, first_due)
-
-    def reach(self, transmitter: Address, receiver: Address, at: Time) -> bool:
-        return (transmitter, receiver) not in self.deaf
 
     def outage(self, start: Time, end: Time, *ways: tuple[Address, Address]) -> None:
         """Nothing goes the *ways* (transmitter, receiver) from *start* until just before *end*."""
@@ -57,8 +58,12 @@ class Bench:
         self.kernel.at(end, lambda: self.change(self.deaf - set(ways)), WORLD)
 
     def change(self, deaf: set[tuple[Address, Address]]) -> None:
-        self.piconet.reach_changed(self.kernel.now)
         self.deaf = deaf
+        powers = np.zeros_like(self.air.band.medium.power_dbm)
+        np.fill_diagonal(powers, -np.inf)
+        for transmitter, receiver in deaf:
+            powers[transmitter, receiver] = -np.inf
+        self.air.set_powers(powers, self.kernel.now)
 
     def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
         self.deliveries += 1
@@ -84,7 +89,7 @@ class Bench:
         ]
 
     def fates(self) -> list[tuple[Time, Address, int, Outcome]]:
-        return [(time, address, e.token, e.outcome) for time, address, e in self.news if isinstance(e, Fate)]
+        return [(time, address, e.token, e.outcome) for time, address, e in self.news if isinstance(e, FateEvent)]
 
     def lost(self) -> list[tuple[Time, Address, Address]]:
         return [(time, address, e.peer) for time, address, e in self.news if isinstance(e, Lost)]

@@ -240,8 +240,8 @@ def test_only_slots_with_a_payload_are_events() -> None:
     bench.send(2 * S, 3, MASTER)
     after = _executed(bench.kernel, 10 * S)
     assert before == 0
-    # two sends; the broadcast's slot and end; the poll that serves the slave, the data's end, the acknowledging poll
-    assert after == 2 + 2 + 3
+    # two sends; the broadcast's slot and end; start and both ends of the pair that serves the slave, and of the one that acknowledges
+    assert after == 2 + 2 + 3 + 3
 
 
 def _executed(kernel: Kernel, until: Time) -> int:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.randomness import Draws, Streams, Words, philox
+from cosim.randomness import Draws, Streams, Words, philox, philox_words
 
 PI_COUNTER, PI_KEY = (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344), (0xA4093822, 0x299F31D0)
 ONES = 0xFFFFFFFF
@@ -21,6 +21,23 @@ KNOWN_ANSWERS = [
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
 def test_philox_gives_the_known_answers_of_random123(counter: Words, key: tuple[int, int], answer: Words):
     assert philox(counter, key) == answer
+
+
+@pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
+def test_the_kernel_gives_the_known_answers_too(counter: Words, key: tuple[int, int], answer: Words):
+    assert philox_words(*counter, *key) == answer
+
+
+WORD = st.integers(0, ONES)
+
+
+@given(st.tuples(WORD, WORD, WORD, WORD), st.tuples(WORD, WORD))
+def test_the_kernel_gives_what_the_function_gives(counter: Words, key: tuple[int, int]):
+    assert philox_words(*counter, *key) == philox(counter, key)
+
+
+def test_of_the_kernel_s_arguments_the_low_32_bits_count():
+    assert philox_words(-1, 2**40 + 7, 3, -(2**63), 2**33 + 5, -2) == philox((ONES, 7, 3, 0), (5, ONES - 1))
 
 
 # ---------------------------------------------------------------- counter-based draws
@@ -46,6 +63,11 @@ def test_draws_of_other_names_and_seeds_are_others():
     assert Draws(2, "loss").words(0) != one
     assert Draws(1, "backoff").words(0) != one
     assert Draws(1, "loss", 0).words(0) != one
+
+
+def test_a_kernel_with_the_key_of_the_draws_draws_the_same():
+    draws = Draws(1, "loss")
+    assert philox_words(7, 5, 3, 2, *draws.key) == draws.words(7 + 5 * 2**32, 3, 2)
 
 
 @given(st.integers(1, 2**40), st.integers(0, 2**63))

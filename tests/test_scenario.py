@@ -75,6 +75,26 @@ def test_the_digest_knows_defaults_but_not_the_order_of_keys(depot: Path):
         ("team: {size: 9}", "depot.yaml: team.size: 9 is more than the 8 robots that beacon:SPEC can address"),
         ("team: {size: 0, sight_range_m: 0}", "depot.yaml: team.size: 0 is not >= 1 (and 1 more)"),
         ("team: {size: many}", "depot.yaml: team.size: 'many' is not a valid integer, unable to parse"),
+        ("team: {groups: []}", "depot.yaml: team.groups: []: tuple should have at least 1 item"),
+        ("team: {groups: [{size: 2}, {size: 0}]}", "depot.yaml: team.groups[1].size: 0 is not >= 1"),
+        (
+            "team: {groups: [{size: 5}, {size: 4}]}",
+            "depot.yaml: team.groups: 9 is more than the 8 robots that beacon:SPEC",
+        ),
+        ("team: {groups: [{power_class: 4}]}", "depot.yaml: team.groups[0].power_class: 4 is not 1, 2 or 3"),
+        ("team: {groups: [{body: {radius_m: -1}}]}", "depot.yaml: team.groups[0].body.radius_m: -1 is not > 0"),
+        (
+            "team: {groups: [{bdy: 1}]}",
+            "depot.yaml: team.groups[0].bdy: 1 is not expected here: there is no such key, did",
+        ),
+        (
+            "team: {size: 3, groups: [{size: 2}]}",
+            "depot.yaml: team.size: 3 is given, but groups have 2 robots together",
+        ),
+        (
+            "team: {groups: [{size: 2}], starts: [[1, 1]]}",
+            "depot.yaml: team.starts: 1 positions are given for 2 robots",
+        ),
         ("team: [1]", "depot.yaml: team: [1] is not a mapping of settings"),
         ("team: {szie: 2}", "depot.yaml: team.szie: 2 is not expected here: there is no such key, did you mean size?"),
         ("tick_s: 0.1003", "depot.yaml: tick_s: 0.1003 is not a whole number of slots of 0.000625 s"),
@@ -132,7 +152,7 @@ def test_a_protocol_and_its_parameters_are_checked_with_the_rest(choice: str, ex
         ("team.body.radius_m=-1", "--set team.body.radius_m=-1: -1 is not > 0"),
         ("team={size: 0}", "--set team={size: 0}: size: 0 is not >= 1"),
         ("team.szie=2", "--set team.szie=2: there is no team.szie, did you mean size?"),
-        ("team.q=2", "--set team.q=2: there is no team.q, expected one of body, sight_range_m, size, starts"),
+        ("team.q=2", "--set team.q=2: there is no team.q, expected one of body, groups, power_class,"),
         ("team.size.x=2", "--set team.size.x=2: there is no team.size.x: team.size is 4"),
         ("protocol.parameters.call=2", "--set protocol.parameters.call=2: there is no protocol.parameters.call, did"),
         ("team.starts[0]=1", "--set team.starts[0]=1: there is no team.starts[0]: team.starts is None"),
@@ -147,6 +167,34 @@ def test_an_error_on_the_command_line_names_what_stood_there(change: str, expect
     assert complaint(
         "team: {starts: [[1, 1], [2, 2], [3, 3], [4, 4]]}\n" if change == "team.size=3" else "", change
     ).startswith(expected)
+
+
+MIXED = "team: {power_class: 3, groups: [{size: 2}, {body: {radius_m: 0.3}, power_class: 1}]}\n"
+
+
+def test_a_mixed_team_has_the_size_bodies_and_radios_of_its_groups(depot: Path):
+    depot.write_text(depot.read_text() + MIXED)
+    team = load(depot, ["team.body.speed_mps=2"]).team
+    assert team.size == 3
+    assert [body.radius_m for body in team.bodies] == [0.2, 0.2, 0.3]
+    assert [body.speed_mps for body in team.bodies] == [2.0, 2.0, 0.5]  # a group's body is its own as a whole
+    assert team.power_classes == (3, 3, 1)
+
+
+def test_robots_that_are_all_alike_have_one_body_and_leave_the_power_class_to_the_channel(depot: Path):
+    team = load(depot, ["team.size=2", "team.body.radius_m=0.1"]).team
+    assert [body.radius_m for body in team.bodies] == [0.1, 0.1]
+    assert team.power_classes == (None, None)
+    assert load(depot, ["team.size=2", "team.power_class=1"]).team.power_classes == (1, 1)
+
+
+def test_the_groups_of_a_mixed_team_can_be_changed_one_by_one_and_its_size_only_with_them(depot: Path):
+    depot.write_text(depot.read_text() + MIXED)
+    assert load(depot, ["team.groups[0].size=4"]).team.size == 5
+    scenario = load(depot)
+    assert Scenario.model_validate(dump(scenario)) == scenario
+    with pytest.raises(UserError, match=r"^--set team\.size=2: there is no team\.size"):
+        load(depot, ["team.size=2"])
 
 
 def test_values_of_set_are_yaml(depot: Path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
+from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.errors import UserError
 from cosim.machine import (
     BROADCAST,
@@ -58,7 +59,7 @@ class Walker:
     """Goes to its goal when it is told to, calls out at every observation, and notes what it sees and hears."""
 
     def __init__(self, parameters: Parameters, knowledge: Any, me: Address, stream: np.random.Generator, start: Time):
-        self.parameters, self.me = parameters, me
+        self.parameters, self.knowledge, self.me = parameters, knowledge, me
         self.seen: list[tuple[Time, Observation]] = []
         self.heard: list[tuple[Time, bytes]] = []
         self.order: Time | None = None if parameters.order_s is None else start + round(parameters.order_s * S)
@@ -222,6 +223,60 @@ def test_a_robot_is_told_whom_it_sees_if_its_protocol_asks():
         run = Simulation(with_starts(scenario(size=3, use=use), starts), 1)
         run.run()
         assert [machine.seen[-1][1].visible for machine in run.machines] == expected  # type: ignore[attr-defined]
+
+
+# ---------------------------------------------------------------- mixed teams
+
+
+SLOW_AND_WIDE = {"size": 2, "body": {"radius_m": 0.4, "speed_mps": 0.2, "acceleration_mps2": 3.0}}
+
+
+def mixed(**changes: Any) -> Scenario:
+    plain = scenario(goal_m=(9.0, 9.0), **changes).model_dump()
+    plain["team"] |= {"groups": [{"size": 1, "power_class": 1}, SLOW_AND_WIDE]}
+    del plain["team"]["size"]
+    return Scenario.model_validate(plain)
+
+
+def test_every_robot_of_a_mixed_team_has_the_body_of_its_group():
+    run = Simulation(mixed(), 1)
+    run.run()
+    assert run.fleet.radii_m.tolist() == [0.2, 0.4, 0.4]
+    assert [machine.seen[-1][1].speed_mps for machine in run.machines] == pytest.approx([0.5, 0.2, 0.2])  # type: ignore[attr-defined]
+
+
+def test_a_protocol_is_told_of_every_body_of_a_mixed_team_and_of_the_extremes():
+    told: Surroundings = Simulation(mixed(), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    assert (told.radius_m, told.speed_mps, told.acceleration_mps2) == (0.4, 0.2, 3.0)
+    assert told.radii_m == (0.2, 0.4, 0.4)
+    assert told.speeds_mps == (0.5, 0.2, 0.2)
+    assert told.accelerations_mps2 == (1000.0, 3.0, 3.0)
+
+
+def test_starts_must_leave_room_for_the_bodies_that_stand_there():
+    def starting(*places: tuple[float, float]) -> Scenario:
+        return with_starts(mixed(), places)
+
+    Simulation(starting((1, 4.25), (3, 5), (5, 5)), 1)  # the narrow robot beside the wall
+    with pytest.raises(UserError, match=r"team\.starts\[1\]: \(1, 4\.25\) is inside a wall"):
+        Simulation(starting((3, 5), (1, 4.25), (5, 5)), 1)
+
+
+def test_the_radios_are_told_their_power_classes_and_walls(monkeypatch: pytest.MonkeyPatch):
+    told: list[Any] = []
+
+    class Radio(IdealChannel):
+        def __init__(self, settings: Any, kernel: Any, trace: Any, size: int, streams: Any, floor: Any, classes: Any):
+            told.extend((floor, classes))
+            super().__init__(IdealSettings(), kernel, trace, size)
+
+    monkeypatch.setattr("cosim.simulation.BluetoothChannel", Radio)
+    plain = mixed().model_dump() | {"channel": {"kind": "bluetooth"}}
+    run = Simulation(Scenario.model_validate(plain), 1)
+    (grid, losses), classes = told
+    assert classes == (1, None, None)
+    assert grid is run.floorplan.grid
+    assert losses is run.floorplan.wall_loss_db
 
 
 # ---------------------------------------------------------------- the end

@@ -13,6 +13,7 @@ from cosim.geometry.grids import coverage_grid
 from cosim.geometry.segments import sees
 from cosim.world.floorplan import FloorplanSettings, load_floorplan
 from cosim.world.offices import OfficeSettings, office_walls
+from cosim.world.sight import wall_losses_db
 
 ROOT = Path(__file__).parent.parent
 MAPS = ROOT.parent / "shared" / "maps"
@@ -192,3 +193,87 @@ def test_real_maps_give_floors(name, bounds):
     centres = grid.centres_m()[grid.free]
     assert (shapely.distance(shapely.points(centres[::7]), plan.geometry) >= 0.2 - 1e-9).all()
     assert grid.reachable.sum() > 0.9 * grid.free.sum() > 0.3 * grid.nx * grid.ny
+
+
+# ---------------------------------------------------------------- what walls cost
+
+
+def losses(plan):
+    """The loss of every wall, by its ends."""
+    assert plan.wall_loss_db.shape == (len(plan.walls_m),)
+    return dict(zip(map(tuple, plan.walls_m.tolist()), plan.wall_loss_db.tolist(), strict=True))
+
+
+def test_walls_are_light_unless_their_kind_is_told():
+    plan = floor(map="walls", bounds_m=(0, 0, 9, 9), walls=[(1, 1, 1, 2)], walls_by_kind={"heavy": [(2, 1, 2, 2)]})
+    cost = losses(plan)
+    assert cost[1, 1, 1, 2] == 4.5
+    assert cost[2, 1, 2, 2] == 10.0
+    assert cost[0, 0, 9, 0] == 10.0  # the sides of the extent
+    assert set(losses(floor()).values()) == {4.5}
+
+
+def test_a_kind_may_be_given_another_loss_or_be_invented():
+    plan = floor(
+        walls=[(1, 1, 1, 2)],
+        walls_by_kind={"glass": [(2, 1, 2, 2)], "heavy": [(3, 1, 3, 2)]},
+        wall_loss_db={"glass": 2, "heavy": 12},
+    )
+    cost = losses(plan)
+    assert (cost[1, 1, 1, 2], cost[2, 1, 2, 2], cost[3, 1, 3, 2]) == (4.5, 2.0, 12.0)
+
+
+def test_what_walls_without_a_kind_are_can_be_chosen():
+    assert set(losses(floor(wall_kind="heavy", polygons=[[(2, 1), (3, 1), (3, 2)]])).values()) == {10.0, 5.0}
+
+
+def test_the_sides_of_what_is_solid_cost_half(tmp_path):
+    (tmp_path / "m.map").write_text("type octile\nheight 1\nwidth 3\nmap\n.@.\n")
+    plan = floor(tmp_path, map="m.map", walls=[(0.5, 0, 0.5, 1)], polygons=[[(2.2, 0.2), (2.6, 0.2), (2.4, 0.8)]])
+    cost = losses(plan)
+    assert cost[1, 0, 1, 1] == cost[2, 0, 2, 1] == cost[2.2, 0.2, 2.6, 0.2] == 2.25
+    assert cost[0.5, 0, 0.5, 1] == 4.5
+    through = wall_losses_db(plan.grid, plan.wall_loss_db, [(0.1, 0.5), (0.7, 0.5), (2.1, 0.5), (2.9, 0.5)])
+    assert through[0].tolist() == [0.0, 4.5, 9.0, 13.5]
+
+
+def test_a_floor_file_tells_its_kinds_and_the_scenario_may_overrule_it(tmp_path):
+    (tmp_path / "f.yaml").write_text(
+        "wall_kind: heavy\nwalls: [[0, 0, 4, 0]]\nwalls_by_kind: {glass: [[1, 0, 1, 3]], light: [[2, 0, 2, 3]]}\n"
+        "wall_loss_db: {glass: 2, light: 4}\n"
+    )
+    cost = losses(floor(tmp_path, map="f.yaml", walls=[(3, 0, 3, 3)]))
+    assert [cost[wall] for wall in ((0, 0, 4, 0), (1, 0, 1, 3), (2, 0, 2, 3), (3, 0, 3, 3))] == [10, 2, 4, 4]
+    cost = losses(floor(tmp_path, map="f.yaml", wall_loss_db={"glass": 3}))
+    assert (cost[1, 0, 1, 3], cost[2, 0, 2, 3]) == (3, 4)
+
+
+def test_walls_by_kind_make_a_floor_alone():
+    assert floor(map="walls", walls_by_kind={"light": [(0, 0, 4, 3)]}).bounds_m == (0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"wall_kind": "hevy"}, "office: walls of the kind 'hevy' have no wall_loss_db, did you mean heavy?"),
+        ({"walls_by_kind": {"glass": [(1, 1, 1, 2)]}}, "'glass' have no wall_loss_db, expected one of heavy, light"),
+        ({"wall_loss_db": {"haevy": 12}}, "office: wall_loss_db: no wall is of the kind 'haevy', did you mean heavy?"),
+    ],
+)
+def test_a_kind_without_a_loss_and_a_loss_without_a_wall_are_refused(settings, message):
+    with pytest.raises(UserError) as error:
+        floor(**settings)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"wall_loss_db": {"light": -1}}, "greater than or equal to 0"),
+        ({"wall_loss_db": {"light": math.inf}}, "finite number"),
+        ({"map": "walls", "walls_by_kind": {"light": []}}, "needs walls, polygons or bounds_m"),
+    ],
+)
+def test_losses_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(ValidationError, match=message):
+        FloorplanSettings(**settings)

@@ -154,4 +154,5 @@ class IdealChannel(Channel):
             0,
             len(outgoing.payload),
             "received" if heard else "out_of_range",
+            "",
         )

@@ -132,6 +132,10 @@ class Fleet:
             return float(state.next_x[body]), float(state.next_y[body]), heading
         return x + part * float(state.next_x[body] - x), y + part * float(state.next_y[body] - y), heading
 
+    def rests(self, body: int) -> bool:
+        """Return whether *body* stays where it is until the next tick."""
+        return bool(self._state.way[body] == 0.0)
+
     @property
     def positions_m(self) -> Floats:
         """A copy of the positions at the last tick, shape (n, 2)."""

@@ -1,15 +1,24 @@
-"""The truth about a floor: its walls, its extent, and where no robot can be."""
+"""The truth about a floor: its walls and what they cost a radio signal, its extent, and where no robot can be.
 
+Every wall is of a kind, and a kind has a loss in dB at 2.45 GHz for a signal that crosses the wall. ``light`` (plaster
+board, thinner than 10 cm) and ``heavy`` (brick, concrete) are those of COST 231 (final report, section 4.7.2: 3.4 and
+6.9 dB at 1800 MHz), raised to what is measured at 2.45 GHz: 4 to 5 and 8 to 12 dB. Others take their name and loss from
+``wall_loss_db``. What is solid (a polygon, the cells of a map image) shows a signal two sides where a drawn wall is one
+line, so each side costs half: a wall costs the same however it is drawn, and however thick.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Self, TypeAlias
+from types import MappingProxyType
+from typing import Annotated, Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import shapely
 from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import read_yaml, validated
+from cosim.documents import nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.settings import Settings
@@ -21,9 +30,17 @@ Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Point: TypeAlias = tuple[float, float]
 Wall: TypeAlias = tuple[float, float, float, float]
 Polygons: TypeAlias = tuple[tuple[Point, ...], ...]
+WallsByKind: TypeAlias = dict[str, tuple[Wall, ...]]
+Losses: TypeAlias = dict[str, Annotated[float, Field(ge=0)]]
 
 GENERATED: Final = "office"
 INLINE: Final = "walls"
+
+LIGHT: Final = "light"
+HEAVY: Final = "heavy"
+WALL_LOSS_DB: Final[Mapping[str, float]] = MappingProxyType({LIGHT: 4.5, HEAVY: 10.0})
+"""What a wall of a kind that needs no definition costs a signal at 2.45 GHz."""
+_USUAL: Final = "else " + ", ".join(f"{kind} {loss:g}" for kind, loss in WALL_LOSS_DB.items())
 
 
 def _solid(polygons: Polygons) -> Polygons:
@@ -51,13 +68,16 @@ class FloorSettings(Settings):
     )
     walls: tuple[Wall, ...] = Field(default=(), description="wall segments x1, y1, x2, y2 in metres")
     polygons: Polygons = Field(default=(), description="solid polygons, vertices in metres")
+    wall_kind: str = Field(default=LIGHT, description="kind of these walls and polygons")
+    walls_by_kind: WallsByKind = Field(default={}, description="further wall segments, by their kind")
+    wall_loss_db: Losses = Field(default={}, description=f"dB, loss of a signal through a wall, by kind; {_USUAL}")
 
     _solid_polygons = field_validator("polygons")(_solid)
     _ordered_bounds = field_validator("bounds_m")(_ordered)
 
     @model_validator(mode="after")
     def _has_extent(self) -> Self:
-        if self.bounds_m is None and not (self.walls or self.polygons):
+        if self.bounds_m is None and not (self.walls or any(self.walls_by_kind.values()) or self.polygons):
             raise ValueError("a floor needs walls, polygons or bounds_m")
         return self
 
@@ -74,6 +94,14 @@ class FloorplanSettings(Settings):
     office: OfficeSettings = Field(default=OfficeSettings(), description="the generated office")
     walls: tuple[Wall, ...] = Field(default=(), description="wall segments x1, y1, x2, y2 in metres, for any map")
     polygons: Polygons = Field(default=(), description="solid polygons, vertices in metres, for any map")
+    wall_kind: str = Field(
+        default=LIGHT,
+        description="kind of these walls and polygons, of those of the generated office and of a map image",
+    )
+    walls_by_kind: WallsByKind = Field(default={}, description="further wall segments, by their kind, for any map")
+    wall_loss_db: Losses = Field(
+        default={}, description=f"dB, loss of a signal through a wall, by kind; else what the floor says, {_USUAL}"
+    )
     bounds_m: Wall | None = Field(
         default=None,
         description='extent x_min, y_min, x_max, y_max of the map "walls"; default: that of its walls and polygons',
@@ -86,7 +114,8 @@ class FloorplanSettings(Settings):
 
     @model_validator(mode="after")
     def _has_extent(self) -> Self:
-        if self.map == INLINE and self.bounds_m is None and not (self.walls or self.polygons):
+        drawn = self.walls or any(self.walls_by_kind.values()) or self.polygons
+        if self.map == INLINE and self.bounds_m is None and not drawn:
             raise ValueError('the map "walls" needs walls, polygons or bounds_m')
         if self.map != INLINE and self.bounds_m is not None:
             raise ValueError(f'bounds_m is for the map "walls" only, the map is {self.map!r}')
@@ -100,6 +129,8 @@ class Floorplan:
     name: str
     walls_m: Floats
     """Wall segments x1, y1, x2, y2, shape (n, 4)."""
+    wall_loss_db: Floats
+    """What each of them costs a signal that crosses it, shape (n,)."""
     bounds_m: Wall
     """Extent x_min, y_min, x_max, y_max."""
     polygons_m: Polygons = ()
@@ -149,10 +180,10 @@ def load_floorplan(settings: FloorplanSettings, folder: Path) -> Floorplan:
     """
     if settings.map == GENERATED:
         office = settings.office
-        bounds = (0.0, 0.0, office.width_m, office.depth_m)
-        return _drawn(GENERATED, settings, bounds, office_walls(office))
+        walls = _Walls(office_walls(office), settings.wall_kind)
+        return _drawn(GENERATED, settings, (0.0, 0.0, office.width_m, office.depth_m), [walls])
     if settings.map == INLINE:
-        return _drawn(INLINE, settings, settings.bounds_m, np.zeros((0, 4)))
+        return _drawn(INLINE, settings, settings.bounds_m, [])
     path = _find(settings.map, folder)
     if path.suffix == ".map":
         return _mapped(path.stem, settings, read_movingai_map(path, settings.resolution_m))
@@ -162,7 +193,35 @@ def load_floorplan(settings: FloorplanSettings, folder: Path) -> Floorplan:
     if "image" in content:
         return _mapped(path.stem, settings, read_ros_map(path))
     floor = validated(FloorSettings, content, str(path))
-    return _drawn(floor.name or path.stem, settings, floor.bounds_m, _rows(floor.walls), floor.polygons)
+    return _drawn(floor.name or path.stem, settings, floor.bounds_m, _walls_of(floor), floor)
+
+
+class _Walls(NamedTuple):
+    """Walls of one kind."""
+
+    rows: Floats
+    """Shape (n, 4)."""
+    kind: str
+    share: float = 1.0
+    """Of the loss that a crossing costs: 1/2 for the sides of what is solid."""
+
+
+def _walls_of(settings: FloorSettings | FloorplanSettings) -> list[_Walls]:
+    """Return the walls that *settings* draw."""
+    walls = [_Walls(_rows(settings.walls), settings.wall_kind)]
+    walls += [_Walls(_rows(segments), kind) for kind, segments in settings.walls_by_kind.items()]
+    return walls + [_Walls(_sides(ring), settings.wall_kind, 0.5) for ring in settings.polygons]
+
+
+def _losses_db(name: str, walls: Sequence[_Walls], losses: Mapping[str, float]) -> Floats:
+    """Return the loss of each of *walls*, shape (n,); raise UserError for a kind that is not told, or told in vain."""
+    known = {**WALL_LOSS_DB, **losses}
+    used = {group.kind for group in walls}
+    for kind in sorted(used - known.keys()):
+        raise UserError(f"{name}: walls of the kind {kind!r} have no wall_loss_db{nearest(kind, known)}")
+    for kind in sorted(losses.keys() - used - WALL_LOSS_DB.keys()):
+        raise UserError(f"{name}: wall_loss_db: no wall is of the kind {kind!r}{nearest(kind, used)}")
+    return np.concatenate([np.full(len(group.rows), group.share * known[group.kind]) for group in walls])
 
 
 def _find(name: str, folder: Path) -> Path:
@@ -177,23 +236,40 @@ def _find(name: str, folder: Path) -> Path:
 
 
 def _drawn(
-    name: str, settings: FloorplanSettings, bounds: Wall | None, walls: Floats, polygons: Polygons = ()
+    name: str,
+    settings: FloorplanSettings,
+    bounds: Wall | None,
+    walls: list[_Walls],
+    floor: FloorSettings | None = None,
 ) -> Floorplan:
-    polygons = (*polygons, *settings.polygons)
-    rows = np.concatenate((walls, _rows(settings.walls), *map(_sides, polygons)))
+    """Return the floor of *walls*, which *floor* draws or a program, and of those in *settings*."""
+    walls = walls + _walls_of(settings)
+    rows = np.concatenate([group.rows for group in walls])
     if bounds is None:
         points = rows.reshape(-1, 2)
         (x_min, y_min), (x_max, y_max) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         if not (x_min < x_max and y_min < y_max):
             raise UserError(f"{name}: walls: they enclose no area, expected bounds_m or walls that span a floor")
         bounds = x_min, y_min, x_max, y_max
-    return Floorplan(name, _with_edges(rows, bounds), bounds, polygons)
+    walls.append(_Walls(_open_edges(rows, bounds), HEAVY))
+    rows = np.concatenate((rows, walls[-1].rows))
+    polygons, losses = (floor.polygons, floor.wall_loss_db) if floor else ((), {})
+    losses_db = _losses_db(name, walls, losses | settings.wall_loss_db)
+    return Floorplan(name, rows, losses_db, bounds, (*polygons, *settings.polygons))
 
 
 def _mapped(name: str, settings: FloorplanSettings, occupancy: OccupancyMap) -> Floorplan:
-    walls = occupancy.walls_m(occupancy.solid(settings.unknown_is_occupied))
-    rows = np.concatenate((walls, _rows(settings.walls), *map(_sides, settings.polygons)))
-    return Floorplan(name, rows, occupancy.bounds_m(), settings.polygons, occupancy, settings.unknown_is_occupied)
+    outline = occupancy.walls_m(occupancy.solid(settings.unknown_is_occupied))
+    walls = [_Walls(outline, settings.wall_kind, 0.5), *_walls_of(settings)]
+    return Floorplan(
+        name,
+        np.concatenate([group.rows for group in walls]),
+        _losses_db(name, walls, settings.wall_loss_db),
+        occupancy.bounds_m(),
+        settings.polygons,
+        occupancy,
+        settings.unknown_is_occupied,
+    )
 
 
 def _rows(walls: tuple[Wall, ...]) -> Floats:
@@ -206,12 +282,12 @@ def _sides(ring: tuple[Point, ...]) -> Floats:
     return np.concatenate((vertices, np.roll(vertices, -1, axis=0)), axis=1)
 
 
-def _with_edges(rows: Floats, bounds: Wall) -> Floats:
-    """Append the sides of the extent that no wall covers wholly."""
+def _open_edges(rows: Floats, bounds: Wall) -> Floats:
+    """Return the sides of the extent that no wall covers wholly."""
     x_min, y_min, x_max, y_max = bounds
     corners = ((x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max))
     present = {frozenset(((a, b), (c, d))) for a, b, c, d in rows.tolist()}
     edges = [
         (*a, *b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True) if frozenset((a, b)) not in present
     ]
-    return np.concatenate((rows, _rows(tuple(edges))))
+    return _rows(tuple(edges))

@@ -1,15 +1,17 @@
-"""Lines of sight between all pairs of robots, computed once a tick."""
+"""Lines of sight between all pairs of robots, and the walls that cross them, computed once a tick."""
 
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from cosim.geometry.segments import SegmentGrid, in_sight
+from cosim.geometry.segments import SegmentGrid, crossed_weights, in_sight
 from cosim.jit import njit
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
+
+_LOSS_UNIT_DB: Final = 2.0**-20
 
 
 def lines_of_sight(walls: SegmentGrid, positions_m: npt.ArrayLike, range_m: float) -> Bools:
@@ -20,6 +22,22 @@ def lines_of_sight(walls: SegmentGrid, positions_m: npt.ArrayLike, range_m: floa
     """
     positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
     return _all_pairs(walls, positions, float(range_m))
+
+
+def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike) -> Floats:
+    """Return what the walls between each two robots cost, in dB, shape (n, n), symmetric, 0 on the diagonal.
+
+    *loss_db*, of the shape (walls,), is what each wall costs a line that crosses it, to a millionth of a dB, and
+    *positions_m* has the shape (n, 2). What counts as crossed where a line meets a wall's end is told at the top of
+    :mod:`cosim.geometry.segments`. Raise ValueError if there is not one loss for each wall.
+    """
+    losses = np.asarray(loss_db, dtype=np.float64)
+    if losses.shape != (len(walls.walls_m),):
+        raise ValueError(f"{len(walls.walls_m)} walls have losses of shape {losses.shape}")
+    positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
+    # whole numbers: their sum depends on no order
+    crossed = crossed_weights(walls.walls_m, np.rint(losses / _LOSS_UNIT_DB).astype(np.int64), positions)
+    return crossed.astype(np.float64) * _LOSS_UNIT_DB
 
 
 def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:

@@ -1,11 +1,36 @@
 """A kernel, an air with holes, and devices with chosen or random clocks, for the tests of inquiry and paging."""
 
+import numpy as np
+
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.medium import set_powers
 from cosim.channels.bluetooth.radio import Air, Heard
 from cosim.kernel import Kernel
 from cosim.units import TICK
 
 CLOCK_RANGE = 1 << 28
+
+
+class _HoledAir(Air):
+    """Between 16 devices; carriers vanish while there is an outage."""
+
+    def __init__(self, field):
+        super().__init__(16, lambda frame, fate: field.frames.append((frame, fate.heard)))
+        self._field = field
+
+    def carrier(self, source, receiver):
+        heard = self._field.reach(source, receiver, self._field.kernel.now)
+        return super().carrier(source, receiver) if heard else float("-inf")
+
+    def _sections(self, frame, receiver, *rest):
+        """Have interferers, too, heard or not as they are at the end of the frame."""
+        devices = range(16)
+        now = self._field.kernel.now
+        powers = [
+            [0.0 if one != two and self._field.reach(one, two, now) else -np.inf for two in devices] for one in devices
+        ]
+        set_powers(self.band.medium, np.array(powers))
+        return super()._sections(frame, receiver, *rest)
 
 
 class Field:
@@ -15,9 +40,9 @@ class Field:
         self.kernel = Kernel()
         self.frames = []
         self.outages = []
-        self.air = Air(self._reach, lambda frame, heard: self.frames.append((frame, heard)))
+        self.air = _HoledAir(self)
 
-    def _reach(self, source, destination, time):
+    def reach(self, source, destination, time):
         return not any(
             (source, destination) == (one, other) and start <= time < end for one, other, start, end in self.outages
         )

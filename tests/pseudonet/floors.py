@@ -13,7 +13,9 @@ from protocols.pseudonet.messages import Action
 from protocols.pseudonet.parameters import Timing
 
 OFFSETS = ((0, 1), (1, 0), (0, -1), (-1, 0))
-TIMES = Timing(step=10, retry=1, poll_timeout=5, inquiry=100, silence=10_000)
+TIMES = Timing(
+    step=10, retry=1, poll_timeout=5, repair=5, inquiry=100, page=100, settle=10, stagger=1_000, silence=10_000
+)
 
 
 def grid_of(free: np.ndarray) -> CoverageGrid:

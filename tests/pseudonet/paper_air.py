@@ -10,10 +10,12 @@ from dataclasses import replace
 from cosim.machine import BROADCAST, Address, Disconnect, Fate, Outcome, Outgoing, Reception
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.broadcast import Broadcast, Exchanged, MessageWanted, TeamChanged, Upcall
+from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.messages import Action, Kind, Message, Packet, decode
+from protocols.pseudonet.upcalls import Exchanged, MessageWanted, TeamChanged, Upcall
 
 TIMEOUT: Time = 100
+REPAIR: Time = 40
 RETRIES = 3
 HOP = (0x2A96EF25, 7)
 
@@ -22,7 +24,7 @@ class Robot:
     """One broadcast room and the script above it."""
 
     def __init__(self, me: Address, exchanges: int, acknowledge: bool) -> None:
-        self.room = Broadcast(me, TIMEOUT, RETRIES, acknowledge, self._hear)
+        self.room = Broadcast(me, (TIMEOUT, REPAIR), RETRIES, acknowledge, self._hear)
         self.heard: list[Upcall] = []
         self.queue: deque[Outgoing] = deque()
         self.alive = True
@@ -39,20 +41,17 @@ class Robot:
 
     def load(self, now: Time) -> None:
         message = self.state(self.room.exchange)
-        if self.room.me == self.room.master:
-            self.room.begin(message, now)
-        else:
-            self.room.submit(message)
+        self.room.load(message, now)
 
     def fill(self) -> None:
         """Hand what the room has for the air to the link controller."""
         self.queue.extend(out for out in self.room.out if isinstance(out, Outgoing))
-        self.room.out = []
+        self.room.out.clear()
 
     def _hear(self, upcall: Upcall, now: Time) -> None:
         self.heard.append(upcall)
         if isinstance(upcall, MessageWanted):
-            self.room.submit(replace(self.state(self.room.exchange), busy=True))
+            self.room.load(replace(self.state(self.room.exchange), busy=True), now)
         elif isinstance(upcall, TeamChanged) and self.room.me in upcall.members:
             self.load(now)
         elif isinstance(upcall, Exchanged):

@@ -6,14 +6,8 @@ import pytest
 
 from cosim.machine import BROADCAST, Fate, Outcome, Outgoing, Reception
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.broadcast import (
-    EXCHANGES,
-    Answered,
-    Garbage,
-    MessageWanted,
-    TeamChanged,
-)
 from protocols.pseudonet.messages import Acknowledgement, Action, Kind, Message, Reply, Sync, encode
+from protocols.pseudonet.upcalls import EXCHANGES, Answered, Broken, Garbage, MessageWanted, TeamChanged
 from tests.pseudonet.paper_air import HOP, RETRIES, TIMEOUT, PaperAir
 
 SIZES = range(2, 9)
@@ -192,7 +186,7 @@ def test_a_slave_that_is_dropped_learns_so_from_the_roll_call() -> None:
     air.robots[0].room.lost(2, air.now)
     sync = next(item for item in air.robots[0].room.out if isinstance(item, Outgoing))
     air.robots[2].room.receive(sync.payload, Reception(0, True), air.now)
-    assert air.robots[2].heard[-1] == TeamChanged((0, 1))
+    assert air.robots[2].heard[-1] == Broken()
 
 
 def test_a_slave_that_has_missed_a_broadcast_answers_the_next_exchange_busy() -> None:
@@ -251,7 +245,7 @@ def test_the_master_acknowledges_where_reliability_is_asked_for(kind: Kind, ackn
     air.assemble()
     air.run(frames=1)
     master = air.robots[0].room
-    master.out = []
+    master.out.clear()
     master.receive(encode(replace(air.robots[1].state(1), kind=kind)), Reception(1, False), air.now)
     expected = [Outgoing(1, encode(Acknowledgement(0, 1)))] if acknowledged else []
     assert master.out == expected
@@ -276,7 +270,7 @@ def test_without_acknowledgements_bytes_that_are_no_packet_are_only_reported() -
     air.assemble()
     air.run(frames=1)
     master = air.robots[0]
-    master.room.out = []
+    master.room.out.clear()
     master.room.receive(b"\x00", Reception(1, False), air.now)
     assert master.heard[-1] == Garbage("the CRC does not fit")
     assert master.room.out == []

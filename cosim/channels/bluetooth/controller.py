@@ -1,15 +1,19 @@
 """One Bluetooth device: what its host asks of it, one thing at a time, and whether it may be found and paged meanwhile.
 
-A device is idle, the master of one piconet, or a slave in another's; it inquires or pages, one procedure after the
-other in the order of the commands. It scans only when it has no link and no procedure under way: a connected device
-cannot be found. While a master inquires or pages its piconet is suspended, and a procedure starts only when no link
-is due, so that links which have waited are served between two of them.
+A device is the master of its own piconet and a slave in others', as far as it has links; it inquires or pages, one
+procedure after the other in the order of the commands. It scans when it has no link and no procedure under way; with
+links only if its host has asked for it since the last one came up. While a master inquires or pages its piconet is
+suspended, and a procedure starts only when no link is due, so that links which have waited are served between two.
+
+A device is in one piconet at a time (``attendance``): during a procedure in none; else as its host has divided its
+time; else in that of its latest link.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from cosim.channels.bluetooth.attendance import Attendance
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, Inquiry, InquiryScanner, InquirySettings
 from cosim.channels.bluetooth.paging import Page as PageProcedure
@@ -28,6 +32,7 @@ from cosim.machine import (
     Page,
     PageFailed,
     Role,
+    Share,
 )
 from cosim.units import TICK, Time
 
@@ -64,7 +69,8 @@ class Controller:
         """Time spent inquiring, without what is still under way."""
         self.paging_time: Time = 0
         self.master_of: Piconet
-        self.slave_of: Piconet | None = None
+        self.masters: dict[Address, Piconet] = {}
+        """The piconets in which it is a slave, by their masters."""
         self.inquiry_scanner: InquiryScanner
         self.page_scanner: PageScanner
         self._kernel = kernel
@@ -76,6 +82,8 @@ class Controller:
         self._tell = tell
         self._call = call
         self._scan_wanted = True
+        self._insists = False
+        self._attendance = Attendance(self.address, lambda address: peers[address].identity.clock)
         self._procedure: Inquiry | PageProcedure | None = None
         self._began: Time = 0
         self._waiting: deque[Inquire | Page] = deque()
@@ -91,38 +99,65 @@ class Controller:
 
     # ------------------------------------------------------------ payloads and links
 
-    def piconet(self) -> Piconet:
-        """Return the piconet that the device's payloads go to: its master's, or its own."""
-        return self.slave_of or self.master_of
+    def piconet(self, peer: Address) -> Piconet:
+        """Return the piconet in which payloads for *peer* go; a broadcast in the own one, if it has slaves."""
+        if peer in self.masters:
+            return self.masters[peer]
+        if not self.masters or self.master_of.links.slaves:
+            return self.master_of
+        return next(iter(self.masters.values()))
 
     def send(self, outgoing: Outgoing) -> None:
         """Queue a payload, or report that there is no link."""
-        self.piconet().send(self.address, outgoing)
+        self.piconet(outgoing.destination).send(self.address, outgoing)
 
     def became_slave(self, master: Address, lt_addr: int) -> None:
         """Join the piconet of *master*, whose POLL has just been received."""
         pager = self._peers[master]
-        self.slave_of = pager.master_of
-        self.slave_of.join(self.address, lt_addr)
-        self.update_scan()
+        self.masters[master] = pager.master_of
+        pager.master_of.join(self.address, lt_addr)
+        self._linked(master)
         self._tell(self.address, self._connected(master, Role.SLAVE, pager.identity))
 
     def lost(self, peer: Address) -> None:
         """Note that the link to *peer* is down on this side."""
-        if self.slave_of is not None and peer == self.slave_of.address:
-            self.slave_of = None
+        self.masters.pop(peer, None)
+        self._attendance.keep({*self.masters, *([self.address] if self._members() else [])})
+        self._update_presence()
         self.update_scan()
+
+    def _members(self) -> bool:
+        return bool(self.master_of.links.held())
+
+    def _linked(self, master: Address) -> None:
+        """Note that a link in the piconet of *master* has come up."""
+        self._attendance.enter(master)
+        self._insists = False
+        self._update_presence()
+        self.update_scan()
+
+    def share(self, share: Share) -> None:
+        """Divide the time among piconets from now on."""
+        self._attendance.share(share)
+        self._update_presence()
+
+    def _update_presence(self) -> None:
+        """Tell the piconets when this device is there."""
+        busy = self._procedure is not None
+        for master, piconet in (*self.masters.items(), (self.address, self.master_of)):
+            piconet.set_presence(self.address, self._attendance.presence(master, busy))
 
     # ------------------------------------------------------------ scanning and power
 
     def want_scan(self, enabled: bool) -> None:
         """Scan whenever nothing stands against it, or not at all."""
         self._scan_wanted = enabled
+        self._insists = enabled and self._attendance.linked
         self.update_scan()
 
     def update_scan(self) -> None:
-        """Scan if that is wanted and the device is on, without links and without a procedure of its own."""
-        free = self.slave_of is None and self._procedure is None and not self.master_of.members()
+        """Scan if that is wanted and the device is on, without a procedure and, unless the host insists, links."""
+        free = self._procedure is None and (not self._attendance.linked or self._insists)
         scan = self.powered and self._scan_wanted and free
         if scan == self.inquiry_scanner.enabled == self.page_scanner.enabled:
             return
@@ -142,9 +177,9 @@ class Controller:
         if self._procedure is not None:
             self._procedure.cancel()
             self._end()
-        self.master_of.vanish(self.address)
-        if self.slave_of is not None:
-            self.slave_of.vanish(self.address)
+        self._attendance.share(None)
+        for piconet in (self.master_of, *self.masters.values()):
+            piconet.vanish(self.address)
         self.update_scan()
 
     def switch_on(self) -> None:
@@ -171,7 +206,7 @@ class Controller:
             self._tell(self.address, refused)
             self._begin()
             return
-        if self.master_of.members():
+        if self._members():
             again = self.master_of.next_pause()
             if again is not None:
                 self._retry = self._kernel.at(again, self._begin)
@@ -180,15 +215,17 @@ class Controller:
         self._began = self._kernel.now
         command = self._waiting.popleft()
         self._procedure = self._inquire(command) if isinstance(command, Inquire) else self._page_to(command)
+        self._update_presence()
         self.update_scan()
 
     def _refusal(self, command: Inquire | Page) -> LinkEvent | None:
         """Return the answer to a command that cannot be carried out in this state."""
         if isinstance(command, Inquire):
-            return InquiryComplete(()) if self.slave_of is not None or command.enough < 1 else None
+            return InquiryComplete(()) if self.masters or command.enough < 1 else None
         strange = command.peer == self.address or not 0 <= command.peer < len(self._peers)
-        full = self.master_of.free_lt_addr() is None or command.peer in self.master_of.links.lt_addr
-        return PageFailed(command.peer) if strange or full or self.slave_of is not None else None
+        linked = command.peer in self.master_of.links.lt_addr or command.peer in self.masters
+        full = self.master_of.free_lt_addr() is None
+        return PageFailed(command.peer) if strange or linked or full else None
 
     def _inquire(self, command: Inquire) -> Inquiry:
         ticks = max(1, -(-command.duration // (4 * TICK))) * 4
@@ -238,6 +275,7 @@ class Controller:
 
     def _connect(self, peer: Address, poll_tick: int) -> None:
         self.master_of.admit(peer, poll_tick + self._t_poll)
+        self._linked(self.address)
         self._end()
         self._tell(self.address, self._connected(peer, Role.MASTER, self.identity))
         self._begin()
@@ -255,6 +293,7 @@ class Controller:
             self.paging_time += spent
         self._procedure = None
         self.master_of.resume()
+        self._update_presence()
         self.update_scan()
 
     def _connected(self, peer: Address, role: Role, master: Identity) -> Connected:

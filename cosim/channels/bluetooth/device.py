@@ -1,27 +1,29 @@
 """Bluetooth as a channel: one device for each robot, on one air, and what hosts ask of them.
 
-Reach is a disc: two devices that are on hear each other up to ``range_m``, everything within, or nothing. It changes
-only when a robot crosses the edge of another's disc or a radio is switched; piconets are advanced to that instant with
-the old reach first, so that what they compute late is what would have happened.
+What devices receive of each other changes only when robots move or a radio is switched; all piconets are advanced to
+that instant first, so that what they compute late is what would have happened.
 """
 
-from collections.abc import Iterable
-from typing import Any, Final, Literal
+from collections.abc import Iterable, Sequence
+from typing import Final, TypeAlias
 
 import numpy as np
-from pydantic import Field
 
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller, Identity
 from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner, InquiryScanSettings, InquirySettings
-from cosim.channels.bluetooth.packets import ACL, AclName
-from cosim.channels.bluetooth.paging import PageScanner, PageSettings
+from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
+from cosim.channels.bluetooth.medium import Floats
+from cosim.channels.bluetooth.packets import ACL
+from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
-from cosim.channels.bluetooth.radio import Air, Frame, Heard
-from cosim.channels.bluetooth.scanning import ScanSettings
-from cosim.jit import njit
+from cosim.channels.bluetooth.radio import Air, Fate, Frame
+from cosim.channels.bluetooth.reach import Disc, Fading
+from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.jamming import Jammer
+from cosim.channels.propagation import POWER_DBM, Propagation
+from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
     BROADCAST,
@@ -38,46 +40,14 @@ from cosim.machine import (
     Share,
 )
 from cosim.randomness import Streams
-from cosim.settings import Settings
 from cosim.trace import CALLS, FRAMES, Trace
 from cosim.units import TICK, Time, from_seconds, to_seconds
 
+Floor: TypeAlias = tuple[SegmentGrid, Floats]
+"""The walls, and what each of them costs in dB."""
+NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
 CALL_DEPTH: Final = 4
 """Depth of the topmost call of this room in the table of calls: four rooms of a protocol lie above it."""
-
-
-class BluetoothSettings(Settings):
-    """Parameters of the Bluetooth channel."""
-
-    kind: Literal["bluetooth"] = "bluetooth"
-    range_m: float | None = Field(default=None, gt=0, description="m, reach of a radio; without limit if not given")
-    packet_types: tuple[AclName, ...] = Field(
-        default=("DM1", "DH1", "DM3", "DH3", "DM5", "DH5"), min_length=1, description="packets that carry payloads"
-    )
-    n_bc: int = Field(default=1, ge=1, description="how often a broadcast is sent")
-    t_poll_slots: int = Field(
-        default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
-    )
-    supervision_s: float = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
-    clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
-    inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
-    inquiry_scan: InquiryScanSettings = Field(
-        default_factory=InquiryScanSettings, description="how devices let themselves be found"
-    )
-    page: PageSettings = Field(default_factory=PageSettings, description="how devices ask for a link")
-    page_scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices let themselves be paged")
-    idle_frames: bool = Field(default=False, description="whether recorded frames include idle POLL and NULL")
-
-
-@njit(cache=True)
-def _reach_differs(positions_m: Positions, range_m: float, near: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
-    """Return whether any pair of *positions_m* is nearer than, or beyond, *range_m* otherwise than *near* says."""
-    for a in range(len(positions_m)):
-        for b in range(a):
-            x, y = positions_m[a, 0] - positions_m[b, 0], positions_m[a, 1] - positions_m[b, 1]
-            if (x * x + y * y <= range_m * range_m) != near[a, b]:
-                return True
-    return False
 
 
 class BluetoothChannel(Channel):
@@ -93,17 +63,31 @@ class BluetoothChannel(Channel):
         *(Metric(f"frames_{kind.lower()}", "1", f"{kind} packets sent") for kind in (*ACL, "POLL", "NULL")),
     )
 
-    def __init__(self, settings: BluetoothSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams) -> None:
+    def __init__(
+        self,
+        settings: BluetoothSettings,
+        kernel: Kernel,
+        trace: Trace,
+        size: int,
+        streams: Streams,
+        floor: Floor | None = None,
+        power_classes: Sequence[int | None] = (),
+    ) -> None:
+        """*floor* is needed where signals fade; *power_classes* are those of robots that differ from the settings'."""
         super().__init__(kernel, trace, size)
         self.settings = settings
-        self._near = np.ones((size, size), dtype=np.bool_)
         self._on = np.ones(size, dtype=np.bool_)
-        self._reach_rows: list[list[bool]] = []
-        self._update_reach()
+        self._reach = _reach(settings, size, streams, floor, power_classes)
         self._calls_wanted = trace.wants(CALLS)
         self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
-        self._range_m = settings.range_m
-        self._air = Air(self.hears, self._record if trace.wants(FRAMES) else None)
+        self.air = Air(
+            size,
+            self._record if trace.wants(FRAMES) else None,
+            settings.interference,
+            settings.noise_dbm,
+            streams.draws("bluetooth", "errors").key,
+        )
+        self._jammers: list[Jammer] = []
         self._news: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
         for address in range(size):
@@ -140,31 +124,26 @@ class BluetoothChannel(Channel):
             case Scan():
                 device.want_scan(command.enabled)
             case Disconnect():
-                device.piconet().close(source, command.peer)
+                device.piconet(command.peer).close(source, command.peer)
             case Flush():
-                device.piconet().flush(source, command.destination)
+                device.piconet(command.destination).flush(source, command.destination)
             case Share():
-                pass  # TODO
+                device.share(command)
 
     # ------------------------------------------------------------ reach
 
-    def hears(self, transmitter: Address, receiver: Address, at: Time) -> bool:
-        """Return whether *receiver* is in reach of *transmitter* now."""
-        return self._reach_rows[transmitter][receiver]
-
     def in_reach(self, address: Address) -> tuple[Address, ...]:
-        """Return the other devices that are on and within range, if this one is on."""
-        return tuple(other for other, near in enumerate(self._reach_rows[address]) if near)
+        """Return the other devices that are on and notice this one's frames, if it is on."""
+        return tuple(
+            other
+            for other in range(self.size)
+            if other != address and self.air.reaches(self.air.carrier(address, other))
+        )
 
     def moved(self, positions_m: Positions) -> None:
-        """Take the robots' new positions; nothing changes unless somebody has come into reach or left it."""
-        range_m = self._range_m
-        if range_m is None or not _reach_differs(positions_m, range_m, self._near):
-            return
-        self._reach_changes()
-        offsets = positions_m[:, None, :] - positions_m[None, :, :]
-        self._near = (offsets**2).sum(axis=2) <= range_m * range_m
-        self._update_reach()
+        """Take the robots' new positions."""
+        if self._reach.moved(positions_m) or self._jammers:
+            self._update_powers()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch the radio at *address* on or off. Its host is told nothing; others find out by supervision."""
@@ -173,27 +152,28 @@ class BluetoothChannel(Channel):
             return
         if not on:
             device.switch_off()
-        self._reach_changes()
         self._on[address] = on
-        self._update_reach()
+        self._update_powers()
         if on:
             device.switch_on()
 
+    def jam(self, jammer: Jammer) -> None:
+        """Have *jammer* on the air as well, at its times."""
+        self._jammers.append(jammer)
+        self.air.set_jammers(self._jammers, self.kernel.now)
+        self._update_powers()
+
     def advance(self, now: Time) -> None:
-        """Record idle frames up to *now* if they are wanted; nothing else needs it, for reach changes in ``moved``."""
+        """Record idle frames up to *now* if they are wanted; nothing else needs it, for powers change in ``moved``."""
         if self._idle_wanted:
-            for device in self.devices:
-                device.master_of.advance(now)
+            self.air.advance(now)
 
-    def _reach_changes(self) -> None:
-        """Advance all piconets to now with the reach that was; they ask for the new one when they need it."""
-        for device in self.devices:
-            device.master_of.reach_changed(self.kernel.now)
-
-    def _update_reach(self) -> None:
-        reach = self._near & self._on & self._on[:, None]
-        np.fill_diagonal(reach, False)
-        self._reach_rows = reach.tolist()
+    def _update_powers(self) -> None:
+        powers = np.where(self._on & self._on[:, None], self._reach.power_dbm(), -np.inf)
+        np.fill_diagonal(powers, -np.inf)
+        self.air.set_powers(powers, self.kernel.now)
+        if self._jammers:
+            self.air.set_jam_powers(self._reach.jam_dbm(self._jammers), self.kernel.now)
 
     # ------------------------------------------------------------ records
 
@@ -211,9 +191,12 @@ class BluetoothChannel(Channel):
                 totals["frames_sent"] += count if kind in ACL else 0
         return totals
 
-    def _record(self, frame: Frame, heard: Heard) -> None:
+    def _record(self, frame: Frame, fate: Fate) -> None:
         start, duration, kind, source, destination, channel, lt_addr, length = frame
-        self.trace.row(FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, heard.value)
+        heard, part = fate
+        self.trace.row(
+            FRAMES, start, source, destination, duration, kind, channel, lt_addr, length, heard.value, part.value
+        )
 
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)
@@ -249,7 +232,7 @@ class BluetoothChannel(Channel):
         identity = Identity(address, int(stream.integers(1 << 32)), clock)
         return Controller(
             self.kernel,
-            self._air,
+            self.air,
             identity,
             self.settings.inquiry,
             self.settings.page,
@@ -267,11 +250,11 @@ class BluetoothChannel(Channel):
         offset = int(streams("bluetooth", "windows", device.address).integers(inquiry_interval))
         draws = streams.draws("bluetooth", "backoff", device.address)
         inquiry_scanner = InquiryScanner(
-            self.kernel, self._air, device.address, identity.clock, settings.inquiry_scan, offset, draws
+            self.kernel, self.air, device.address, identity.clock, settings.inquiry_scan, offset, draws
         )
         page_scanner = PageScanner(
             self.kernel,
-            self._air,
+            self.air,
             device.address,
             identity.hop_address,
             identity.clock,
@@ -290,7 +273,26 @@ class BluetoothChannel(Channel):
             from_seconds(settings.supervision_s),
         )
         wanted = self.trace.wants(FRAMES)
-        frames = FrameLog(self._air, identity.clock, identity.hop_address, wanted, self._idle_wanted)
+        frames = FrameLog(self.air, identity.address, identity.clock, wanted, self._idle_wanted)
         return Piconet(
-            self.kernel, identity.address, identity.clock, piconet, self.hears, frames, self._deliver, self._lost
+            self.kernel,
+            self.air,
+            identity.address,
+            identity.hop_address,
+            identity.clock,
+            piconet,
+            frames,
+            self._deliver,
+            self._lost,
         )
+
+
+def _reach(
+    settings: BluetoothSettings, size: int, streams: Streams, floor: Floor | None, power_classes: Sequence[int | None]
+) -> Disc | Fading:
+    if settings.propagation is None:
+        return Disc(size, settings.range_m)
+    classes = [own or settings.power_class for own in power_classes or [None] * size]
+    walls, losses_db = floor or NO_WALLS
+    propagation = Propagation(settings.propagation, walls, losses_db, streams.draws("bluetooth", "shadowing"))
+    return Fading(np.array([POWER_DBM[number] for number in classes]), propagation)

@@ -112,9 +112,23 @@ def _lookup(address: int, index: Clock) -> Clock:
     return table[index]
 
 
+def scan_channels(address: int) -> NDArray[np.int64]:
+    """Return the channel of each X on which *address* scans, and on which IDs are sent to it: shape (32,)."""
+    return np.array(_channels(address)[:32], dtype=np.int64)
+
+
 def scan_phase(clkn: Clock, n: int = 0) -> Clock:
     """Return X of a scanner or responder: bits 16-12 of its clock plus *n*, mod 32."""
     return ((clkn >> 12) + n) & 31
+
+
+@njit(cache=True)
+def train_phase_of(clk: int, koffset: int) -> int:
+    """Return :func:`train_phase` of one clock on the train of *koffset*, for other compiled kernels."""
+    block = (clk >> 12) & 31
+    step = ((clk >> 1) & 14) | (clk & 1)
+    phase: int = (block + koffset + ((step - block) & 15)) & 31
+    return phase
 
 
 def train_phase(clk: Clock, train: Train) -> Clock:

@@ -12,8 +12,7 @@ Kernel events exist for IDs that would be heard, and for the start and end of ev
 (``scanning``). The inquirer is half duplex: while it receives an FHS it sends nothing, so the answer to an ID of a
 second half slot silences the first ID of the next slot.
 
-An approximation: IDs are not put on the air. Within one inquiry they cannot meet its FHS (their channels differ), but
-the IDs of one inquirer destroy nothing of another's.
+Its IDs are on the air all the time, heard or not, and may destroy what others send (``medium``).
 """
 
 from collections import deque
@@ -24,9 +23,10 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.hopping import Train, inquiry_channel, inquiry_response_channel
-from cosim.channels.bluetooth.packets import FHS_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.channels.bluetooth.hopping import GIAC, Train, inquiry_channel, inquiry_response_channel, scan_channels
+from cosim.channels.bluetooth.medium import HEADER
+from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
+from cosim.channels.bluetooth.radio import FAR, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -170,20 +170,21 @@ class InquiryScanner:
 
     def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
         """At the start of an ID that might be heard: see whether it is sent, and within reach."""
-        start = self._kernel.now
-        if inquiry.sends(start) and self._air.reach(inquiry.address, self.address, start):
-            self._expected[inquiry] = self._kernel.after(ID_AIR, partial(self._hear, inquiry, meeting, start))
+        carrier = self._air.carrier(inquiry.address, self.address)
+        if inquiry.sends(self._kernel.now) and self._air.reaches(carrier):
+            channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick))
+            frame = Frame(self._kernel.now, ID_AIR, "ID", inquiry.address, self.address, channel)
+            self._expected[inquiry] = self._kernel.after(ID_AIR, partial(self._hear, inquiry, meeting, frame, carrier))
         else:
             self._expect(inquiry, meeting.tick + 1)
 
-    def _hear(self, inquiry: "Inquiry", meeting: Meeting, start: Time) -> None:
+    def _hear(self, inquiry: "Inquiry", meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
         """At the end of an ID: hear it if nothing has destroyed it."""
-        end = self._kernel.now
-        channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick))
-        if not self._air.clear(self.address, inquiry.address, channel, start, end):
+        start, end = frame.start, self._kernel.now
+        if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
             return
-        self._air.record(Frame(start, ID_AIR, "ID", inquiry.address, self.address, channel), Heard.RECEIVED)
+        self._air.record(frame, GOOD)
         if self._backs_off_first and not (self._limit is not None and end <= self._limit):
             waited = self._backoff(start, start)
             self._scan(max(self.clock.at_local(waited), end), self.clock.at_local(waited + RESPONSE_TIMEOUT))
@@ -212,15 +213,15 @@ class InquiryScanner:
 class _Reply:
     """An FHS on its way to the inquirer."""
 
-    __slots__ = ("clkn", "end", "frame", "lost", "reached", "tick")
+    __slots__ = ("carrier_dbm", "clkn", "end", "frame", "lost", "tick")
 
-    def __init__(self, frame: Frame, tick: int, clkn: int, reached: bool) -> None:
+    def __init__(self, frame: Frame, tick: int, clkn: int, carrier_dbm: float) -> None:
         self.frame = frame
         self.end = frame.start + frame.duration
         self.tick = tick
         self.clkn = clkn
-        self.reached = reached
-        self.lost: Heard | None = None
+        self.carrier_dbm = carrier_dbm
+        self.lost: Fate | None = None
         """Why the inquirer did not lock on it, if it did not."""
 
 
@@ -262,12 +263,14 @@ class Inquiry:
         self._locked: _Reply | None = None
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
+        self._send_from(clock.time_of(first))
         for scanner in scanners:
             scanner.join(self)
 
     def cancel(self) -> None:
         """End it now; nothing is reported any more, and answers under way are lost."""
         self._over = True
+        self._air.close_train(self.address, self._kernel.now)
         self._end.cancel()
         for scanner in self._scanners:
             scanner.leave(self)
@@ -279,9 +282,9 @@ class Inquiry:
 
     def reply(self, frame: Frame, tick: int, clkn: int) -> None:
         """Take the FHS that a scanner, whose clock is *clkn*, begins to send now in answer to the ID of *tick*."""
-        reached = self._air.reach(frame.source, self.address, frame.start)
-        reply = _Reply(frame, tick, clkn, reached)
+        reply = _Reply(frame, tick, clkn, self._air.carrier(frame.source, self.address))
         self._unsettled.append(reply)
+        self._kernel.at(frame.start + ID_AIR, self._settle)
         self._kernel.at(reply.end, partial(self._judge, reply))
 
     def _settle(self) -> None:
@@ -292,32 +295,34 @@ class Inquiry:
             reply.lost = self._hindrance(reply)
             if reply.lost is None:
                 self._locked = reply
+                self._air.close_train(self.address, reply.frame.start + 1)  # silent while it receives
+                if not self._over:
+                    self._send_from(reply.end)
 
-    def _hindrance(self, reply: _Reply) -> Heard | None:
+    def _send_from(self, since: Time) -> None:
+        self._air.open_train(self.ids.on_air(self.address, since), scan_channels(GIAC), self._kernel.now)
+
+    def _hindrance(self, reply: _Reply) -> Fate | None:
         frame, listens = reply.frame, reply.tick + 2
-        if not reply.reached:
-            return Heard.OUT_OF_RANGE
+        if not self._air.reaches(reply.carrier_dbm):
+            return FAR
         if self._over or frame.channel != inquiry_channel(listens, self.ids.train(listens)):
-            return Heard.NOT_TUNED
+            return UNTUNED
         if self._locked is not None and frame.start < self._locked.end:
-            return Heard.BUSY
-        if not self._air.clear(self.address, frame.source, frame.channel, frame.start, frame.start + ID_AIR):
-            return Heard.COLLIDED
-        return None
+            return TAKEN
+        fate = self._air.judge(frame._replace(duration=ID_AIR), self.address, reply.carrier_dbm)
+        return None if fate is GOOD else fate
 
     def _judge(self, reply: _Reply) -> None:
         """At the end of an FHS: record what became of it, and report a device that is new."""
         self._settle()
         frame = reply.frame
-        heard = reply.lost or Heard.RECEIVED
-        if self._over and reply.reached:
-            heard = Heard.NOT_TUNED
-        elif reply.lost is None and not self._air.clear(
-            self.address, frame.source, frame.channel, frame.start, reply.end
-        ):
-            heard = Heard.COLLIDED
-        self._air.record(frame, heard)
-        if heard is Heard.RECEIVED and frame.source not in self.found:
+        if self._over and self._air.reaches(reply.carrier_dbm):
+            fate = UNTUNED
+        else:
+            fate = reply.lost or self._air.judge(frame, self.address, reply.carrier_dbm, FHS_BITS, HEADER)
+        self._air.record(frame, fate)
+        if fate is GOOD and frame.source not in self.found:
             self._report(reply)
 
     def _report(self, reply: _Reply) -> None:

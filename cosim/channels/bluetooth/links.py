@@ -1,35 +1,57 @@
-"""The links of one piconet, each with two sides that may be up or not, and the idle slots that keep them alive."""
+"""The links of one piconet, each with two sides that may be up or not, and who is present in it when."""
 
-import numpy as np
+from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.polling import DOWN, DUE, HEARD_DOWN, HEARD_UP, HELD, JOINED, MOST_SLAVES, NEXT, UP
-from cosim.channels.bluetooth.radio import Heard, Reach
-from cosim.channels.bluetooth.scanning import first_transmission
+from cosim.channels.bluetooth.polling import (
+    CLOCK_PHASE,
+    CLOCK_PPM,
+    COUNT,
+    DUE,
+    FIRST,
+    HEARD_DOWN,
+    HEARD_UP,
+    HELD,
+    HERE,
+    JOINED,
+    MOST_SLAVES,
+    PERIOD,
+    SHARED,
+    SLAVE,
+    State,
+)
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address
 from cosim.units import Time
 
 
-class Links:
-    """Who belongs to the piconet of *master*, who hears whom there, and what its idle slots have done so far.
+class Presence(NamedTuple):
+    """When a device is in a piconet: never unless *here*; for *length* from *first* in every *period*, if set.
 
-    Reach is asked for when it is needed first after a change, and holds until the next one.
+    Ticks, counted on *clock*.
     """
 
-    def __init__(self, master: Address, clock: NativeClock, t_poll_slots: int, reach: Reach, frames: FrameLog) -> None:
-        self.piconet, self.table = polling.new_state(t_poll_slots, clock.phase, clock.ppm)
+    here: bool = True
+    period: int = 0
+    first: int = 0
+    length: int = 0
+    clock: NativeClock = NativeClock(0)
+
+
+ALWAYS = Presence()
+
+
+class Links:
+    """Who belongs to the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``)."""
+
+    def __init__(self, master: Address, piconet: State, table: State) -> None:
+        self.piconet = piconet
+        self.table = table
         self.slaves: dict[int, Address] = {}
         """Address by LT_ADDR of every link that one side, at least, takes to be up."""
         self.lt_addr: dict[Address, int] = {}
         self._master = master
-        self._clock = clock
-        self._reach = reach
-        self._frames = frames
-        self._stale = True
-        self._stale_since: Time = 0
 
     def held(self) -> list[int]:
         """Return the LT_ADDR of all links that the master takes to be up."""
@@ -47,8 +69,9 @@ class Links:
         self.lt_addr[slave] = k
         self.table[:, k] = 0
         self.table[JOINED, k] = 1
+        self.table[SLAVE, k] = slave
+        self.table[HERE, k] = 1
         self.table[HEARD_DOWN, k] = now
-        self.reach_changed(now)
 
     def admit(self, k: int, due: int, now: Time) -> None:
         """Bring the master's side of link *k* up; its next packet is due at the tick *due*."""
@@ -61,41 +84,22 @@ class Links:
         self.table[side, k] = 0
         if not self.table[HELD, k] and not self.table[JOINED, k]:
             del self.lt_addr[self.slaves.pop(k)]
+            self._note_shares()
 
-    def advance(self, now: Time) -> None:
-        """Decide all TX slots before *now*, which must be idle ones."""
-        self.refresh()
-        end = first_transmission(self._clock, now)
-        if not self._frames.idle_wanted:
-            polling.advance(self.piconet, self.table, end, polling.NO_LOG)
-            return
-        most = max(0, end - int(self.piconet[NEXT])) // 4 + 1
-        log = np.empty((most, 2), dtype=np.int64)
-        count = polling.advance(self.piconet, self.table, end, log)
-        if count:
-            down = {k: self.heard_down(k) for k in self.slaves}
-            up = {k: self.heard_up(k) for k in self.slaves}
-            self._frames.record_idle(log[:count], self._master, self.slaves, down, up)
+    def set_presence(self, device: Address, presence: Presence) -> None:
+        """Note when *device*, the master or a slave, is there."""
+        k = 0 if device == self._master else self.lt_addr[device]
+        table, clock = self.table, presence.clock
+        table[HERE, k] = presence.here
+        table[PERIOD, k], table[FIRST, k], table[COUNT, k] = presence.period, presence.first, presence.length
+        table[CLOCK_PHASE, k], table[CLOCK_PPM, k] = clock.phase, clock.ppm
+        self._note_shares()
 
-    def reach_changed(self, now: Time) -> None:
-        """Forget who hears whom: from *now* on it may be otherwise. All slots before must have been decided."""
-        self._stale, self._stale_since = True, now
+    def _note_shares(self) -> None:
+        columns = [0, *self.slaves]
+        self.piconet[SHARED] = any(self.table[PERIOD, k] or not self.table[HERE, k] for k in columns)
 
-    def refresh(self) -> None:
-        """Ask who hears whom if that may have changed."""
-        if not self._stale:
-            return
-        for k, slave in self.slaves.items():
-            self.table[DOWN, k] = self._reach(self._master, slave, self._stale_since)
-            self.table[UP, k] = self._reach(slave, self._master, self._stale_since)
-        self._stale = False
-
-    def heard_down(self, k: int) -> Heard:
-        """Return what becomes of a frame of the master at the slave of link *k*."""
-        if not self.table[DOWN, k]:
-            return Heard.OUT_OF_RANGE
-        return Heard.RECEIVED if self.table[JOINED, k] else Heard.NOT_TUNED
-
-    def heard_up(self, k: int) -> Heard:
-        """Return what becomes of a frame of the slave of link *k* at the master."""
-        return Heard.RECEIVED if self.table[UP, k] else Heard.OUT_OF_RANGE
+    def last_heard(self) -> Time | None:
+        """Return the earliest of all "last heard" instants of sides that are up, or None without any."""
+        heard = polling.last_heard(self.table)
+        return None if heard == polling.NOTHING else heard

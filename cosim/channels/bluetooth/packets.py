@@ -14,9 +14,13 @@ AclName: TypeAlias = Literal["DM1", "DH1", "DM3", "DH3", "DM5", "DH5"]
 
 ID_AIR: Final[Time] = 68 * US
 """The access code without its trailer: all there is of an ID packet."""
+ACCESS_AIR: Final[Time] = 72 * US
+"""The access code with its trailer, as every packet with a header begins."""
 HEADER_AIR: Final[Time] = 126 * US
 """Access code and header: all there is of POLL and NULL."""
 FHS_AIR: Final[Time] = 366 * US
+FHS_BITS: Final = 160
+"""Its payload: 144 bits of contents and the CRC, coded as those of DM packets."""
 
 
 class PacketType(NamedTuple):
@@ -32,6 +36,12 @@ class PacketType(NamedTuple):
     coded: bool
     """Whether the payload is protected by the (15, 10) code."""
 
+    def payload_bits(self, length: int) -> int:
+        """Return the bits of the payload with *length* bytes of user data, before coding: header, data and CRC."""
+        if not self.header:
+            return FHS_BITS if self.name == "FHS" else 0
+        return 8 * (self.header + length + 2)
+
     def air_time(self, length: int) -> Time:
         """Return the duration in ns with *length* bytes of user payload; ValueError if they do not fit."""
         if not 0 <= length <= self.capacity:
@@ -43,7 +53,7 @@ class PacketType(NamedTuple):
 def _air_time(kind: PacketType, length: int) -> Time:
     if not kind.header:
         return {"ID": ID_AIR, "FHS": FHS_AIR}.get(kind.name, HEADER_AIR)
-    bits = 8 * (kind.header + length + 2)
+    bits = kind.payload_bits(length)
     return HEADER_AIR + (-(-bits // 10) * 15 if kind.coded else bits) * US
 
 

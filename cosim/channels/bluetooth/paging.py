@@ -12,7 +12,7 @@ at tick c of the pager, base = c rounded down to a multiple of 4:
 
 Whatever is lost leads back: the pager to paging (its trains go on as if nothing had happened), the scanner to scanning
 when its time-out for the next frame is over. Kernel events exist for IDs that would be heard and for the start and end
-of the frames above. As in an inquiry, page IDs that nobody hears are not put on the air.
+of the frames above. As in an inquiry, IDs are on the air whether or not they are heard.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,11 @@ from cosim.channels.bluetooth.hopping import (
     basic_channel,
     master_response_channel,
     page_channel,
+    scan_channels,
     slave_response_channel,
 )
-from cosim.channels.bluetooth.packets import FHS_AIR, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Frame
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -192,12 +193,14 @@ class Page:
         self._resumed = first  # the tick from which on it pages
         self._expected: Handle | None = None
         self._exchange: _Exchange | None = None
+        self._sending = False
         scanner.join(self)
+        self.send_ids(first)
         self._seek(first)
 
     def cancel(self) -> None:
         """End it now; nothing is reported any more."""
-        self.scanner.leave(self)
+        self._leave()
         if self._expected is not None:
             self._expected.cancel()
         if self._exchange is not None:
@@ -211,11 +214,28 @@ class Page:
     def resume(self, tick: int) -> None:
         """Page on from *tick*: the exchange has failed."""
         self._exchange = None
+        self.send_ids(tick)
         self._seek(tick)
+
+    def send_ids(self, tick: int) -> None:
+        """Send IDs from *tick* on, unless it does so already or its time is over."""
+        if not self._sending and tick < self.ids.end:
+            self._sending = True
+            row = self.ids.on_air(self.address, self.ids.clock.time_of(tick))
+            self.air.open_train(row, scan_channels(self.scanner.hop_address), self.kernel.now)
+
+    def stop_ids(self) -> None:
+        """Send no more IDs."""
+        self._sending = False
+        self.air.close_train(self.address, self.kernel.now)
+
+    def _leave(self) -> None:
+        self.scanner.leave(self)
+        self.stop_ids()
 
     def connected(self, poll_tick: int) -> None:
         """Report the link: the NULL that answers the POLL of *poll_tick* was received."""
-        self.scanner.leave(self)
+        self._leave()
         self._on_connected(poll_tick)
 
     def channel(self, tick: int) -> int:
@@ -236,23 +256,24 @@ class Page:
             self._expected = at_meeting(self.kernel, start, partial(self._look, meeting))
 
     def _look(self, meeting: Meeting) -> None:
-        start = self.kernel.now
-        if self.air.reach(self.address, self.scanner.address, start):
-            self._expected = self.kernel.after(ID_AIR, partial(self._heard, meeting, start))
+        carrier = self.air.carrier(self.address, self.scanner.address)
+        if self.air.reaches(carrier):
+            channel = self.channel(meeting.tick)
+            frame = Frame(self.kernel.now, ID_AIR, "ID", self.address, self.scanner.address, channel)
+            self._expected = self.kernel.after(ID_AIR, partial(self._heard, meeting, frame, carrier))
         else:
             self._seek(meeting.tick + 1)
 
-    def _heard(self, meeting: Meeting, start: Time) -> None:
-        address, channel = self.scanner.address, self.channel(meeting.tick)
-        if not self.air.clear(address, self.address, channel, start, self.kernel.now):
+    def _heard(self, meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
+        if self.air.judge(frame, self.scanner.address, carrier_dbm) is not GOOD:
             self._seek(meeting.tick + 1)
             return
-        self.air.record(Frame(start, ID_AIR, "ID", self.address, address, channel), Heard.RECEIVED)
-        self._exchange = _Exchange(self, meeting, start)
+        self.air.record(frame, GOOD)
+        self._exchange = _Exchange(self, meeting, frame.start)
         self.scanner.engage(self._exchange)
 
     def _fail(self) -> None:
-        self.scanner.leave(self)
+        self._leave()
         self._on_failed()
 
 
@@ -302,6 +323,7 @@ class _Exchange:
 
     def _after_response(self, received: bool) -> None:
         if received:
+            self._page.stop_ids()
             self._at_tick(self._base + 4, partial(self._send_fhs, 1))
         else:
             self._fail(self._tick + 1)
@@ -397,18 +419,15 @@ class _Exchange:
     def _transmit(self, frame: Frame, tuned: bool, then: _Then) -> None:
         air = self._page.air
         air.put(frame)
-        reached = air.reach(frame.source, frame.destination, frame.start)
-        self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, reached, tuned, then))
+        carrier = air.carrier(frame.source, frame.destination)
+        self._pending = self._kernel.after(frame.duration, partial(self._arrive, frame, carrier, tuned, then))
 
-    def _arrive(self, frame: Frame, reached: bool, tuned: bool, then: _Then) -> None:
-        air, end = self._page.air, frame.start + frame.duration
-        if not reached:
-            heard = Heard.OUT_OF_RANGE
-        elif not tuned:
-            heard = Heard.NOT_TUNED
-        elif not air.clear(frame.destination, frame.source, frame.channel, frame.start, end):
-            heard = Heard.COLLIDED
+    def _arrive(self, frame: Frame, carrier_dbm: float, tuned: bool, then: _Then) -> None:
+        air = self._page.air
+        if not tuned:
+            fate = UNTUNED if air.reaches(carrier_dbm) else FAR
         else:
-            heard = Heard.RECEIVED
-        air.record(frame, heard)
-        then(heard is Heard.RECEIVED)
+            bits = FHS_BITS if frame.kind == "FHS" else 0
+            fate = air.judge(frame, frame.destination, carrier_dbm, bits)
+        air.record(frame, fate)
+        then(fate is GOOD)

@@ -5,9 +5,9 @@ slot. At every free TX slot the master serves, in this order: the link whose pol
 nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B,
 sections 4.5, 7 and 8.)
 
-All of a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and in reach at that instant.
-Kernel events exist only for slots with a payload in them and for supervision time-outs; idle polls are a loop over
-arrays (``polling``), run when somebody looks. Other piconets do not interfere with this one.
+What is sent in a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and received at that
+instant; what becomes of a frame, at its end. Kernel events exist only for slots with a payload in them and for
+supervision time-outs; idle polls are a loop over arrays, run for all piconets together when somebody looks (``band``).
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from typing import NamedTuple
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.links import Links, Presence
 from cosim.channels.bluetooth.packets import ACL, PacketType, smallest
 from cosim.channels.bluetooth.polling import (
     EVERYONE,
@@ -28,9 +28,10 @@ from cosim.channels.bluetooth.polling import (
     MOST_SLAVES,
     NEXT,
     NOTHING,
+    RUNNING,
 )
 from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
-from cosim.channels.bluetooth.radio import Reach
+from cosim.channels.bluetooth.radio import Air
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.slots import Deliver, Slots
 from cosim.kernel import WAKE, Handle, Kernel
@@ -57,10 +58,11 @@ class Piconet:
     def __init__(
         self,
         kernel: Kernel,
+        air: Air,
         address: Address,
+        hop_address: int,
         clock: NativeClock,
         settings: PiconetSettings,
-        reach: Reach,
         frames: FrameLog,
         deliver: Deliver,
         on_lost: Callable[[Address, Address], None] = lambda side, peer: None,
@@ -68,14 +70,20 @@ class Piconet:
         """*on_lost* is called with (side, peer) before the side's host learns that its link is lost."""
         self.address = address
         self.clock = clock
-        self.links = Links(address, clock, settings.t_poll_slots, reach, frames)
+        piconet, table = air.band.piconets[address], air.band.links[address]
+        longest = max(kind.slots for kind in settings.types)
+        polling.reset(piconet, table, settings.t_poll_slots, clock.phase, clock.ppm, longest)
+        piconet[polling.MASTER], piconet[polling.WORD] = address, hop_address
+        self.links = Links(address, piconet, table)
+        frames.attach(self.links)
         self._kernel = kernel
+        self._air = air
         self._settings = settings
         self._frames = frames
         self._deliver = deliver
         self._on_lost = on_lost
         self._queues = Queues(self.links.table)
-        self._slots = Slots(kernel, address, clock, settings.n_bc, self.links, self._queues, frames, deliver)
+        self._slots = Slots(kernel, air, address, clock, settings.n_bc, self.links, self._queues, frames, deliver)
         self._supervision: Handle | None = None
 
     # ------------------------------------------------------------ links
@@ -92,12 +100,14 @@ class Piconet:
         """Bring the side of *slave* up: it has received the first POLL now."""
         self.advance(self._kernel.now)
         self.links.join(slave, lt_addr, self._kernel.now)
+        self._air.changed(self._kernel.now)
         self._supervise()
 
     def admit(self, slave: Address, due: int) -> None:
         """Bring the master's side up: it has heard *slave* now; the next packet to it is due at the tick *due*."""
         self.advance(self._kernel.now)
         self.links.admit(self.links.lt_addr[slave], due, self._kernel.now)
+        self._air.changed(self._kernel.now)
         self._supervise()
         self._slots.arm()
 
@@ -112,12 +122,11 @@ class Piconet:
         The time that the detach message takes is neglected. A peer out of reach finds out by supervision.
         """
         self.advance(self._kernel.now)
-        self.links.refresh()
         from_master = side == self.address
         k = self.links.lt_addr.get(peer if from_master else side)
         if k is None or self.address not in (side, peer):
             return
-        heard = self.links.table[polling.DOWN if from_master else polling.UP, k]
+        heard = self._air.reaches(self._air.carrier(side, peer))
         news = self._drop(k, HELD) if from_master or heard else []
         news += self._drop(k, JOINED) if heard or not from_master else []
         self._slots.arm()
@@ -136,25 +145,27 @@ class Piconet:
     # ------------------------------------------------------------ time
 
     def advance(self, now: Time) -> None:
-        """Decide all slots before *now*; needed before reach changes, and before the state is looked at."""
-        if not self._slots.suspended:
-            self.links.advance(now)
+        """Decide all slots before *now*; needed before anything changes, and before the state is looked at."""
+        self._air.advance(now)
 
-    def reach_changed(self, now: Time) -> None:
-        """Note that from *now* on devices may hear others than before; asked again when it matters."""
-        if self.links.slaves:
-            self.advance(now)
-            self.links.reach_changed(now)
+    def set_presence(self, device: Address, presence: Presence) -> None:
+        """Note when *device*, the master or a slave, is there from now on."""
+        self.advance(self._kernel.now)
+        self.links.set_presence(device, presence)
+        self._slots.arm()
 
     def suspend(self) -> None:
         """Leave the piconet's slots alone from now on: the master inquires or pages."""
         self.advance(self._kernel.now)
-        self._slots.suspended = True
+        self.links.piconet[RUNNING] = 0
+        self._air.changed(self._kernel.now)
         self._slots.arm()
 
     def resume(self) -> None:
         """Go on at the first TX slot from now on."""
-        self._slots.suspended = False
+        self.advance(self._kernel.now)
+        self.links.piconet[RUNNING] = 1
+        self._air.changed(self._kernel.now)
         first = first_transmission(self.clock, self._kernel.now)
         self.links.piconet[NEXT] = max(int(self.links.piconet[NEXT]), first)
         self._slots.arm()
@@ -168,7 +179,7 @@ class Piconet:
         self.advance(now)
         tick = first_transmission(self.clock, now)
         free = int(self.links.piconet[NEXT])
-        if free <= tick and polling.overdue(self.links.table, tick) == NOTHING:
+        if free <= tick and polling.overdue(self.links.piconet, self.links.table, tick) == NOTHING:
             return None
         return self.clock.time_of(free if free > tick else tick + 4)
 
@@ -199,7 +210,7 @@ class Piconet:
         queue = EVERYONE if source == self.address else self.links.lt_addr.get(source, NOTHING)
         if queue == NOTHING:
             return
-        news = self._queues.flush(queue, source, lambda p: p.outgoing.destination == destination and not p.tries)
+        news = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
         self.advance(self._kernel.now)
         self._slots.arm()
         self._tell(news)
@@ -219,15 +230,15 @@ class Piconet:
 
     def _supervise(self) -> None:
         """Wait for the earliest time-out; that a deadline has moved later is found when its event fires."""
-        heard = polling.last_heard(self.links.table)
-        if heard == NOTHING:
+        heard = self.links.last_heard()
+        if heard is None:
             return
         deadline = heard + self._settings.supervision
         if self._supervision is not None:
             if self._supervision.time <= deadline:
                 return
             self._supervision.cancel()
-        self._supervision = self._kernel.at(deadline, self._expire)
+        self._supervision = self._kernel.at(deadline, self._expire, WAKE)
 
     def _expire(self) -> None:
         self._supervision = None
@@ -250,6 +261,7 @@ class Piconet:
             return []
         slave = self.links.slaves[k]
         self.links.take_down(k, side)
+        self._air.changed(self._kernel.now)
         if side == HELD:
             host, peer = self.address, slave
             fates = self._queues.flush_link(k, host, master_alone=not self.links.held())
@@ -263,3 +275,8 @@ class Piconet:
         """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
         if news:
             self._kernel.at(self._kernel.now, partial(self._deliver, (), news), WAKE)
+
+
+def _untouched(payload: Payload, destination: Address) -> bool:
+    """Return whether *payload* is meant for *destination*, has never been on the air, and is not about to be."""
+    return payload.outgoing.destination == destination and not payload.tries and not payload.chosen

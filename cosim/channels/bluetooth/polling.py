@@ -1,19 +1,22 @@
 """The slots of a connected piconet as arithmetic: which link is polled when, and what its sequence bits say.
 
 The state of one piconet is two int64 arrays: ``piconet`` (one row: ``NEXT``, ``T_POLL``...) and ``links``, shape
-(FIELDS, 8), column k being the link with LT_ADDR k (column 0 is not used). Time is in the master's ticks; a TX slot
-is a tick that 4 divides. ``NEXT`` is the first TX slot about which nothing has been decided yet.
+(FIELDS, 8), column k being the link with LT_ADDR k, and column 0 the master's own presence. Time is in the master's
+ticks; a TX slot is a tick that 4 divides. ``NEXT`` is the first TX slot about which nothing has been decided yet.
 
-As long as nobody has a payload, the schedule is a pure recurrence: at the first free TX slot c with a link due, the
-link of the smallest (due, k) is polled, ``due`` becomes c + T_POLL and the next TX slot is c + 4, whether or not the
-slave hears or is heard. So an idle hour is a loop over arrays, run when somebody wants to know.
+As long as nobody has a payload, the schedule is a pure recurrence, whatever is lost: of the held links the one of the
+smallest (c, due, k) is polled, c being the first free TX slot at which it is due and both sides are present; ``due``
+becomes c + T_POLL and the next TX slot is c + 4. So an idle hour is a loop over arrays, run when somebody looks.
+
+Presence: a device that divides its time among piconets is there in *count* slots of every *period*, counted on a clock
+of reference that all of them know; others are always there, or, during a procedure, never.
 """
 
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cosim.channels.bluetooth.packets import HEADER_AIR
+from cosim.channels.bluetooth.medium import start_of
 from cosim.jit import njit
 from cosim.units import TICK, Time
 
@@ -27,99 +30,156 @@ PPM: Final = 3
 IDLE: Final = 4  # polls of links on which neither side had a payload
 NULLS: Final = 5  # NULL packets sent
 POLLS: Final = 6  # POLL packets sent
-PICONET_FIELDS: Final = 7
+MASTER: Final = 7  # the master's address
+WORD: Final = 8  # the master's UAP/LAP, from which the hop sequence is drawn
+RUNNING: Final = 9  # not suspended
+LONGEST: Final = 10  # slots of the longest packet type in use
+SHARED: Final = 11  # somebody here divides its time, or is away
+STAGE: Final = 12  # of the idle pair under way: 0 none, 1 POLL, 2 NULL on the air
+PAIR_TICK: Final = 13
+PAIR_LINK: Final = 14
+PAIR_HERE: Final = 15  # its slave was there at its start
+USED: Final = 16  # number of channels in the adapted hop set; 0: the basic sequence
+PICONET_FIELDS: Final = 17
 
 # links[..., k]
 HELD: Final = 0  # the master's side of the link is up
 JOINED: Final = 1  # the slave's side is up
 DUE: Final = 2  # tick by which the master must address the slave
-DOWN: Final = 3  # the slave is in reach of the master
-UP: Final = 4  # the master is in reach of the slave
-QUEUED: Final = 5  # payloads at the slave's controller
-SEQ_DOWN: Final = 6  # SEQN of the master's current payload
-SEEN_DOWN: Final = 7  # SEQN of the last payload that the slave took
-SEQ_UP: Final = 8
-SEEN_UP: Final = 9
-ARQN: Final = 10  # what the master's next packet says of the slave's last answer
-HEARD_DOWN: Final = 11  # end (ns) of the last frame that the slave received
-HEARD_UP: Final = 12  # end (ns) of the last frame that the master received
-FIELDS: Final = 13
+SLAVE: Final = 3  # the slave's address
+QUEUED: Final = 4  # payloads at the slave's controller
+SEQ_DOWN: Final = 5  # SEQN of the master's current payload
+SEEN_DOWN: Final = 6  # SEQN of the last payload that the slave took
+SEQ_UP: Final = 7
+SEEN_UP: Final = 8
+ARQN: Final = 9  # what the master's next packet says of the slave's last answer
+HEARD_DOWN: Final = 10  # end (ns) of the last frame that the slave heard
+HEARD_UP: Final = 11  # end (ns) of the last frame that the master heard
+HERE: Final = 12  # the device is there, at least in its part
+PERIOD: Final = 13  # ticks; 0: in all slots
+FIRST: Final = 14  # first tick of its part
+COUNT: Final = 15  # ticks of its part
+CLOCK_PHASE: Final = 16  # the clock that these are counted on
+CLOCK_PPM: Final = 17
+FIELDS: Final = 18
 
 MOST_SLAVES: Final = 7
 NOTHING: Final = -1
 EVERYONE: Final = 0  # LT_ADDR of a broadcast
-
-# what became of one packet of a transaction
-HEARD: Final = 1
-FRESH: Final = 2  # it brought a payload that was not there yet
-ACKED: Final = 4  # it acknowledged the receiver's own payload
+NEVER: Final = 1 << 62
 
 MILLION: Final = 1_000_000
-NO_LOG: Final[State] = np.empty((0, 2), dtype=np.int64)
+_LAPS: Final = 64  # looks for a slot at which two devices are present, before they are taken never to meet
 
 
-def new_state(t_poll_slots: int, phase: Time, ppm: int) -> tuple[State, State]:
-    """Return the arrays (piconet, links) of a piconet without links."""
-    piconet = np.zeros(PICONET_FIELDS, dtype=np.int64)
+def reset(piconet: State, links: State, t_poll_slots: int, phase: Time, ppm: int, longest: int) -> None:
+    """Make the arrays those of a piconet without links whose master is always there."""
+    piconet[:], links[:] = 0, 0
     piconet[T_POLL], piconet[PHASE], piconet[PPM] = 2 * t_poll_slots, phase, ppm
-    return piconet, np.zeros((FIELDS, MOST_SLAVES + 1), dtype=np.int64)
+    piconet[RUNNING], piconet[LONGEST] = 1, longest
+    links[HERE, 0] = 1
 
 
 @njit(cache=True)
 def time_of(piconet: State, tick: int) -> int:
-    """Return the instant at which *tick* begins, as ``NativeClock.time_of``, but safe in 64 bits for years."""
-    elapsed = tick * TICK - piconet[PHASE]
-    rate = MILLION + piconet[PPM]
-    whole = elapsed // rate
-    time: int = whole * MILLION - (-(elapsed - whole * rate) * MILLION // rate)
+    """Return the instant at which *tick* of the master's clock begins."""
+    time: int = start_of(piconet[PHASE], piconet[PPM], tick)
     return time
 
 
 @njit(cache=True)
-def _soonest(links: State, due: State) -> int:
-    """Return the held link with the smallest (due, k), or 0 without links."""
-    best = 0
+def first_slot_at(piconet: State, time: int) -> int:
+    """Return the first TX slot that begins at or after *time*."""
+    before = time - 1
+    tick: int = (piconet[PHASE] + before + before * piconet[PPM] // MILLION) // TICK
+    return (tick + 4) // 4 * 4
+
+
+@njit(cache=True)
+def _opening(links: State, k: int, time: int, need: int) -> int:
+    """Return *time* if the device of column *k* is there for *need* ticks from then, else when it is next, or NEVER.
+
+    A master knows the parts of its slaves, but not that one is away for another reason.
+    """
+    if k == EVERYONE and not links[HERE, k]:
+        return NEVER
+    period = links[PERIOD, k]
+    if period == 0:
+        return time
+    if need > links[COUNT, k]:
+        return NEVER
+    phase, ppm = links[CLOCK_PHASE, k], links[CLOCK_PPM, k]
+    tick = (phase + time + time * ppm // MILLION) // TICK
+    into = (tick - links[FIRST, k]) % period
+    if into + need <= links[COUNT, k]:
+        return time
+    opening: int = start_of(phase, ppm, tick - into + period)
+    return opening
+
+
+@njit(cache=True)
+def open_slot(piconet: State, links: State, k: int, tick: int, slots: int) -> int:
+    """Return the first TX slot from *tick* on for a packet of *slots* to link *k*, or to all (0), or NEVER.
+
+    The master, and for a link its slave, must be there for that packet and the longest possible answer.
+    """
+    tick = -(-tick // 4) * 4
+    if not piconet[SHARED]:
+        return tick
+    need = 2 * (slots + piconet[LONGEST])
+    for _ in range(_LAPS):
+        time = time_of(piconet, tick)
+        later = _opening(links, 0, time, need)
+        if k != EVERYONE and later != NEVER:
+            later = max(later, _opening(links, k, time, need))
+        if later == NEVER:
+            return NEVER
+        if later == time:
+            return tick
+        tick = first_slot_at(piconet, later)
+    return NEVER
+
+
+@njit(cache=True)
+def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
+    """Return (TX slot, link) of the next poll from *tick* on if nobody has a payload: (NEVER, 0) without links."""
+    best, when = 0, NEVER
+    if not piconet[SHARED]:  # all that are overdue can be polled at once
+        for k in range(1, MOST_SLAVES + 1):
+            if links[HELD, k] and (best == 0 or due[k] < due[best]):
+                best = k
+        return (max(tick, -(-due[best] // 4) * 4), best) if best else (NEVER, 0)
     for k in range(1, MOST_SLAVES + 1):
-        if links[HELD, k] and (best == 0 or due[k] < due[best]):
-            best = k
-    return best
+        if links[HELD, k]:
+            slot = open_slot(piconet, links, k, max(tick, due[k]), 1)
+            if slot < when or (slot == when and slot != NEVER and due[k] < due[best]):
+                best, when = k, slot
+    return when, best
 
 
 @njit(cache=True)
-def _first_slot(next_slot: int, due: int) -> int:
-    return max(next_slot, -(-due // 4) * 4)
+def skip(piconet: State, links: State, end: int, log: State) -> int:
+    """Decide all TX slots before *end* (a TX slot), all idle and without loss; return the number of polls.
 
-
-@njit(cache=True)
-def advance(piconet: State, links: State, end: int, log: State) -> int:
-    """Decide all TX slots before *end* (a TX slot), all of them idle; return the number of polls.
-
-    *log*, shape (n, 2), takes (tick, k) of the first n polls.
+    Whoever is not joined answers nothing. *log*, shape (n, 2), takes (tick, k) of the first n polls.
     """
     polled = 0
     count = 0
     while True:
-        k = _soonest(links, links[DUE])
-        tick = _first_slot(piconet[NEXT], links[DUE, k])
-        if k == 0 or tick >= end:
+        tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+        if tick >= end:
             break
         if count < len(log):
             log[count, 0], log[count, 1] = tick, k
         count += 1
         polled |= 1 << k
         links[DUE, k] = tick + piconet[T_POLL]
-        piconet[NULLS] += links[DOWN, k] & links[JOINED, k]
+        piconet[NULLS] += links[JOINED, k]
         piconet[NEXT] = tick + 4
-    for k in range(1, MOST_SLAVES + 1):
-        if polled >> k & 1 and links[DOWN, k] and links[JOINED, k]:  # reach does not change within one call
-            tick = links[DUE, k] - piconet[T_POLL]
-            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-            if links[UP, k]:
-                links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
     piconet[IDLE] += count
     piconet[POLLS] += count
     piconet[NEXT] = max(piconet[NEXT], end)
-    return count
+    return polled
 
 
 @njit(cache=True)
@@ -132,92 +192,22 @@ def next_served(piconet: State, links: State) -> int:
         return NOTHING
     due = links[DUE].copy()
     tick = piconet[NEXT]
-    while True:
-        k = _soonest(links, due)
-        tick = _first_slot(tick, due[k])
+    for _ in range(1 << 16):
+        tick, k = next_poll(piconet, links, due, tick)
+        if tick == NEVER:
+            break
         if links[QUEUED, k]:
             return tick
         due[k] = tick + piconet[T_POLL]
         tick += 4
+    return NOTHING
 
 
 @njit(cache=True)
-def overdue(links: State, tick: int) -> int:
+def overdue(piconet: State, links: State, tick: int) -> int:
     """Return the link that must be addressed at *tick*, or NOTHING."""
-    k = _soonest(links, links[DUE])
-    return k if k and links[DUE, k] <= tick else NOTHING
-
-
-@njit(cache=True)
-def decide(piconet: State, links: State, tick: int, head: int) -> int:
-    """Advance to the TX slot *tick* and return what is sent in it: a link, EVERYONE, or NOTHING.
-
-    *head* is the LT_ADDR of the head of the master's queue, EVERYONE, or NOTHING.
-    """
-    advance(piconet, links, tick, np.empty((0, 2), dtype=np.int64))
-    if piconet[NEXT] > tick:
-        return NOTHING
-    k = overdue(links, tick)
-    return head if k == NOTHING else k
-
-
-@njit(cache=True)
-def ask(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int, air: int) -> int:
-    """Send the master's packet of a transaction with *k*; return HEARD, FRESH and ACKED as the slave sees them.
-
-    *data*: it carries a payload, *first* that it has not been on the air before. Without HEARD the pair is over.
-    """
-    links[DUE, k] = tick + piconet[T_POLL]
-    if not data:
-        piconet[POLLS] += 1
-        piconet[IDLE] += links[QUEUED, k] == 0
-    if first:
-        links[SEQ_DOWN, k] ^= 1
-    acknowledged = links[ARQN, k]
-    links[ARQN, k] = 0
-    piconet[NEXT] = tick + 2 * slots + 2
-    if not (links[DOWN, k] and links[JOINED, k]):
-        return 0
-    links[HEARD_DOWN, k] = time_of(piconet, tick) + air
-    result = HEARD
-    if data and links[SEEN_DOWN, k] != links[SEQ_DOWN, k]:
-        links[SEEN_DOWN, k] = links[SEQ_DOWN, k]
-        result |= FRESH
-    if acknowledged:
-        result |= ACKED
-    return result
-
-
-@njit(cache=True)
-def reply(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int, air: int) -> int:
-    """Send the slave's packet, at *tick*; return HEARD and FRESH as the master sees them (its ARQN is always right)."""
-    if first:
-        links[SEQ_UP, k] ^= 1
-    piconet[NULLS] += not data
-    piconet[NEXT] = tick + 2 * slots
-    if not links[UP, k]:
-        return 0
-    links[HEARD_UP, k] = time_of(piconet, tick) + air
-    if not data:
-        return HEARD
-    links[ARQN, k] = 1
-    if links[SEEN_UP, k] == links[SEQ_UP, k]:
-        return HEARD
-    links[SEEN_UP, k] = links[SEQ_UP, k]
-    return HEARD | FRESH
-
-
-@njit(cache=True)
-def broadcast(piconet: State, links: State, tick: int, slots: int, air: int) -> int:
-    """Send a packet to everyone; return the set of LT_ADDR that hear it, as bits."""
-    piconet[NEXT] = tick + 2 * slots + 2
-    end = time_of(piconet, tick) + air
-    heard = 0
-    for k in range(1, MOST_SLAVES + 1):
-        if links[DOWN, k] and links[JOINED, k]:
-            links[HEARD_DOWN, k] = end
-            heard |= 1 << k
-    return heard
+    slot, k = next_poll(piconet, links, links[DUE], tick)
+    return k if slot == tick else NOTHING
 
 
 @njit(cache=True)
@@ -229,3 +219,50 @@ def last_heard(links: State) -> int:
             if links[up, k] and (earliest == NOTHING or links[heard, k] < earliest):
                 earliest = links[heard, k]
     return earliest
+
+
+# ---------------------------------------------------------------- slots with a payload
+
+
+@njit(cache=True)
+def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> bool:
+    """Send the master's packet of a pair with link *k*, whether with *data*, and *first* if that is new.
+
+    Return whether it acknowledges the slave's last payload (ARQN = 1). The next slot follows a missing answer.
+    """
+    links[DUE, k] = tick + piconet[T_POLL]
+    if not data:
+        piconet[POLLS] += 1
+        piconet[IDLE] += links[QUEUED, k] == 0
+    if first:
+        links[SEQ_DOWN, k] ^= 1
+    acknowledged = bool(links[ARQN, k])
+    links[ARQN, k] = 0
+    piconet[NEXT] = tick + 2 * slots + 2
+    return acknowledged
+
+
+@njit(cache=True)
+def answer_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> None:
+    """Send the slave's packet at *tick*."""
+    if first:
+        links[SEQ_UP, k] ^= 1
+    piconet[NULLS] += not data
+    piconet[NEXT] = tick + 2 * slots
+
+
+@njit(cache=True)
+def take_down_link(links: State, k: int) -> bool:
+    """Let the slave take the master's payload; return whether it is new (its SEQN differs from the last one's)."""
+    new = bool(links[SEEN_DOWN, k] != links[SEQ_DOWN, k])
+    links[SEEN_DOWN, k] = links[SEQ_DOWN, k]
+    return new
+
+
+@njit(cache=True)
+def take_up_link(links: State, k: int) -> bool:
+    """Let the master take the slave's payload, which its next packet acknowledges; return whether it is new."""
+    new = bool(links[SEEN_UP, k] != links[SEQ_UP, k])
+    links[SEEN_UP, k] = links[SEQ_UP, k]
+    links[ARQN, k] = 1
+    return new

@@ -1,8 +1,9 @@
 """What waits to be sent in one piconet: one queue a device, strictly first in, first out."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import TypeAlias
 
 from cosim.channels.bluetooth.packets import PacketType
@@ -14,7 +15,7 @@ News: TypeAlias = list[tuple[Address, LinkEvent]]
 """(whom to tell, what)"""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Payload:
     """A host's payload with the packet that will carry it."""
 
@@ -24,6 +25,8 @@ class Payload:
     air: Time
     tries: int = 0
     """How often it has been on the air."""
+    chosen: bool = False
+    """Whether a slot pair is under way in which it may go on the air."""
     taken: int = 0
     """Who has received it, bit k for LT_ADDR k (broadcasts only)."""
 
@@ -52,6 +55,25 @@ class Queues:
         waiting = self._waiting[queue]
         return waiting[0] if waiting else None
 
+    def first_two(self, queue: int) -> list[Payload]:
+        """Return the head of a queue and the payload behind it, as far as they exist."""
+        return list(islice(self._waiting[queue], 2))
+
+    def sendable(self) -> Iterator[Payload]:
+        """Return what may be sent of the master's queue, in order, if those before it wait for absent slaves.
+
+        A payload never overtakes one with the same destination; a broadcast overtakes nothing, and nothing a broadcast.
+        """
+        waiting_for: set[int] = set()
+        for payload in self._waiting[EVERYONE]:
+            if payload.lt_addr == EVERYONE:
+                if not waiting_for:
+                    yield payload
+                return
+            if payload.lt_addr not in waiting_for:
+                waiting_for.add(payload.lt_addr)
+                yield payload
+
     def push(self, queue: int, payload: Payload) -> bool:
         """Append *payload* and return whether it is the head."""
         waiting = self._waiting[queue]
@@ -64,6 +86,10 @@ class Queues:
         payload = self._waiting[queue].popleft()
         self._links[QUEUED, queue] = len(self._waiting[queue])
         return payload
+
+    def remove(self, payload: Payload) -> None:
+        """Remove a payload from the master's queue."""
+        self._waiting[EVERYONE].remove(payload)
 
     def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> News:
         """Remove all payloads of a queue that are meant by *which*, and return their fates for *source*."""

@@ -1,22 +1,46 @@
-"""The air between Bluetooth devices: who hears whom, and which frames destroy each other.
+"""The air between Bluetooth devices, as the procedures see it: put frames on it and ask what became of them.
 
-No noise here: a frame that is in reach, on the channel that its receiver is tuned to, and alone on that channel for
-as long as it lasts is received. Frames that overlap in time on one channel destroy each other at every receiver
-that is in reach of both.
+The arithmetic stands in ``medium`` (what overlaps, what survives) and ``band`` (piconets without payloads, advanced
+together). Everything that changes what devices hear of each other, or who sends, comes through here: what has been
+going on is brought up to now first.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, Literal, NamedTuple, TypeAlias
 
+import numpy as np
+
+from cosim.channels.bluetooth import band as bands
+from cosim.channels.bluetooth import medium as mediums
+from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.medium import (
+    BIT_ERRORS,
+    NOT_TUNED,
+    OUT_OF_RANGE,
+    RECEIVED,
+    T_DEVICE,
+    T_TO,
+    TRAINS,
+    Floats,
+    Integers,
+)
+from cosim.channels.jamming import Jammer
+from cosim.errors import LocalProtocolError
 from cosim.machine import Address
 from cosim.units import MS, Time
 
-Reach = Callable[[Address, Address, Time], bool]
-"""(transmitter, receiver, instant) -> whether the one is heard by the other."""
-
-LONGEST_FRAME: Time = 4 * MS
+Interference: TypeAlias = Literal["none", "co_channel", "neighbouring"]
+MODES: Final[dict[str, int]] = {
+    "none": mediums.NONE,
+    "co_channel": mediums.CO_CHANNEL,
+    "neighbouring": mediums.NEIGHBOURING,
+}
+LONGEST_FRAME: Final[Time] = 4 * MS
 """No frame of Basic Rate lasts longer (five slots are 3.125 ms)."""
+FOREVER: Final[Time] = 1 << 61
+_NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
+_LOG_ROWS: Final = 4096
 
 
 class Heard(StrEnum):
@@ -25,10 +49,46 @@ class Heard(StrEnum):
     RECEIVED = "received"
     OUT_OF_RANGE = "out_of_range"
     COLLIDED = "collided"
+    BIT_ERRORS = "bit_errors"
     NOT_TUNED = "not_tuned"
     """The receiver listened on another channel, or not at all."""
     BUSY = "busy"
     """The receiver was in the middle of another frame."""
+
+
+class Part(StrEnum):
+    """The section of a frame that failed first, as collisions and bit errors have it."""
+
+    NONE = ""
+    ACCESS_CODE = "access_code"
+    HEADER = "header"
+    PAYLOAD = "payload"
+
+
+class Fate(NamedTuple):
+    """What became of a frame, and which part of it failed if one did."""
+
+    heard: Heard
+    part: Part = Part.NONE
+
+    @property
+    def header_heard(self) -> bool:
+        """Whether the receiver has noticed the frame and knows its header."""
+        return self.heard is Heard.RECEIVED or self.part is Part.PAYLOAD
+
+
+_PARTS: Final = tuple(Part)
+FATES: Final[tuple[Fate, ...]] = (
+    Fate(Heard.RECEIVED),
+    *(Fate(Heard.COLLIDED, part) for part in _PARTS[1:]),
+    Fate(Heard.RECEIVED),  # BIT_ERRORS in no section
+    *(Fate(Heard.BIT_ERRORS, part) for part in _PARTS[1:]),
+    Fate(Heard.OUT_OF_RANGE),
+    Fate(Heard.NOT_TUNED),
+)
+"""The fates by the numbers that compiled functions return."""
+assert FATES[BIT_ERRORS + 1].heard is Heard.BIT_ERRORS
+GOOD, FAR, UNTUNED, TAKEN = FATES[RECEIVED], FATES[OUT_OF_RANGE], FATES[NOT_TUNED], Fate(Heard.BUSY)
 
 
 class Frame(NamedTuple):
@@ -49,34 +109,187 @@ class Frame(NamedTuple):
     """User payload in bytes."""
 
 
-class Air:
-    """Frames that are or just were on the air, and a record of those that somebody asks for."""
+IdleFrame: TypeAlias = Callable[[int, int, bool, Fate], None]
+"""Called with (tick, LT_ADDR, whether it went up to the master, what became of it)."""
 
-    def __init__(self, reach: Reach, record: Callable[[Frame, Heard], None] | None = None) -> None:
-        self.reach = reach
+
+class Air:
+    """The air between *size* devices. *record* is called with every frame that is judged, if anybody wants that.
+
+    *key* is that of the draws of bit errors; without noise (-inf dBm) there are none.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        record: Callable[[Frame, Fate], None] | None = None,
+        interference: Interference = "co_channel",
+        noise_dbm: float = float("-inf"),
+        key: tuple[int, int] = (0, 0),
+    ) -> None:
+        self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
+        self.calm = True
+        """Whether no frame that starts from ``stray`` on can be destroyed."""
         self._record = record
-        self._frames: list[Frame] = []
+        self._idle: dict[Address, IdleFrame] = {}  # by master, where idle frames are wanted
+        self.stray: Time = 0
+        """From when on nothing is on the air that a change, an inquiry or a page has left there."""
+        self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
+        self._power: list[list[float]] = self.band.medium.power_dbm.tolist()
+
+    # ------------------------------------------------------------ who hears whom
+
+    def set_powers(self, power_dbm: Floats, now: Time) -> None:
+        """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
+        self.advance(now)
+        mediums.set_powers(self.band.medium, power_dbm)
+        self._power = self.band.medium.power_dbm.tolist()
+
+    def carrier(self, source: Address, receiver: Address) -> float:
+        """Return the power in dBm with which *receiver* gets *source* now."""
+        return self._power[source][receiver]
+
+    def reaches(self, carrier_dbm: float) -> bool:
+        """Return whether a receiver notices a frame of this power."""
+        return carrier_dbm > float("-inf") and carrier_dbm >= self._detectable
+
+    @property
+    def _detectable(self) -> float:
+        return float(self.band.medium.noise_dbm[0]) + mediums.DETECTABLE_DB
+
+    def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
+        """Have these jammers, and no others, on the air; nobody receives them before :meth:`set_jam_powers`."""
+        self.advance(now)
+        jams, channels = mediums.jam_arrays(jammers)
+        power_mw = np.zeros((len(jammers), len(self._power)))
+        medium = self.band.medium._replace(jams=jams, jam_channels=channels, jam_mw=power_mw)
+        self.band = self.band._replace(medium=medium)
+        self.changed(now)
+
+    def set_jam_powers(self, power_dbm: Floats, now: Time) -> None:
+        """Let the jammers be received with *power_dbm*, shape (jammers, n), from now on."""
+        self.advance(now)
+        self.band.medium.jam_mw[:] = 10.0 ** (power_dbm / 10.0)
+
+    # ------------------------------------------------------------ time
+
+    def advance(self, now: Time) -> None:
+        """Bring all piconets up to *now*."""
+        if not self._idle:
+            bands.advance(self.band, now, _NO_LOG, self.calm)
+        else:
+            self._advance_and_tell(now)
+        if now >= self._closing:
+            self._forget_trains(now)
+
+    def _advance_and_tell(self, now: Time) -> None:
+        more = True
+        while more:
+            log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
+            count = bands.advance(self.band, now, log, self.calm)
+            more = count > _LOG_ROWS
+            for master, tick, k, up, fate in log[:count].tolist():
+                if master in self._idle:
+                    self._idle[master](tick, k, bool(up), FATES[fate])
+
+    def tell_idle(self, master: Address, tell: IdleFrame) -> None:
+        """Tell of every idle POLL and NULL of the piconet of *master* from now on."""
+        self._idle[master] = tell
+
+    def changed(self, now: Time) -> None:
+        """Note that somebody has begun or ceased to send; all piconets must have been advanced to *now*."""
+        self._stray_until(now + LONGEST_FRAME)
+        self.calm = bool(bands.calm(self.band))
+
+    def _stray_until(self, time: Time) -> None:
+        self.stray = max(self.stray, time)
+        self.band.stray[0] = self.stray
+
+    # ------------------------------------------------------------ frames of piconets
+
+    def send(self, master: Address, source: Address, tick: int, duration: Time) -> int:
+        """Put a frame of the piconet of *master* on the air that starts at its *tick*, now or soon; return its channel.
+
+        All piconets must have been advanced to now.
+        """
+        channel: int = bands.send(self.band, master, source, tick, duration)
+        return channel
+
+    def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
+        """Return what becomes of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
+        if not self.reaches(carrier_dbm):
+            return FAR
+        if self.calm and frame.start >= self.stray:
+            return GOOD
+        return self._sections(frame, receiver, carrier_dbm, bits, coded, mediums.ACCESS_CODE)
+
+    # ------------------------------------------------------------ frames of inquiries and pages
 
     def put(self, frame: Frame) -> None:
-        """Note that *frame* goes on the air; called at its start, in the order of starts."""
-        # a frame that ends now may have begun so long ago, and whatever was on the air then may have destroyed it
-        horizon = frame.start - LONGEST_FRAME
-        self._frames = [old for old in self._frames if old.start + old.duration > horizon]
-        self._frames.append(frame)
+        """Put *frame*, which starts now and belongs to no piconet, on the air."""
+        self.advance(frame.start)
+        end = frame.start + frame.duration
+        mediums.put(self.band.medium, frame.source, frame.start, end, frame.channel)
+        self._stray_until(end)
 
-    def clear(self, receiver: Address, source: Address, channel: int, start: Time, end: Time) -> bool:
-        """Return whether nothing but *source* is heard by *receiver* on *channel* during [start, end)."""
-        return not any(
-            other.channel == channel
-            and other.source != source
-            and other.source != receiver
-            and other.start < end
-            and other.start + other.duration > start
-            and self.reach(other.source, receiver, other.start)
-            for other in self._frames
-        )
+    def judge(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int = 0, first: int = 1) -> Fate:
+        """Return what becomes of *frame* at *receiver*, at its end, from the section *first* on.
 
-    def record(self, frame: Frame, heard: Heard) -> None:
+        *carrier_dbm* is its power there; *bits* counts its payload with header and CRC, all of it coded (an FHS).
+        """
+        if not self.reaches(carrier_dbm):
+            return FAR
+        return self._sections(frame, receiver, carrier_dbm, bits, True, first)
+
+    def _sections(
+        self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
+    ) -> Fate:
+        start, end = frame.start, frame.start + frame.duration
+        self.advance(end)
+        medium, source = self.band.medium, frame.source
+        return FATES[
+            mediums.judge(medium, source, receiver, frame.channel, start, end, carrier_dbm, bits, coded, first)
+        ]
+
+    def record(self, frame: Frame, fate: Fate) -> None:
         """Hand *frame* and its fate to the trace, if there is one."""
         if self._record is not None:
-            self._record(frame, heard)
+            self._record(frame, fate)
+
+    # ------------------------------------------------------------ trains of IDs
+
+    def open_train(self, row: Integers, channels: Integers, now: Time) -> None:
+        """Have a device send IDs, one train at a time, until its end or :meth:`close_train`.
+
+        *row* has the fields of ``medium.Medium.trains``, *channels* the channel of each X.
+        """
+        self.advance(now)
+        medium = self.band.medium
+        count = int(medium.numbers[1])
+        if count == TRAINS:
+            raise LocalProtocolError(f"more than {TRAINS} trains of IDs at once")
+        medium.trains[count], medium.train_channels[count] = row, channels
+        medium.numbers[1] = count + 1
+        self._closing = min(self._closing, int(row[T_TO]) + 2 * LONGEST_FRAME)
+        self.changed(now)
+
+    def close_train(self, device: Address, at: Time) -> None:
+        """Let the train of *device*, if it sends one, send nothing more that would start at or after *at*."""
+        medium = self.band.medium
+        for row in range(int(medium.numbers[1])):
+            train = medium.trains[row]
+            if train[T_DEVICE] == device and train[T_TO] > at:
+                train[T_TO] = at
+                self._closing = min(self._closing, at + 2 * LONGEST_FRAME)
+
+    def _forget_trains(self, now: Time) -> None:
+        medium = self.band.medium
+        count = int(medium.numbers[1])
+        kept = [row for row in range(count) if medium.trains[row, T_TO] + 2 * LONGEST_FRAME > now]
+        medium.trains[: len(kept)] = medium.trains[kept]
+        medium.train_channels[: len(kept)] = medium.train_channels[kept]
+        medium.numbers[1] = len(kept)
+        self._closing = (
+            min((int(medium.trains[row, T_TO]) for row in range(len(kept))), default=FOREVER) + 2 * LONGEST_FRAME
+        )
+        self.changed(now)

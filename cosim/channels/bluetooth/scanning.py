@@ -14,13 +14,16 @@ is 0. The search steps over windows and such segments only.
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, train_phase
+from cosim.channels.bluetooth.medium import Integers
 from cosim.channels.bluetooth.packets import ID_AIR
 from cosim.jit import njit
 from cosim.kernel import DELIVER, Callback, Handle, Kernel
+from cosim.machine import Address
 from cosim.settings import Settings
 from cosim.units import SLOT, TICK, Time, from_seconds
 
@@ -78,6 +81,13 @@ class IdTrain:
     def phase(self, tick: int) -> int:
         """Return X at *tick*."""
         return train_phase(tick + self.estimate, self.train(tick))
+
+    def on_air(self, device: Address, since: Time) -> Integers:
+        """Return what ``Air.open_train`` must know of it: *device* sends it from the instant *since* to its end."""
+        clock, switch = self.clock, 32 * self.repetitions
+        koffset, end = KOFFSET[self.first_train], self.clock.time_of(self.end)
+        row = (device, clock.phase, clock.ppm, self.first, switch, koffset, self.estimate, since, max(since, end))
+        return np.array(row, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)

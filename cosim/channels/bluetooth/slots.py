@@ -1,6 +1,7 @@
-"""What a piconet puts on the air: the decision at the start of each slot pair that concerns anybody."""
+"""What a piconet sends in slots that concern anybody: decided at their start, judged at the ends of their frames."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -9,15 +10,49 @@ from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.links import Links
-from cosim.channels.bluetooth.packets import HEADER_AIR
-from cosim.channels.bluetooth.polling import ACKED, EVERYONE, FRESH, HEARD, NEXT, NOTHING
+from cosim.channels.bluetooth.packets import HEADER_AIR, NULL, POLL, PacketType
+from cosim.channels.bluetooth.polling import (
+    EVERYONE,
+    HEARD_DOWN,
+    HEARD_UP,
+    HELD,
+    HERE,
+    JOINED,
+    NEVER,
+    NEXT,
+    NOTHING,
+    RUNNING,
+    SHARED,
+)
 from cosim.channels.bluetooth.queues import News, Payload, Queues
-from cosim.channels.bluetooth.radio import Heard
+from cosim.channels.bluetooth.radio import FAR, UNTUNED, Air, Fate, Frame, Heard
 from cosim.kernel import AIR, Handle, Kernel
 from cosim.machine import Address, LinkEvent, Outcome, Reception
 from cosim.units import Time
 
 Deliver: TypeAlias = Callable[[Iterable[Arrival], Iterable[tuple[Address, LinkEvent]]], None]
+
+
+@dataclass(slots=True)
+class _Pair:
+    """A slot pair under way: all that was fixed at its start."""
+
+    tick: int
+    k: int
+    slave: Address
+    question: Payload | None
+    answer: Payload | None
+    """What the slave says if it hears the question; None for NULL."""
+    acknowledges: bool
+    """Whether the master's packet carries ARQN = 1 for the head of the slave's queue."""
+    down_dbm: float
+    up_dbm: float
+    here: bool
+    """Whether the slave is there."""
+    noted: bool
+    """Whether its frames are recorded."""
+    taken: bool = False
+    """Whether the slave has received the payload of the question."""
 
 
 class Slots:
@@ -26,6 +61,7 @@ class Slots:
     def __init__(
         self,
         kernel: Kernel,
+        air: Air,
         address: Address,
         clock: NativeClock,
         n_bc: int,
@@ -37,9 +73,8 @@ class Slots:
         self.address = address
         self.clock = clock
         self.links = links
-        self.suspended = False
-        """Whether the slots are left alone: the master inquires or pages."""
         self._kernel = kernel
+        self._air = air
         self._n_bc = n_bc
         self._queues = queues
         self._frames = frames
@@ -50,11 +85,7 @@ class Slots:
 
     def arm(self) -> None:
         """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
-        tick = NOTHING
-        if not self.suspended:
-            busy = self._queues.head(EVERYONE) is not None
-            piconet = self.links.piconet
-            tick = int(piconet[NEXT]) if busy else polling.next_served(piconet, self.links.table)
+        tick = self._next() if self.links.piconet[RUNNING] else NOTHING
         if self._slot is not None:
             if tick == self._slot_tick:
                 return
@@ -64,73 +95,199 @@ class Slots:
             self._slot_tick = tick
             self._slot = self._kernel.at(self.clock.time_of(tick), self._decide, AIR)
 
+    def _next(self) -> int:
+        piconet, table = self.links.piconet, self.links.table
+        head = self._queues.head(EVERYONE)
+        if not piconet[SHARED]:
+            return int(piconet[NEXT]) if head is not None else polling.next_served(piconet, table)
+        ticks = [polling.open_slot(piconet, table, p.lt_addr, piconet[NEXT], p.kind.slots) for p in self._sendable()]
+        ticks.append(polling.next_served(piconet, table))
+        return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
+
+    def _sendable(self) -> Iterable[Payload]:
+        return self._queues.sendable()
+
+    def _candidate(self, tick: int) -> Payload | None:
+        """Return the first payload of the master's queue that can be sent at *tick*."""
+        piconet, table = self.links.piconet, self.links.table
+        if not piconet[SHARED]:
+            return self._queues.head(EVERYONE)
+        for payload in self._sendable():
+            if polling.open_slot(piconet, table, payload.lt_addr, tick, payload.kind.slots) == tick:
+                return payload
+        return None
+
     def _decide(self) -> None:
         self._slot = None
-        tick = self._slot_tick
-        if self._frames.idle_wanted:
-            self.links.advance(self._kernel.now)
-        self.links.refresh()
-        head = self._queues.head(EVERYONE)
-        wanted = NOTHING if head is None else head.lt_addr
-        k = polling.decide(self.links.piconet, self.links.table, tick, wanted)
-        if k > 0:
-            self._transact(tick, k, head if wanted == k else None)
-        elif k == EVERYONE and head is not None:
-            self._broadcast(tick, head)
+        tick, piconet = self._slot_tick, self.links.piconet
+        self._air.advance(self._kernel.now)
+        if piconet[NEXT] <= tick:
+            payload = self._candidate(tick)
+            k = polling.overdue(piconet, self.links.table, tick)
+            if k != NOTHING:
+                self._ask(tick, k, payload if payload is not None and payload.lt_addr == k else None)
+                return
+            if payload is not None and payload.lt_addr != EVERYONE:
+                self._ask(tick, payload.lt_addr, payload)
+                return
+            if payload is not None:
+                self._broadcast(tick, payload)
         self.arm()
 
-    def _transact(self, tick: int, k: int, payload: Payload | None) -> None:
-        """Send *payload*, or POLL, to the slave *k*, and let it answer."""
-        links, slave = self.links, self.links.slaves[k]
-        idle = payload is None and self._queues.head(k) is None
-        slots, air, first = _shape(payload)
-        got = polling.ask(links.piconet, links.table, tick, k, first, payload is not None, slots, air)
-        self._note(tick, "POLL", payload, (self.address, slave), links.heard_down, k, idle)
-        if not got:
+    # ------------------------------------------------------------ pairs
+
+    def _ask(self, tick: int, k: int, payload: Payload | None) -> None:
+        """Send *payload*, or POLL, to the slave *k*; the next slot is known when the pair is over."""
+        links, air, slave = self.links, self._air, self.links.slaves[k]
+        waiting = self._queues.first_two(k)
+        noted = self._frames.idle_wanted or (self._frames.wanted and (payload is not None or bool(waiting)))
+        kind, duration, first = _shape(payload, POLL)
+        acknowledges = polling.begin_pair(links.piconet, links.table, tick, k, first, payload is not None, kind.slots)
+        answer = waiting[acknowledges] if len(waiting) > acknowledges else None
+        if answer is not None:
+            answer.chosen = True
+        carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
+        pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
+        channel = air.send(self.address, self.address, tick, duration)
+        self._count(payload)
+        frame = self._frame(kind, duration, self.address, slave, channel, k, payload)
+        self._kernel.after(duration, partial(self._asked, pair, frame))
+
+    def _asked(self, pair: _Pair, frame: Frame) -> None:
+        """At the end of the master's frame: the slave may hear it, take its payload, and answer."""
+        links, k, question = self.links, pair.k, pair.question
+        joined = pair.here and bool(links.table[JOINED, k])
+        fate = self._fate(frame, pair.slave, pair.down_dbm, question, joined)
+        self._note(pair, frame, fate)
+        if pair.answer is not None:
+            pair.answer.chosen = False
+        if not fate.header_heard:
+            self.arm()
             return
-        news = self._queues.pop(k).fate(slave, Outcome.DELIVERED) if got & ACKED else []
-        self._hand_over(tick, air, payload if got & FRESH else None, self.address, slave, news)
-        tick += 2 * slots
-        answer = self._queues.head(k)
-        slots, air, first = _shape(answer)
-        got = polling.reply(links.piconet, links.table, tick, k, first, answer is not None, slots, air)
-        self._note(tick, "NULL", answer, (slave, self.address), links.heard_up, k, idle)
-        news = []
-        if payload is not None and got & HEARD:
-            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.DELIVERED)
-        self._hand_over(tick, air, answer if got & FRESH else None, slave, self.address, news)
+        links.table[HEARD_DOWN, k] = self._kernel.now
+        news: News = []
+        if pair.acknowledges:
+            news = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
+        arrivals: list[Arrival] = []
+        if question is not None and fate.heard is Heard.RECEIVED:
+            pair.taken = True
+            if polling.take_down_link(links.table, k):
+                arrivals = [self._arrival(pair.slave, question, self.address)]
+        self._answer(pair, frame)
+        if arrivals or news:
+            self._deliver(arrivals, news)
+
+    def _answer(self, pair: _Pair, frame: Frame) -> None:
+        """Let the slave answer what it has just heard, in the slot after it."""
+        links, answer = self.links, pair.answer
+        slots = 1 if pair.question is None else pair.question.kind.slots
+        tick = pair.tick + 2 * slots
+        kind, duration, first = _shape(answer, NULL)
+        polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
+        channel = self._air.send(self.address, pair.slave, tick, duration)
+        self._count(answer)
+        start = self.clock.time_of(tick)
+        reply = self._frame(kind, duration, pair.slave, self.address, channel, pair.k, answer, start)
+        self._kernel.at(start + duration, partial(self._answered, pair, reply))
+
+    def _answered(self, pair: _Pair, frame: Frame) -> None:
+        """At the end of the slave's frame: the master may hear it, and take its payload."""
+        links, k, answer = self.links, pair.k, pair.answer
+        held = bool(links.table[HELD, k])
+        fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
+        self._note(pair, frame, fate)
+        if not fate.header_heard:
+            self.arm()
+            return
+        links.table[HEARD_UP, k] = self._kernel.now
+        news: News = []
+        if pair.taken and pair.question is not None:
+            self._queues.remove(pair.question)
+            news = pair.question.fate(self.address, Outcome.DELIVERED)
+        arrivals: list[Arrival] = []
+        if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
+            arrivals = [self._arrival(self.address, answer, pair.slave)]
+        self.arm()
+        if arrivals or news:
+            self._deliver(arrivals, news)
+
+    # ------------------------------------------------------------ broadcasts
 
     def _broadcast(self, tick: int, payload: Payload) -> None:
-        slaves = self.links.slaves
-        got = polling.broadcast(self.links.piconet, self.links.table, tick, payload.kind.slots, payload.air)
-        self._frames.payloads[payload.kind.name] += 1
-        if self._frames.wanted:
-            length = len(payload.outgoing.payload)
-            for k, slave in sorted(slaves.items()):
-                ends, heard = (self.address, slave), self.links.heard_down(k)
-                self._frames.record(tick, payload.kind.name, payload.air, ends, heard, EVERYONE, length)
-        fresh = got & ~payload.taken
-        payload.taken |= got
-        payload.tries += 1
-        news: News = []
-        if payload.tries >= self._n_bc:
-            news = self._queues.pop(EVERYONE).fate(self.address, Outcome.SENT)
-        reception, data = self._reception(self.address, True), payload.outgoing.payload
-        arrivals = [(slave, data, reception) for k, slave in slaves.items() if fresh >> k & 1]
-        self._deliver_at(tick, payload.air, arrivals, news)
+        piconet = self.links.piconet
+        piconet[NEXT] = tick + 2 * payload.kind.slots + 2
+        channel = self._air.send(self.address, self.address, tick, payload.air)
+        self._count(payload)
+        last = payload.tries >= self._n_bc
+        if last:
+            self._queues.remove(payload)
+        carriers = {k: self._air.carrier(self.address, slave) for k, slave in self.links.slaves.items()}
+        present = {k for k in carriers if self._present(k, tick, payload.kind.slots)}
+        frame = self._frame(payload.kind, payload.air, self.address, self.address, channel, EVERYONE, payload)
+        self._kernel.after(payload.air, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
-    def _hand_over(
-        self, tick: int, air: Time, payload: Payload | None, source: Address, receiver: Address, news: News
+    def _present(self, k: int, tick: int, slots: int) -> bool:
+        piconet, table = self.links.piconet, self.links.table
+        if not table[HERE, k]:
+            return False
+        return not piconet[SHARED] or polling.open_slot(piconet, table, k, tick, slots) == tick
+
+    def _broadcast_ends(
+        self, frame: Frame, payload: Payload, carriers: dict[int, float], present: set[int], last: bool
     ) -> None:
-        """Deliver, at the end of a frame of a transaction, what it brought and the fate of what it acknowledged."""
         arrivals: list[Arrival] = []
-        if payload is not None:
-            arrivals = [(receiver, payload.outgoing.payload, self._reception(source, False))]
-        self._deliver_at(tick, air, arrivals, news)
-
-    def _deliver_at(self, tick: int, air: Time, arrivals: list[Arrival], news: News) -> None:
+        table, wanted = self.links.table, self._frames.wanted
+        for k, slave in sorted(self.links.slaves.items()):
+            if k not in carriers:
+                continue  # it came while the frame was on the air
+            tuned = bool(table[JOINED, k]) and k in present
+            fate = self._fate(frame, slave, carriers[k], payload, tuned)
+            if wanted:
+                self._frames.record(frame._replace(destination=slave), fate)
+            if fate.header_heard:
+                table[HEARD_DOWN, k] = self._kernel.now
+            if fate.heard is Heard.RECEIVED and not payload.taken >> k & 1:
+                payload.taken |= 1 << k
+                arrivals.append((slave, payload.outgoing.payload, self._reception(self.address, True)))
+        news = payload.fate(self.address, Outcome.SENT) if last else []
         if arrivals or news:
-            self._kernel.at(self.clock.time_of(tick) + air, partial(self._deliver, arrivals, news))
+            self._deliver(arrivals, news)
+
+    # ------------------------------------------------------------ frames
+
+    def _frame(
+        self,
+        kind: PacketType,
+        duration: Time,
+        source: Address,
+        destination: Address,
+        channel: int,
+        lt_addr: int,
+        payload: Payload | None,
+        start: Time | None = None,
+    ) -> Frame:
+        length = 0 if payload is None else len(payload.outgoing.payload)
+        start = self._kernel.now if start is None else start
+        return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
+
+    def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
+        if not tuned:
+            return UNTUNED if self._air.reaches(carrier_dbm) else FAR
+        if payload is None:
+            return self._air.fate(frame, receiver, carrier_dbm, 0, False)
+        return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
+
+    def _note(self, pair: _Pair, frame: Frame, fate: Fate) -> None:
+        if pair.noted:
+            self._frames.record(frame, fate)
+
+    def _count(self, payload: Payload | None) -> None:
+        if payload is not None:
+            payload.tries += 1
+            self._frames.payloads[payload.kind.name] += 1
+
+    def _arrival(self, receiver: Address, payload: Payload, source: Address) -> Arrival:
+        return receiver, payload.outgoing.payload, self._reception(source, False)
 
     def _reception(self, source: Address, broadcast: bool) -> Reception:
         key = (source, broadcast)
@@ -138,28 +295,9 @@ class Slots:
             self._receptions[key] = Reception(source, broadcast)
         return self._receptions[key]
 
-    def _note(
-        self,
-        tick: int,
-        empty: str,
-        payload: Payload | None,
-        ends: tuple[Address, Address],
-        heard: Callable[[int], Heard],
-        k: int,
-        idle: bool,
-    ) -> None:
-        """Count and record one frame of a transaction: *payload*, or a packet of the type *empty*."""
-        kind, air, length = empty, HEADER_AIR, 0
-        if payload is not None:
-            payload.tries += 1
-            kind, air, length = payload.kind.name, payload.air, len(payload.outgoing.payload)
-            self._frames.payloads[kind] += 1
-        if self._frames.idle_wanted or (self._frames.wanted and not idle):
-            self._frames.record(tick, kind, air, ends, heard(k), k, length)
 
-
-def _shape(payload: Payload | None) -> tuple[int, Time, bool]:
-    """Return (slots, air time, whether it goes on the air for the first time) of a packet with or without a payload."""
+def _shape(payload: Payload | None, empty: PacketType) -> tuple[PacketType, Time, bool]:
+    """Return (packet type, air time, whether it goes on the air for the first time) of a packet, or of *empty*."""
     if payload is None:
-        return 1, HEADER_AIR, False
-    return payload.kind.slots, payload.air, payload.tries == 0
+        return empty, HEADER_AIR, False
+    return payload.kind, payload.air, payload.tries == 0

@@ -1,0 +1,56 @@
+"""In which of its piconets a device is, and when: it can only be in one at a time."""
+
+from collections.abc import Callable, Collection
+
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.links import ALWAYS, Presence
+from cosim.machine import Address, Share
+
+AWAY = Presence(here=False)
+ELSEWHERE = Presence(period=1, length=0)
+"""It has divided its time, with no part for that piconet: its master knows that."""
+
+
+class Attendance:
+    """The presence of the device *address*: as its host has divided its time, else in the piconet of its latest link.
+
+    *clock_of* returns the native clock of any device: parts are counted on the one that they refer to.
+    """
+
+    def __init__(self, address: Address, clock_of: Callable[[Address], NativeClock]) -> None:
+        self._address = address
+        self._clock_of = clock_of
+        self._latest: list[Address] = []  # masters of its piconets, in the order in which links came up
+        self._share: Share | None = None
+
+    @property
+    def linked(self) -> bool:
+        """Whether the device has any link."""
+        return bool(self._latest)
+
+    def enter(self, master: Address) -> None:
+        """Note that a link in the piconet of *master* has come up."""
+        self._latest = [*(other for other in self._latest if other != master), master]
+
+    def keep(self, masters: Collection[Address]) -> None:
+        """Note that the device still has links in the piconets of *masters* only."""
+        self._latest = [master for master in self._latest if master in masters]
+
+    def share(self, share: Share | None) -> None:
+        """Divide the time as the host has it; None, or no parts, for not at all."""
+        self._share = share if share is not None and share.parts else None
+
+    def presence(self, master: Address, busy: bool) -> Presence:
+        """Return when the device is in the piconet of *master*; *busy* with a procedure it is nowhere.
+
+        The own piconet is suspended then, which need not be said twice.
+        """
+        if busy:
+            return ALWAYS if master == self._address else AWAY
+        if self._share is None:
+            return ALWAYS if not self._latest or self._latest[-1] == master else AWAY
+        for part_of, first, count in self._share.parts:
+            if part_of == master:
+                clock = self._clock_of(self._share.reference)
+                return Presence(True, 2 * self._share.period_slots, 2 * first, 2 * count, clock)
+        return ELSEWHERE

@@ -1,0 +1,270 @@
+"""All connected piconets of a run, advanced together through the slots in which nobody has a payload.
+
+A POLL is on the air from its slot's start, and only at its end it is known whether the slave has heard it and answers;
+what other piconets send meanwhile may destroy it. So piconets that can disturb each other are advanced in the order of
+time: slot starts, ends of POLLs, ends of NULLs. A piconet that nothing can disturb takes the shortcut ``skip``.
+
+Slots with a payload are not decided here but by the kernel's events (``slots``); their frames are on the same air.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
+from cosim.channels.bluetooth.medium import (
+    NONE,
+    NOT_TUNED,
+    OUT_OF_RANGE,
+    RECEIVED,
+    Floats,
+    Integers,
+    Medium,
+    heard_of,
+    judge,
+    put,
+)
+from cosim.channels.bluetooth.packets import HEADER_AIR
+from cosim.channels.bluetooth.polling import (
+    DUE,
+    FIELDS,
+    HEARD_DOWN,
+    HEARD_UP,
+    HELD,
+    HERE,
+    IDLE,
+    JOINED,
+    MASTER,
+    MOST_SLAVES,
+    NEVER,
+    NEXT,
+    NULLS,
+    PAIR_HERE,
+    PAIR_LINK,
+    PAIR_TICK,
+    PICONET_FIELDS,
+    POLLS,
+    RUNNING,
+    SLAVE,
+    STAGE,
+    T_POLL,
+    USED,
+    WORD,
+    State,
+    first_slot_at,
+    next_poll,
+    skip,
+    time_of,
+)
+from cosim.jit import njit
+
+LOG_FIELDS: Final = 5
+"""Columns of the log of idle frames: master, tick, LT_ADDR, whether it went up to the master, what became of it."""
+
+
+class Band(NamedTuple):
+    """The medium and all piconets on it, row i being that of which device i is the master."""
+
+    medium: Medium
+    piconets: Integers
+    """(n, PICONET_FIELDS)."""
+    links: Integers
+    """(n, FIELDS, 8)."""
+    carriers_dbm: Floats
+    """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
+    used: Integers
+    """(n, 79): the channels of adapted hop sets, ascending, even ones first."""
+    stray: Integers
+    """(1,): when the last frame of an inquiry or a page ends."""
+
+
+def new_band(medium: Medium) -> Band:
+    """Return a band on which nobody has a link."""
+    size = len(medium.cursor)
+    return Band(
+        medium,
+        np.zeros((size, PICONET_FIELDS), dtype=np.int64),
+        np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64),
+        np.zeros((size, 2)),
+        np.zeros((size, 79), dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+@njit(cache=True)
+def channel_of(band: Band, p: int, tick: int) -> int:
+    """Return the channel on which the piconet of device *p* is at *tick*."""
+    piconet = band.piconets[p]
+    if piconet[USED]:
+        channel: int = adapted_hop(piconet[WORD], tick, band.used[p, : piconet[USED]])
+        return channel
+    hop: int = basic_hop(piconet[WORD], tick)
+    return hop
+
+
+@njit(cache=True)
+def _when(piconet: State, links: State) -> tuple[int, bool]:
+    """Return when something happens next in a piconet without payloads, and whether that is a slot's start."""
+    if piconet[STAGE] == 1:
+        return time_of(piconet, piconet[PAIR_TICK]) + HEADER_AIR, False
+    if piconet[STAGE] == 2:
+        return time_of(piconet, piconet[PAIR_TICK] + 2) + HEADER_AIR, False
+    if not piconet[RUNNING]:
+        return NEVER, True
+    tick, _ = next_poll(piconet, links, links[DUE], piconet[NEXT])
+    return (NEVER, True) if tick == NEVER else (time_of(piconet, tick), True)
+
+
+@njit(cache=True)
+def _poll(band: Band, p: int) -> int:
+    """Start the next idle pair; return what became of its POLL if that is clear at once, else RECEIVED."""
+    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+    start = time_of(piconet, tick)
+    master, slave = piconet[MASTER], links[SLAVE, k]
+    links[DUE, k] = tick + piconet[T_POLL]
+    piconet[NEXT] = tick + 4
+    piconet[IDLE] += 1
+    piconet[POLLS] += 1
+    piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
+    put(medium, master, start, start + HEADER_AIR, channel_of(band, p, tick))
+    band.carriers_dbm[p, 0] = medium.power_dbm[master, slave]
+    band.carriers_dbm[p, 1] = medium.power_dbm[slave, master]
+    if not heard_of(medium, band.carriers_dbm[p, 0]):
+        return OUT_OF_RANGE
+    piconet[STAGE] = 1
+    return RECEIVED
+
+
+@njit(cache=True)
+def _end(band: Band, p: int) -> int:
+    """End the POLL or NULL under way in a piconet and return what became of it."""
+    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    k, up = piconet[PAIR_LINK], piconet[STAGE] == 2
+    tick = piconet[PAIR_TICK] + (2 if up else 0)
+    start = time_of(piconet, tick)
+    source, receiver = piconet[MASTER], links[SLAVE, k]
+    if up:
+        source, receiver = receiver, source
+    piconet[STAGE] = 0
+    carrier = band.carriers_dbm[p, 1 if up else 0]
+    if up and not heard_of(medium, carrier):
+        return OUT_OF_RANGE
+    if not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
+        return NOT_TUNED
+    fate: int = judge(medium, source, receiver, channel_of(band, p, tick), start, start + HEADER_AIR, carrier, 0, False)
+    if fate != RECEIVED:
+        return fate
+    links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR
+    if not up:
+        answer = time_of(piconet, tick + 2)
+        put(medium, receiver, answer, answer + HEADER_AIR, channel_of(band, p, tick + 2))
+        piconet[NULLS] += 1
+        piconet[STAGE] = 2
+    return RECEIVED
+
+
+@njit(cache=True)
+def running(band: Band) -> int:
+    """Return how many piconets send anything."""
+    count = 0
+    for p in range(band.piconets.shape[0]):
+        count += band.piconets[p, RUNNING] and band.links[p, HELD].any()
+    return count
+
+
+@njit(cache=True)
+def calm(band: Band) -> bool:
+    """Return whether no frame can be destroyed: by noise never, by others as nobody else sends anything."""
+    medium = band.medium
+    if medium.noise_dbm[0] > -np.inf:
+        return False
+    quiet = medium.numbers[1] == 0 and medium.jams.shape[0] == 0
+    return medium.numbers[0] == NONE or (quiet and running(band) <= 1)
+
+
+@njit(cache=True)
+def _all_hear(band: Band, p: int) -> bool:
+    """Return whether all links of a piconet are up on both sides and in reach."""
+    links, power = band.links[p], band.medium.power_dbm
+    for k in range(1, MOST_SLAVES + 1):
+        slave = links[SLAVE, k]
+        if links[HELD, k] and not (
+            links[JOINED, k]
+            and links[HERE, k]
+            and heard_of(band.medium, power[p, slave])
+            and heard_of(band.medium, power[slave, p])
+        ):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _shortcut(band: Band, p: int, until: int) -> None:
+    """Decide the idle pairs of an undisturbed piconet that are over by *until*."""
+    piconet, links = band.piconets[p], band.links[p]
+    while piconet[STAGE]:
+        when, _ = _when(piconet, links)
+        if when > until:
+            return
+        _end(band, p)
+    if not (piconet[RUNNING] and links[HELD].any() and _all_hear(band, p)):
+        return
+    if time_of(piconet, piconet[NEXT]) < band.stray[0]:
+        return  # what an inquiry or a page has just left on the air may still disturb
+    polled = skip(piconet, links, first_slot_at(piconet, until) - 4, np.empty((0, 2), dtype=np.int64))
+    for k in range(1, MOST_SLAVES + 1):
+        if polled >> k & 1:
+            tick = links[DUE, k] - piconet[T_POLL]
+            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
+            links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
+
+
+@njit(cache=True)
+def advance(band: Band, until: int, log: Integers, undisturbed: bool) -> int:
+    """Decide all slots that start before *until*, all idle, and end all frames of them that end by then.
+
+    Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
+    Return how many there were; more than m if *log* is too short, and then the rest has not been done yet.
+    *undisturbed* is what :func:`calm` said after the last change of who sends.
+    """
+    size = band.piconets.shape[0]
+    if log.shape[0] == 0 and undisturbed:
+        for p in range(size):
+            _shortcut(band, p, until)
+    when, starts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
+    for p in range(size):
+        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+    count = 0
+    while True:
+        p = 0
+        for other in range(1, size):
+            if when[other] < when[p] or (when[other] == when[p] and starts[p] and not starts[other]):
+                p = other
+        if when[p] > until or (starts[p] and when[p] == until):
+            break
+        if 0 < log.shape[0] <= count:
+            return count + 1
+        up = band.piconets[p, STAGE] == 2
+        over = not starts[p]
+        fate = _end(band, p) if over else _poll(band, p)
+        if log.shape[0] and (over or fate != RECEIVED):
+            tick = band.piconets[p, PAIR_TICK] + (2 if up else 0)
+            log[count, 0], log[count, 1], log[count, 2] = p, tick, band.piconets[p, PAIR_LINK]
+            log[count, 3], log[count, 4] = up, fate
+            count += 1
+        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+    for p in range(size):
+        piconet = band.piconets[p]
+        if piconet[RUNNING] and piconet[T_POLL]:
+            piconet[NEXT] = max(piconet[NEXT], first_slot_at(piconet, until))
+    return count
+
+
+@njit(cache=True)
+def send(band: Band, p: int, source: int, tick: int, duration: int) -> int:
+    """Put a frame of the piconet of device *p* on the air that starts at *tick*; return its channel."""
+    channel = channel_of(band, p, tick)
+    start = time_of(band.piconets[p], tick)
+    put(band.medium, source, start, start + duration, channel)
+    return channel

@@ -1,0 +1,83 @@
+"""How strongly devices receive each other, from where they are: a plain disc, or a law of propagation with walls."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cosim.channels.base import Positions
+from cosim.channels.bluetooth.medium import Floats
+from cosim.channels.jamming import Jammer
+from cosim.channels.propagation import Propagation
+from cosim.jit import njit
+
+Bools = np.ndarray[Any, np.dtype[np.bool_]]
+
+
+class Disc:
+    """Everything within *range_m*, or everywhere without one, with 0 dBm; nothing beyond."""
+
+    def __init__(self, size: int, range_m: float | None) -> None:
+        self._range_m = range_m
+        self._near: Bools = np.ones((size, size), dtype=np.bool_)
+        self._positions_m: Positions = np.zeros((size, 2))
+
+    def moved(self, positions_m: Positions) -> bool:
+        """Take new positions and return whether that changes anything."""
+        self._positions_m = positions_m
+        if self._range_m is None or not _differs(positions_m, self._range_m, self._near):
+            return False
+        offsets = positions_m[:, None, :] - positions_m[None, :, :]
+        self._near = (offsets**2).sum(axis=2) <= self._range_m * self._range_m
+        return True
+
+    def power_dbm(self) -> Floats:
+        """Return what each device receives of each other, shape (n, n)."""
+        return np.where(self._near, 0.0, -np.inf)
+
+    def jam_dbm(self, jammers: Sequence[Jammer]) -> Floats:
+        """Return what each device receives of each jammer, shape (jammers, n): as much as of another device."""
+        places = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
+        offsets = places[:, None, :] - self._positions_m[None, :, :]
+        near = (offsets**2).sum(axis=2) <= (self._range_m or np.inf) ** 2
+        return np.where(near, 0.0, -np.inf)
+
+
+class Fading:
+    """Transmit powers, shape (n,), and the gains that *propagation* gives, computed when they are asked for."""
+
+    def __init__(self, transmit_dbm: Floats, propagation: Propagation) -> None:
+        self._transmit_dbm = transmit_dbm
+        self._propagation = propagation
+        self._positions_m: Positions = np.zeros((len(transmit_dbm), 2))
+
+    def moved(self, positions_m: Positions) -> bool:
+        """Take new positions and return whether that changes anything."""
+        if np.array_equal(positions_m, self._positions_m):
+            return False
+        self._positions_m = positions_m.copy()
+        return True
+
+    def power_dbm(self) -> Floats:
+        """Return what each device (column) receives of each other (row), shape (n, n)."""
+        power: Floats = self._transmit_dbm[:, None] + self._propagation.gains_db(self._positions_m)
+        return power
+
+    def jam_dbm(self, jammers: Sequence[Jammer]) -> Floats:
+        """Return what each device receives of each jammer, shape (jammers, n)."""
+        places = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
+        gains = self._propagation.gains_db(np.vstack((self._positions_m, places)))
+        count = len(self._positions_m)
+        power: Floats = np.array([jammer.power_dbm for jammer in jammers])[:, None] + gains[count:, :count]
+        return power
+
+
+@njit(cache=True)
+def _differs(positions_m: Positions, range_m: float, near: Bools) -> bool:
+    """Return whether any pair of *positions_m* is nearer than, or beyond, *range_m* otherwise than *near* says."""
+    for a in range(len(positions_m)):
+        for b in range(a):
+            x, y = positions_m[a, 0] - positions_m[b, 0], positions_m[a, 1] - positions_m[b, 1]
+            if (x * x + y * y <= range_m * range_m) != near[a, b]:
+                return True
+    return False

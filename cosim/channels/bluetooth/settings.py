@@ -1,0 +1,61 @@
+"""What a scenario can say about the Bluetooth channel."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
+from cosim.channels.bluetooth.packets import AclName
+from cosim.channels.bluetooth.paging import PageSettings
+from cosim.channels.bluetooth.radio import Interference
+from cosim.channels.bluetooth.scanning import ScanSettings
+from cosim.channels.propagation import PropagationSettings, noise_dbm, thermal_noise_dbm
+from cosim.settings import Settings
+
+
+class BluetoothSettings(Settings):
+    """Parameters of the Bluetooth channel."""
+
+    kind: Literal["bluetooth"] = "bluetooth"
+    range_m: float | None = Field(
+        default=None, gt=0, description="m, reach of a radio without a law of propagation; unlimited if not given"
+    )
+    propagation: PropagationSettings | None = Field(
+        default=None, description="how signals fade; without it everything within range_m is received without errors"
+    )
+    power_class: Literal[1, 2, 3] = Field(
+        default=2, description="transmit power 20, 4 or 0 dBm, of robots that the team gives none of their own"
+    )
+    sensitivity_dbm: float = Field(default=-80.0, description="dBm, received power at a bit error rate of 1e-3")
+    noise_figure_db: float | None = Field(
+        default=None, ge=0, description="dB, of the receivers; if given, it stands in place of the sensitivity"
+    )
+    interference: Interference = Field(
+        default="co_channel",
+        description="which frames of others can destroy a frame: none, of its channel, or beside it too",
+    )
+    packet_types: tuple[AclName, ...] = Field(
+        default=("DM1", "DH1", "DM3", "DH3", "DM5", "DH5"), min_length=1, description="packets that carry payloads"
+    )
+    n_bc: int = Field(default=1, ge=1, description="how often a broadcast is sent")
+    t_poll_slots: int = Field(
+        default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
+    )
+    supervision_s: float = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
+    clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
+    inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
+    inquiry_scan: InquiryScanSettings = Field(
+        default_factory=InquiryScanSettings, description="how devices let themselves be found"
+    )
+    page: PageSettings = Field(default_factory=PageSettings, description="how devices ask for a link")
+    page_scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices let themselves be paged")
+    idle_frames: bool = Field(default=False, description="whether recorded frames include idle POLL and NULL")
+
+    @property
+    def noise_dbm(self) -> float:
+        """The noise in dBm at a receiver; -inf without a law of propagation."""
+        if self.propagation is None:
+            return float("-inf")
+        if self.noise_figure_db is not None:
+            return thermal_noise_dbm(self.noise_figure_db)
+        return noise_dbm(self.sensitivity_dbm)

@@ -1,0 +1,66 @@
+"""The slot-by-slot oracle of the whole band: piconets, inquiries, pages and jammers on one air, with noise.
+
+Every tick of every master, inquirer and pager is visited; every frame and every ID goes on the air as a concrete
+(start, end, source, channel), and each is judged at its end by looking at all others. Slow, and meant to be obviously
+right. It takes from cosim the hop functions, the probabilities of errors and Philox, which have oracles of their own.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+from tests.oracles.band_piconets import Piconet
+from tests.oracles.band_scene import Book, Input, Inquire, Join, PageFor, Scan, Scene, Share, Suspend
+from tests.oracles.band_searches import Inquiry, Page
+from tests.oracles.band_stage import HOST, Device, Link, Stage
+from tests.oracles.polling import Flush, Send
+
+
+def live(scene: Scene, draw: Callable[[int, int, int], int]) -> Book:
+    """Live through *scene*; *draw* (device, bound, tick) gives the scanners' back-offs."""
+    stage = Stage(scene, draw)
+    masters = {wish.master if isinstance(wish, Join) else wish.device for wish in scene.inputs if is_founding(wish)}
+    for address in sorted(masters):
+        Piconet(stage, stage.devices[address]).start()
+    for wish in scene.inputs:
+        stage.at(wish.time, HOST, 0, partial(act, stage, wish))
+    stage.run()
+    return stage.book
+
+
+def is_founding(wish: Input) -> bool:
+    return isinstance(wish, Join | PageFor)
+
+
+def act(stage: Stage, wish: Input) -> None:
+    """Do what a host does now."""
+    match wish:
+        case Join(_, master, slave, lt_addr, due):
+            link = Link(master, slave, lt_addr, due)
+            stage.come_up(link, stage.devices[slave])
+            stage.come_up(link, stage.devices[master])
+        case Send():
+            stage.send(wish)
+        case Flush():
+            stage.flush(wish)
+        case Suspend(_, master, until):
+            stage.devices[master].absent_until = until
+        case Share(_, device, _, parts, _):
+            stage.devices[device].share = wish if parts else None
+        case Scan(_, device, enabled):
+            stage.devices[device].scan_asked = enabled
+            stage.update_scan(stage.devices[device])
+        case Inquire(_, device, duration, enough):
+            search(stage, stage.devices[device], Inquiry(stage, stage.devices[device], duration, enough))
+        case PageFor(_, device, peer, offset, lt_addr):
+            search(
+                stage, stage.devices[device], Page(stage, stage.devices[device], stage.devices[peer], offset, lt_addr)
+            )
+
+
+def search(stage: Stage, device: Device, procedure: Inquiry | Page) -> None:
+    if device.procedure is not None:
+        stage.doubt("a device has two procedures at once")
+        return
+    device.procedure = procedure
+    stage.update_scan(device)
+    procedure.begin()

@@ -1,0 +1,196 @@
+"""What is on the air of the whole band, how strong it arrives, and which section of a frame it destroys.
+
+Every frame and every ID is a concrete (start, end, source, channel). A frame is judged by looking at each other frame
+that began less than 6 ms ago: all that can overlap it did. Jammers are sources like any other, with addresses behind
+those of the devices.
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import chain, takewhile
+from math import inf
+from typing import Literal, NamedTuple
+
+from cosim.channels.bluetooth.errors import section_probabilities
+from cosim.randomness import philox
+from tests.oracles.medium import COLLIDED, OUT_OF_RANGE, RECEIVED, US, OnAir
+
+BIT_ERRORS = "bit_errors"
+LONGEST_AGO = 6_000_000
+Matrix = tuple[tuple[float, ...], ...]
+"""dBm by [transmitter][receiver]."""
+Mode = Literal["none", "co_channel", "neighbouring"]
+WEIGHTS = (1.0, 10**-1.1, 10**-4.1, 10**-5.1)
+"""What an interferer 0, 1, 2, 3 or more MHz away counts."""
+CARRIER_TO_INTERFERENCE = 10**-1.1
+SECTIONS = ("access_code", "header", "payload")
+
+
+class Contents(NamedTuple):
+    """What errors depend on: bits of the payload before coding, whether they are coded, whether there is a header."""
+
+    bits: int = 0
+    coded: bool = False
+    header: bool = True
+
+
+IDENT = Contents(header=False)
+POLLING = Contents()
+FHS = Contents(160, True)
+
+
+@dataclass(frozen=True)
+class Jammer:
+    """A jammer on the air in [start, until).
+
+    *constant*: on all its channels; *sweeping*: on one after the other, *dwell* on each; *pulsed*: on all of them for
+    the first *on* of every *period*. A channel that it is on at any instant of a section counts once, and in full.
+    """
+
+    mode: Literal["constant", "sweeping", "pulsed"]
+    start: int
+    until: int
+    channels: tuple[int, ...]
+    dwell: int = 1
+    on: int = 1
+    period: int = 1
+
+    def is_on(self, channel: int, time: int) -> bool:
+        """Return whether it is on *channel* at the instant *time*."""
+        if channel not in self.channels or not self.start <= time < self.until:
+            return False
+        since = time - self.start
+        if self.mode == "sweeping":
+            return self.channels[since // self.dwell % len(self.channels)] == channel
+        return self.mode == "constant" or since % self.period < self.on
+
+    def is_on_within(self, channel: int, start: int, end: int) -> bool:
+        """Return whether it is on *channel* at any instant of [start, end).
+
+        If it is, then at the first instant of that time, or at one at which it comes on the air or changes.
+        """
+        length = {"constant": self.until - self.start, "sweeping": self.dwell, "pulsed": self.period}[self.mode]
+        turns = range((start - self.start) // length, (end - self.start) // length + 2)
+        changes = [self.start + turn * length for turn in turns]
+        return any(self.is_on(channel, time) for time in (start, *changes) if start <= time < end)
+
+
+@dataclass(frozen=True)
+class Radio:
+    """Powers over time, noise and interference; *noise_dbm* None is a disc: no noise."""
+
+    powers: tuple[tuple[int, Matrix], ...]
+    """(from when, matrix), ascending, the first one from 0; jammers stand behind the devices."""
+    switches: tuple[tuple[int, int, bool], ...] = ()
+    """(when, device, on), ascending."""
+    noise_dbm: float | None = None
+    mode: Mode = "co_channel"
+    jammers: tuple[Jammer, ...] = ()
+    key: tuple[int, int] = (0, 0)
+    """Of the stream of errors."""
+
+
+def milliwatts(dbm: float) -> float:
+    return 0.0 if dbm == -inf else 10.0 ** (dbm / 10.0)
+
+
+@dataclass
+class Air:
+    """All frames that were ever on the air, in the order of their starts, between *devices* devices."""
+
+    radio: Radio
+    devices: int
+    frames: list[OnAir] = field(default_factory=list)
+
+    def power(self, source: int, receiver: int, time: int) -> float:
+        """Return the power in dBm with which *receiver* has *source* at *time*."""
+        if not (self.is_on(source, time) and self.is_on(receiver, time)):
+            return -inf
+        powers = self.radio.powers
+        return powers[bisect_right(powers, time, key=lambda piece: piece[0]) - 1][1][source][receiver]
+
+    def is_on(self, device: int, time: int) -> bool:
+        state = True
+        for when, which, on in self.radio.switches:
+            if which == device and when <= time:
+                state = on
+        return state
+
+    def es_n0(self, carrier: float) -> float:
+        if self.radio.noise_dbm is None:
+            return inf if carrier > -inf else -inf
+        return carrier - self.radio.noise_dbm
+
+    def out_of_range(self, carrier: float) -> bool:
+        return self.es_n0(carrier) < 0.0
+
+    def put(self, start: int, duration: int, source: int, channel: int) -> OnAir:
+        frame = OnAir(start, start + duration, source, channel)
+        self.frames.append(frame)
+        return frame
+
+    def interference(self, frame: OnAir, receiver: int, start: int, end: int, now: int) -> float:
+        """Return the sum in mW of what overlaps [start, end), as strong as it is at *now*."""
+        if self.radio.mode == "none":
+            return 0.0
+        recent = takewhile(lambda other: other.start > now - LONGEST_AGO, reversed(self.frames))
+        jamming = (
+            OnAir(start, end, self.devices + number, channel)
+            for number, jammer in enumerate(self.radio.jammers)
+            for channel in jammer.channels
+            if jammer.is_on_within(channel, start, end)
+        )
+        total = 0.0
+        for other in chain(recent, jamming):
+            if other is frame or other.source in (frame.source, receiver):
+                continue
+            if not (other.start < end and other.end > start):
+                continue
+            distance = abs(other.channel - frame.channel)
+            if self.radio.mode == "co_channel" and distance > 0:
+                continue
+            total += milliwatts(self.power(other.source, receiver, now)) * WEIGHTS[min(distance, 3)]
+        return total
+
+    def judge(
+        self,
+        frame: OnAir,
+        receiver: int,
+        carrier: float,
+        contents: Contents,
+        now: int,
+        which: tuple[str, ...] = SECTIONS,
+    ) -> tuple[str, str | None]:
+        """Return the outcome of the sections *which* of a frame that its receiver is tuned to, and which one failed.
+
+        The access code of an FHS that is judged alone (at 68 us, for the lock) ends there.
+        """
+        if self.out_of_range(carrier):
+            return OUT_OF_RANGE, None
+        begin, until = frame.start, frame.end
+        access = begin + (72 * US if contents.header and now == until else 68 * US)
+        spans = {
+            "access_code": (begin, access),
+            "header": (begin + 72 * US, begin + 126 * US),
+            "payload": (begin + 126 * US, until),
+        }
+        for section in which:
+            start, end = spans[section]
+            if start >= end or (section != "access_code" and not contents.header):
+                continue
+            noise = self.interference(frame, receiver, start, end, now)
+            if noise > 0.0 and milliwatts(carrier) * CARRIER_TO_INTERFERENCE < noise:
+                return COLLIDED, section
+            if self.has_bit_errors(frame, receiver, carrier, contents, section):
+                return BIT_ERRORS, section
+        return RECEIVED, None
+
+    def has_bit_errors(self, frame: OnAir, receiver: int, carrier: float, contents: Contents, section: str) -> bool:
+        counter = (frame.start % (1 << 32), frame.start >> 32, frame.source << 16 | receiver, 2)
+        w0, w1, w2, w3 = philox(counter, self.radio.key)
+        access, header, payload = section_probabilities(self.es_n0(carrier), contents.bits, contents.coded)
+        if section == "access_code":
+            return w0 < access * 2.0**32
+        if section == "header":
+            return w1 < header * 2.0**32
+        return ((w2 << 32 | w3) >> 11) * 2.0**-53 < payload

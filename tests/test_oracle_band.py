@@ -1,0 +1,175 @@
+"""The Bluetooth channel equals the slot-by-slot oracle of the whole band; the oracle itself does what readings say."""
+
+from dataclasses import replace
+from math import inf
+
+import pytest
+
+from cosim.channels.bluetooth.hopping import basic_channel
+from tests.oracles.band import live
+from tests.oracles.band_air import Jammer, Matrix, Mode, Radio
+from tests.oracles.band_scene import Body, Book, Input, Join, Scene, Seen
+from tests.oracles.medium import SLOT, TICK, US
+from tests.oracles.polling import ALL, Send
+
+FIRST = 4_000
+"""Both masters' tick at time 0, or nearly."""
+WORD = 0x2A96EF25
+
+
+# ---------------------------------------------------------------- the oracle itself
+
+
+def two_piconets(later: int, powers: Matrix, mode: Mode = "co_channel", *sends: Send) -> Scene:
+    """Return masters 0 and 2 with the same hop sequence and a slave each, 1 and 3; the second *later* by so many ns.
+
+    Both poll at 1 ms plus 250 us (and *later*).
+    """
+    bodies = tuple(Body(FIRST * TICK - late, 0, WORD) for late in (0, 0, later, later))
+    inputs: tuple[Input, ...] = (Join(0, 0, 1, 1, FIRST + 4), Join(0, 2, 3, 1, FIRST + 4), *sends)
+    return Scene(bodies, Radio(((0, powers),), mode=mode), inputs, 6 * SLOT)
+
+
+def all_equal(dbm: float, count: int = 4, jammers: tuple[float, ...] = ()) -> Matrix:
+    rows = [tuple(-inf if a == b else dbm for b in range(count)) for a in range(count)]
+    return (*rows, *((power,) * count for power in jammers))
+
+
+def book_of(scene: Scene) -> Book:
+    return live(scene, lambda device, bound, tick: 0)
+
+
+def frames(book: Book, source: int) -> list[Seen]:
+    return sorted((row for row in book.seen + book.idle if row.source == source), key=lambda row: row.start)
+
+
+@pytest.mark.parametrize(
+    ("later", "first", "second"),
+    [
+        (0, ("collided", "access_code"), ("collided", "access_code")),
+        (72 * US - 1, ("collided", "access_code"), ("collided", "access_code")),
+        (72 * US, ("collided", "header"), ("collided", "access_code")),
+        (126 * US - 1, ("collided", "header"), ("collided", "access_code")),
+        (126 * US, ("received", None), ("received", None)),
+    ],
+)
+def test_frames_of_one_channel_collide_where_they_overlap(
+    later: int, first: tuple[str, str | None], second: tuple[str, str | None]
+) -> None:
+    book = book_of(two_piconets(later, all_equal(-50.0)))
+    one, other = frames(book, 0)[0], frames(book, 2)[0]
+    assert (one.start, other.start) == (1_250_000, 1_250_000 + later)
+    assert one.channel == other.channel == basic_channel(WORD, FIRST + 4)
+    assert (one.outcome, one.part) == first
+    assert (other.outcome, other.part) == second
+
+
+def test_a_payload_that_collides_is_repeated_though_its_header_was_heard() -> None:
+    send = Send(1_000, 0, 1, 27, 5)  # DH1, 366 us
+    scene = replace(two_piconets(300 * US, all_equal(-50.0), "co_channel", send), kinds=("DH1",), end=12 * SLOT)
+    book = book_of(scene)
+    data = [row for row in frames(book, 0) if row.kind == "DH1"]
+    assert [(row.start, row.outcome, row.part) for row in data] == [
+        (1_250_000, "collided", "payload"),
+        (2_500_000, "received", None),
+    ]
+    answers = frames(book, 1)
+    assert [row.start for row in answers] == [1_875_000, 3_125_000]
+    assert [delivery.time for delivery in book.deliveries] == [2_500_000 + 366 * US]
+    assert [(fate.time, fate.outcome) for fate in book.verdicts] == [(3_125_000 + 126 * US, "delivered")]
+
+
+@pytest.mark.parametrize(
+    ("distance", "stronger_db", "survives"),
+    [
+        (0, -11.001, True),
+        (0, -10.999, False),
+        (1, 0.0, True),
+        (1, 0.001, False),
+        (2, 29.999, True),
+        (2, 30.001, False),
+        (3, 39.999, True),
+        (3, 40.001, False),
+        (40, 39.999, True),
+        (40, 40.001, False),
+    ],
+)
+def test_a_neighbour_destroys_at_the_specified_ratio(distance: int, stronger_db: float, survives: bool) -> None:
+    channel = basic_channel(WORD, FIRST + 4)
+    place = channel + distance if channel + distance < 79 else channel - distance
+    scene = two_piconets(10 * SLOT, all_equal(-50.0, 4, (-50.0 + stronger_db,)), "neighbouring")
+    jammer = Jammer("constant", 1_250_000 + 126 * US - 1, 1_250_000 + 126 * US, (place,))
+    scene = replace(scene, radio=replace(scene.radio, jammers=(jammer,)))
+    poll = frames(book_of(scene), 0)[0]
+    assert (poll.outcome, poll.part) == (("received", None) if survives else ("collided", "header"))
+    for mode in ("none", "co_channel"):
+        poll = frames(book_of(replace(scene, radio=replace(scene.radio, mode=mode))), 0)[0]
+        assert (poll.outcome == "received") == (survives or mode == "none" or distance > 0)
+
+
+def test_jammers_sweep_and_pulse() -> None:
+    sweep = Jammer("sweeping", 1_000, 10_000, (7, 3, 5), dwell=100)
+    assert [sweep.is_on(7, time) for time in (999, 1_000, 1_099, 1_100, 1_300, 10_000)] == [0, 1, 1, 0, 1, 0]
+    assert [channel for channel in (7, 3, 5, 4) if sweep.is_on_within(channel, 1_050, 1_101)] == [7, 3]
+    assert not sweep.is_on_within(5, 1_050, 1_200)
+    assert sweep.is_on_within(5, 1_050, 1_201)
+    pulses = Jammer("pulsed", 1_000, 10_000, (7,), on=10, period=100)
+    assert [pulses.is_on(7, time) for time in (1_009, 1_010, 1_099, 1_100)] == [1, 0, 0, 1]
+    assert not pulses.is_on_within(7, 1_010, 1_100)
+    assert pulses.is_on_within(7, 1_010, 1_101)
+    assert not pulses.is_on_within(7, 10_000, 20_000)
+
+
+def test_powers_count_from_the_frames_start_for_the_carrier_and_at_its_end_for_the_interferer() -> None:
+    loud, faint = all_equal(-50.0), all_equal(-70.0)
+    begin, end = 1_250_000, 1_250_000 + 126 * US
+    noisy = replace(two_piconets(1 * US, loud).radio, noise_dbm=-69.0)
+
+    def poll(*powers: tuple[int, Matrix]) -> str:
+        scene = replace(two_piconets(1 * US, loud), radio=replace(noisy, powers=powers))
+        return frames(book_of(scene), 0)[0].outcome
+
+    only_0 = tuple(row if a == 0 else (-inf,) * 4 for a, row in enumerate(loud))
+    assert poll((0, loud)) == "collided"
+    assert poll((0, loud), (end, only_0)) == "received"  # the interferer has gone by the end
+    assert poll((0, loud), (end + 1, only_0)) == "collided"
+    assert poll((0, only_0), (end, loud)) == "collided"
+    assert poll((0, only_0), (begin + 1, faint)) == "received"  # -61 dBm would do, and the carrier is still -50
+    assert poll((0, only_0), (begin, faint)) == "out_of_range"
+
+
+def test_a_radio_that_is_off_neither_hears_nor_disturbs() -> None:
+    scene = two_piconets(0, all_equal(-50.0))
+    off = replace(scene, radio=replace(scene.radio, switches=((1_250_000 + 126 * US, 2, False),)))
+    assert frames(book_of(off), 0)[0].outcome == "received"
+    assert frames(book_of(off), 2)[0].outcome == "collided"  # on when the frame began
+    off = replace(scene, radio=replace(scene.radio, switches=((1_250_000, 2, False), (1_250_001, 2, True))))
+    assert [frames(book_of(off), source)[0].outcome for source in (0, 2)] == ["collided", "out_of_range"]
+
+
+def test_a_frame_below_the_noise_is_out_of_range_and_one_above_has_bit_errors() -> None:
+    scene = two_piconets(10 * SLOT, all_equal(-50.0), "none")
+    outcomes = {
+        noise: frames(book_of(replace(scene, radio=replace(scene.radio, noise_dbm=noise))), 0)[0].outcome
+        for noise in (-49.999, -50.0, -80.0)
+    }
+    assert outcomes == {-49.999: "out_of_range", -50.0: "bit_errors", -80.0: "received"}
+
+
+def test_errors_depend_on_the_key_and_hit_each_receiver_by_itself() -> None:
+    """Of broadcasts of 339 bytes at 13.6 dB about a half arrive at each of two slaves, not at both or none."""
+    bodies = tuple(Body(FIRST * TICK, 0, WORD) for _ in range(3))
+    inputs: list[Input] = [Join(0, 0, 1, 1, FIRST + 4), Join(0, 0, 2, 2, FIRST + 4)]
+    inputs += [Send(1_000, 0, ALL, 339, token) for token in range(30)]
+    radio = Radio(((0, all_equal(-50.0, 3)),), noise_dbm=-63.6, key=(1, 2))
+    scene = Scene(bodies, radio, tuple(inputs), 300 * SLOT)
+
+    def heard(scene: Scene) -> list[set[int]]:
+        book = book_of(scene)
+        return [{row.token for row in book.deliveries if row.receiver == slave} for slave in (1, 2)]
+
+    one, other = heard(scene)
+    assert 3 < len(one) < 27
+    assert 3 < len(other) < 27
+    assert one != other
+    assert heard(replace(scene, radio=replace(radio, key=(1, 3)))) != [one, other]

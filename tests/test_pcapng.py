@@ -1,0 +1,340 @@
+"""Captures as Debian's tshark reads them: the frames of a run, one by one, and nothing malformed."""
+
+import os
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+import pytest
+import yaml
+
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.controller import Identity
+from cosim.cli import main
+from cosim.export.baseband import LINK_TYPE, write_capture
+from cosim.export.pcapng import INBOUND, Interface, Packet, write_pcapng
+from cosim.units import US, S
+
+GIAC = 0x9E8B33
+MASTER, SLAVE, OTHER = 0, 1, 2
+WORDS = (0x47A1B2C3, 0x00FFFFFE, 0xF3000001)
+DEVICES = [
+    Identity(MASTER, WORDS[MASTER], NativeClock(1_000_000_007, 20)),
+    Identity(SLAVE, WORDS[SLAVE], NativeClock((1 << 28) * 312_500 - 5 * S, -20)),
+    Identity(OTHER, WORDS[OTHER], NativeClock(0, 0)),
+]
+TYPES = {"NULL": 0, "POLL": 1, "FHS": 2, "DM1": 3, "DH1": 4, "DM3": 10, "DH3": 11, "DM5": 14, "DH5": 15}
+COLUMNS = ("time_ns", "source", "destination", "kind", "channel", "lt_addr", "length", "outcome", "part")
+
+
+class Row(NamedTuple):
+    """A row of the table of frames, and whose LAP its access code is made of; None if it is in no capture."""
+
+    time_ns: int
+    source: int
+    destination: int
+    kind: str
+    channel: int
+    lt_addr: int
+    length: int
+    outcome: str
+    part: str
+    lap: int | None
+
+
+def row(time_us, ends, kind, lap_of, lt_addr=0, length=0, outcome="received", part=""):
+    lap = WORDS[lap_of] & 0xFFFFFF if lap_of in (MASTER, SLAVE) else lap_of
+    return Row(time_us * US, *ends, kind, time_us % 79, lt_addr, length, outcome, part, lap)
+
+
+DOWN, UP = (MASTER, SLAVE), (SLAVE, MASTER)
+INQUIRED = [
+    row(1000, DOWN, "ID", GIAC),  # a back-off follows
+    row(4000, DOWN, "ID", GIAC),
+    row(4625, UP, "FHS", GIAC),
+    row(4800, (OTHER, MASTER), "FHS", None, outcome="busy"),
+]
+PAGED = [
+    row(10_000, DOWN, "ID", SLAVE),
+    row(10_625, UP, "ID", SLAVE),
+    row(11_250, DOWN, "FHS", SLAVE, outcome="collided", part="payload"),
+    row(12_500, DOWN, "FHS", SLAVE),
+    row(13_125, UP, "ID", SLAVE),
+    row(13_750, DOWN, "POLL", MASTER, 3),
+    row(14_375, UP, "NULL", MASTER, 3),
+]
+TALKED = [
+    row(5_000_000 + 10_000 * number, ends, kind, MASTER, 3, length)
+    for number, (ends, kind, length) in enumerate(
+        (ends, kind, length)
+        for kind, capacity in {"DM1": 17, "DH1": 27, "DM3": 121, "DH3": 183, "DM5": 224, "DH5": 339}.items()
+        for ends, length in ((DOWN, 0), (UP, 1), (DOWN, capacity))
+    )
+]
+SPOILT = [
+    row(6_000_000, DOWN, "DM3", MASTER, 3, 50, "bit_errors", "payload"),
+    row(6_010_000, UP, "DH1", MASTER, 3, 5, "collided", "payload"),
+    row(6_020_000, DOWN, "DM3", None, 3, 50, "bit_errors", "header"),
+    row(6_030_000, DOWN, "DM3", None, 3, 50, "collided", "access_code"),
+    row(6_040_000, DOWN, "POLL", None, 3, 0, "out_of_range"),
+    row(6_050_000, DOWN, "POLL", None, 3, 0, "not_tuned"),
+]
+BROADCAST = [
+    row(7_000_000, DOWN, "DM1", MASTER, 0, 13),
+    row(7_000_000, (MASTER, OTHER), "DM1", MASTER, 0, 13),
+]
+ROWS = [*TALKED, *PAGED, *INQUIRED, *SPOILT, *BROADCAST]  # idle frames are recorded late, others when they end
+
+
+class Seen(NamedTuple):
+    """What tshark prints of a packet."""
+
+    time_ns: int
+    interface: str
+    channel: int
+    lap: int
+    lt_addr: int | None
+    kind: int | None
+    length: int | None
+    crc_error: bool
+    malformed: str
+    expert: str
+    fhs: tuple[int, ...]
+
+
+FIELDS = (
+    "frame.time_epoch",
+    "frame.interface_name",
+    "btbredr_rf.rf_channel",
+    "btbredr_rf.lower_address_part",
+    "btbredr_rf.packet_header.lt_addr",
+    "btbredr_rf.packet_header.type",
+    "btbredr_rf.payload_header.length",
+    "frame.packet_flags_crc_error",
+    "_ws.malformed",
+    "_ws.expert.message",
+    *(f"btbredr_fhs.{name}" for name in ("lap", "uap", "nap", "ltaddr", "clk", "sr")),
+)
+
+
+@pytest.fixture(scope="module")
+def tshark() -> str:
+    found = shutil.which("tshark")
+    if found is None:
+        if os.environ.get("CI"):
+            pytest.fail("CI has no tshark")
+        pytest.skip("there is no tshark here (Debian: apt-get install tshark)")
+    return found
+
+
+def read(program: str, path: Path) -> list[Seen]:
+    command = [program, "-n", "-r", str(path), "-T", "fields", "-E", "separator=|", *(f"-e{name}" for name in FIELDS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"LC_ALL": "C"})
+    return [seen(line.split("|")) for line in done.stdout.splitlines()]
+
+
+def experts(program: str, path: Path) -> list[str]:
+    """Return what tshark's expert has to say of a file: lines of severity with number, or of number and remark."""
+    done = subprocess.run([program, "-r", str(path), "-q", "-z", "expert"], capture_output=True, text=True, check=True)
+    return [" ".join(line.split()) for line in done.stdout.splitlines() if re.search(r"\d", line)]
+
+
+def not_checked(count: int) -> list[str]:
+    """Return what there is to say of the IDs of pages: they have no header."""
+    return [f"Notes ({count})", f"{count} Protocol BT BR/EDR RF Packet Header with HEC is not checked"]
+
+
+def seen(words: list[str]) -> Seen:
+    numbers = [int(word, 0) if word else None for word in (*words[2:7], *words[10:])]
+    time_ns = int(words[0].replace(".", ""))
+    assert len(words[0].partition(".")[2]) == 9
+    fhs = tuple(number for number in numbers[5:] if number is not None)
+    crc_error = words[7] in ("1", "True")
+    return Seen(time_ns, words[1], *numbers[:5], crc_error, words[8], words[9], fhs)  # type: ignore[arg-type]
+
+
+def table(rows) -> dict[str, list[Any]]:
+    return {name: [getattr(row, name) for row in rows] for name in COLUMNS}
+
+
+@pytest.fixture(scope="module")
+def capture(tshark: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("capture") / "rows.pcapng"
+    write_capture(path, table(ROWS), DEVICES, "rows")
+    return path
+
+
+@pytest.fixture(scope="module")
+def captured(tshark: str, capture: Path) -> list[Seen]:
+    return read(tshark, capture)
+
+
+HEARD = sorted((row for row in ROWS if row.lap is not None), key=lambda row: row.time_ns)
+
+
+# ---------------------------------------------------------------- rows as tshark reads them
+
+
+@pytest.mark.slow
+def test_the_frames_whose_headers_were_heard_are_captured_in_order(captured: list[Seen]):
+    assert [packet[:4] for packet in captured] == [
+        (row.time_ns, f"robot {row.destination}", row.channel, row.lap) for row in HEARD
+    ]
+
+
+@pytest.mark.slow
+def test_lt_addr_and_type_are_those_of_the_table(captured: list[Seen]):
+    assert [(packet.lt_addr, packet.kind) for packet in captured] == [
+        (None, None) if row.kind == "ID" else (row.lt_addr, TYPES[row.kind]) for row in HEARD
+    ]
+
+
+@pytest.mark.slow
+def test_payloads_have_their_lengths_and_crc(captured: list[Seen]):
+    whole = {row: packet for row, packet in zip(HEARD, captured, strict=True) if row.kind[0] == "D" and not row.part}
+    assert len(whole) == len(TALKED) + len(BROADCAST)
+    assert all(packet.length == row.length and not packet.crc_error for row, packet in whole.items())
+
+
+@pytest.mark.slow
+def test_a_lost_payload_is_marked(captured: list[Seen]):
+    spoilt = [packet for row, packet in zip(HEARD, captured, strict=True) if row.part]
+    assert [(packet.crc_error, packet.length, packet.fhs) for packet in spoilt] == [(True, None, ())] * 3
+    assert sum(packet.crc_error for packet in captured) == 3
+
+
+@pytest.mark.slow
+def test_tshark_finds_nothing_wrong(tshark: str, capture: Path, captured: list[Seen]):
+    assert {(packet.malformed, packet.expert) for packet in captured} == {("", "")}
+    assert experts(tshark, capture) == not_checked(3)
+
+
+@pytest.mark.slow
+def test_an_fhs_tells_address_and_clock_of_its_sender(captured: list[Seen]):
+    found = [(row, packet.fhs) for row, packet in zip(HEARD, captured, strict=True) if packet.fhs]
+    assert len(found) == 2
+    for row, (lap, uap, nap, lt_addr, clk, repetition) in found:
+        device = DEVICES[row.source]
+        assert (uap << 24 | lap, nap, repetition) == (device.hop_address, 0, 1)
+        assert lt_addr == (3 if row.source == MASTER else 0)
+        local = device.clock.phase + row.time_ns + row.time_ns * device.clock.ppm // 1_000_000
+        assert clk == local // 1_250_000 % (1 << 26)
+
+
+# ---------------------------------------------------------------- the file
+
+
+def blocks(path: Path) -> list[tuple[int, bytes]]:
+    data, found = path.read_bytes(), []
+    while data:
+        kind, length = struct.unpack_from("<II", data)
+        assert length % 4 == 0
+        assert struct.unpack_from("<I", data, length - 4) == (length,)
+        found.append((kind, data[8 : length - 4]))
+        data = data[length:]
+    return found
+
+
+def test_the_blocks_are_a_section_the_interfaces_and_the_packets(tmp_path: Path):
+    path = tmp_path / "two.pcapng"
+    packets = [Packet(5 << 32 | 7, 1, INBOUND, b"abcde"), Packet(9 << 32, 0, INBOUND, b"")]
+    interfaces = [Interface("robot 0", ""), Interface("robot 10", "the tenth")]
+    assert write_pcapng(path, LINK_TYPE, interfaces, packets, comment="two") == 2
+    assert [kind for kind, _ in blocks(path)] == [0x0A0D0D0A, 1, 1, 6, 6]
+    section, first, _, packet, _ = (body for _, body in blocks(path))
+    assert section.startswith(bytes.fromhex("4d3c2b1a 0100 0000 ffffffffffffffff 0100 0300") + b"two\0")
+    assert first == bytes.fromhex("ff00 0000 00000000 0200 0700") + b"robot 0\0" + bytes.fromhex(
+        "0900 0100 09000000 00000000"
+    )
+    fixed = struct.pack("<IIIII", 1, 5, 7, 5, 5)
+    assert packet == fixed + b"abcde\0\0\0" + bytes.fromhex("0200 0400 01000000 00000000")
+
+
+def test_a_capture_that_fails_leaves_nothing(tmp_path: Path):
+    path = tmp_path / "half.pcapng"
+
+    def packets():
+        yield Packet(0, 0, INBOUND, b"abc")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_pcapng(path, LINK_TYPE, [Interface("robot 0", "")], packets())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_without_parts_is_read_too(tmp_path: Path):
+    rows = table([row for row in ROWS if not row.part])
+    del rows["part"]
+    assert write_capture(tmp_path / "a.pcapng", rows, DEVICES, "") == len([row for row in HEARD if not row.part])
+
+
+# ---------------------------------------------------------------- runs
+
+
+SCENARIO = {
+    "name": "three",
+    "duration_s": 40,
+    "floorplan": {"map": "office"},
+    "team": {"size": 3},
+    "channel": {"kind": "bluetooth", "idle_frames": True},
+    "protocol": {"use": "pseudonet"},
+}
+
+
+def run(*words: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", *words])
+    return int(str(ended.value.code))
+
+
+@pytest.fixture
+def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("three.yaml").write_text(yaml.safe_dump(SCENARIO))
+    return "three.yaml"
+
+
+@pytest.mark.slow
+def test_tshark_reads_the_frames_of_a_run(tshark: str, scenario: str, capsys: pytest.CaptureFixture[str]):
+    assert run(scenario, "--pcapng", "captures/three.pcapng", "--trace", "tables") == 0
+    frames = pd.read_parquet("tables/frames.parquet").sort_values("time_ns", kind="stable")
+    heard = frames[frames.outcome == "received"]
+    assert {"ID", "FHS", "POLL", "NULL", "DM1"} <= set(heard.kind)
+    packets = read(tshark, Path("captures/three.pcapng"))
+    assert f"{len(packets)} received frames in captures/three.pcapng, " in capsys.readouterr().out
+    assert [(packet.time_ns, packet.interface, packet.channel) for packet in packets] == [
+        (row.time_ns, f"robot {row.destination}", row.channel) for row in heard.itertuples()
+    ]
+    assert [(packet.lt_addr, packet.kind) for packet in packets] == [
+        (None, None) if row.kind == "ID" else (row.lt_addr, TYPES[row.kind]) for row in heard.itertuples()
+    ]
+    assert {(packet.malformed, packet.expert) for packet in packets} == {("", "")}
+    paged = [packet for packet in packets if packet.kind is None and packet.lap != GIAC]
+    assert experts(tshark, Path("captures/three.pcapng")) == not_checked(len(paged))
+    assert len(paged) >= 6  # ID, response and acknowledgement for each of two slaves
+
+
+@pytest.mark.slow
+def test_a_capture_needs_no_trace_and_changes_nothing(scenario: str, capsys: pytest.CaptureFixture[str]):
+    assert run(scenario, "--json") == 0
+    without = capsys.readouterr().out
+    assert run(scenario, "--json", "--pcapng", "three.pcapng") == 0
+    assert capsys.readouterr().out == without
+    assert [kind for kind, _ in blocks(Path("three.pcapng"))][:5] == [0x0A0D0D0A, 1, 1, 1, 6]
+
+
+def test_captures_are_of_bluetooth_only(scenario: str, capsys: pytest.CaptureFixture[str]):
+    assert run(scenario, "--set", "channel={kind: ideal}", "--pcapng", "new/three.pcapng") == 2
+    told = capsys.readouterr()
+    assert told.err == "--pcapng: channel.kind is 'ideal', captures are of 'bluetooth' only\n"
+    assert told.out == ""
+    assert not Path("new").exists()
+
+
+def test_a_folder_is_no_capture(scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert run(scenario, "--pcapng", str(tmp_path)) == 2
+    assert capsys.readouterr().err.count("\n") == 1
