@@ -9,7 +9,7 @@ import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -247,9 +247,11 @@ def _walk(model: type[BaseModel], loc: Place, inner: Mapping[Place, type[BaseMod
         if len(candidates) > 1 and tagged:
             candidates = tagged
             continue
-        names = [name for each in candidates for name in each.model_fields]
         place.append(step)
-        fields = [each.model_fields[step] for each in candidates if isinstance(step, str) and step in each.model_fields]
+        if isinstance(step, int):  # an item of a list: what it may be stands already among the candidates
+            continue
+        names = [name for each in candidates for name in each.model_fields]
+        fields = [each.model_fields[step] for each in candidates if step in each.model_fields]
         here = inner.get(tuple(place))
         candidates = [here] if here else [found for field in fields for found in _models(field.annotation)]
     return tuple(place), names
@@ -261,7 +263,7 @@ def _tag(model: type[BaseModel]) -> Any:
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    if get_origin(annotation) in (Union, types.UnionType):
+    if get_origin(annotation) in (Union, types.UnionType, tuple, Annotated):
         for part in get_args(annotation):
             yield from _models(part)
     elif isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -2,7 +2,7 @@
 
 A POLL is on the air from its slot's start, and only at its end it is known whether the slave has heard it and answers;
 what other piconets send meanwhile may destroy it. So piconets that can disturb each other are advanced in the order of
-time: slot starts, ends of POLLs, ends of NULLs. A piconet that nothing can disturb takes the shortcut ``skip``.
+time: slot starts, ends of POLLs, ends of NULLs. A piconet that is alone on the air has a shortcut (``polling``).
 
 Slots with a payload are not decided here but by the kernel's events (``slots``); their frames are on the same air.
 """
@@ -53,7 +53,6 @@ from cosim.channels.bluetooth.polling import (
     State,
     first_slot_at,
     next_poll,
-    skip,
     time_of,
 )
 from cosim.jit import njit
@@ -74,8 +73,6 @@ class Band(NamedTuple):
     """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
     used: Integers
     """(n, 79): the channels of adapted hop sets, ascending, even ones first."""
-    stray: Integers
-    """(1,): when the last frame of an inquiry or a page ends."""
 
 
 def new_band(medium: Medium) -> Band:
@@ -87,7 +84,6 @@ def new_band(medium: Medium) -> Band:
         np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64),
         np.zeros((size, 2)),
         np.zeros((size, 79), dtype=np.int64),
-        np.zeros(1, dtype=np.int64),
     )
 
 
@@ -127,7 +123,7 @@ def _poll(band: Band, p: int) -> int:
     piconet[IDLE] += 1
     piconet[POLLS] += 1
     piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
-    put(medium, master, start, start + HEADER_AIR, channel_of(band, p, tick))
+    put(medium.frames, medium.cursor, master, start, start + HEADER_AIR, channel_of(band, p, tick))
     band.carriers_dbm[p, 0] = medium.power_dbm[master, slave]
     band.carriers_dbm[p, 1] = medium.power_dbm[slave, master]
     if not heard_of(medium, band.carriers_dbm[p, 0]):
@@ -158,7 +154,7 @@ def _end(band: Band, p: int) -> int:
     links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR
     if not up:
         answer = time_of(piconet, tick + 2)
-        put(medium, receiver, answer, answer + HEADER_AIR, channel_of(band, p, tick + 2))
+        put(medium.frames, medium.cursor, receiver, answer, answer + HEADER_AIR, channel_of(band, p, tick + 2))
         piconet[NULLS] += 1
         piconet[STAGE] = 2
     return RECEIVED
@@ -184,8 +180,8 @@ def calm(band: Band) -> bool:
 
 
 @njit(cache=True)
-def _all_hear(band: Band, p: int) -> bool:
-    """Return whether all links of a piconet are up on both sides and in reach."""
+def all_hear(band: Band, p: int) -> bool:
+    """Return whether all links of the piconet of device *p* are up on both sides, and in reach."""
     links, power = band.links[p], band.medium.power_dbm
     for k in range(1, MOST_SLAVES + 1):
         slave = links[SLAVE, k]
@@ -200,38 +196,27 @@ def _all_hear(band: Band, p: int) -> bool:
 
 
 @njit(cache=True)
-def _shortcut(band: Band, p: int, until: int) -> None:
-    """Decide the idle pairs of an undisturbed piconet that are over by *until*."""
-    piconet, links = band.piconets[p], band.links[p]
-    while piconet[STAGE]:
-        when, _ = _when(piconet, links)
-        if when > until:
-            return
-        _end(band, p)
-    if not (piconet[RUNNING] and links[HELD].any() and _all_hear(band, p)):
+def expose(band: Band, p: int) -> None:
+    """Put the idle pair under way in a piconet, which was alone up to now, on the air for others to meet."""
+    piconet, medium = band.piconets[p], band.medium
+    if not piconet[STAGE]:
         return
-    if time_of(piconet, piconet[NEXT]) < band.stray[0]:
-        return  # what an inquiry or a page has just left on the air may still disturb
-    polled = skip(piconet, links, first_slot_at(piconet, until) - 4, np.empty((0, 2), dtype=np.int64))
-    for k in range(1, MOST_SLAVES + 1):
-        if polled >> k & 1:
-            tick = links[DUE, k] - piconet[T_POLL]
-            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-            links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
+    slave, tick = band.links[p, SLAVE, piconet[PAIR_LINK]], piconet[PAIR_TICK]
+    band.carriers_dbm[p, 0], band.carriers_dbm[p, 1] = medium.power_dbm[p, slave], medium.power_dbm[slave, p]
+    for i in range(piconet[STAGE]):
+        start = time_of(piconet, tick + 2 * i)
+        source = slave if i else p
+        put(medium.frames, medium.cursor, source, start, start + HEADER_AIR, channel_of(band, p, tick + 2 * i))
 
 
 @njit(cache=True)
-def advance(band: Band, until: int, log: Integers, undisturbed: bool) -> int:
+def advance(band: Band, until: int, log: Integers) -> int:
     """Decide all slots that start before *until*, all idle, and end all frames of them that end by then.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
     Return how many there were; more than m if *log* is too short, and then the rest has not been done yet.
-    *undisturbed* is what :func:`calm` said after the last change of who sends.
     """
     size = band.piconets.shape[0]
-    if log.shape[0] == 0 and undisturbed:
-        for p in range(size):
-            _shortcut(band, p, until)
     when, starts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
     for p in range(size):
         when[p], starts[p] = _when(band.piconets[p], band.links[p])
@@ -259,12 +244,3 @@ def advance(band: Band, until: int, log: Integers, undisturbed: bool) -> int:
         if piconet[RUNNING] and piconet[T_POLL]:
             piconet[NEXT] = max(piconet[NEXT], first_slot_at(piconet, until))
     return count
-
-
-@njit(cache=True)
-def send(band: Band, p: int, source: int, tick: int, duration: int) -> int:
-    """Put a frame of the piconet of device *p* on the air that starts at *tick*; return its channel."""
-    channel = channel_of(band, p, tick)
-    start = time_of(band.piconets[p], tick)
-    put(band.medium, source, start, start + duration, channel)
-    return channel

@@ -2,7 +2,6 @@
 
 from collections import Counter
 
-from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import HEADER_AIR
@@ -40,6 +39,6 @@ class FrameLog:
     def _record_idle(self, tick: int, k: int, up: bool, fate: Fate) -> None:
         slave = self._slaves[k]
         source, destination = (slave, self._master) if up else (self._master, slave)
-        channel = int(bands.channel_of(self._air.band, self._master, tick))
+        channel = self._air.channel(self._master, tick)
         start, kind = self._clock.time_of(tick), "NULL" if up else "POLL"
         self._air.record(Frame(start, HEADER_AIR, kind, source, destination, channel, k), fate)

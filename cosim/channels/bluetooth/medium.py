@@ -124,11 +124,11 @@ def new_medium(size: int, mode: int, noise_dbm: float, key: tuple[int, int]) -> 
 
 
 @njit(cache=True)
-def put(medium: Medium, source: int, start: int, end: int, channel: int) -> None:
-    """Put a frame of *source* on the air."""
-    at = medium.cursor[source]
-    medium.frames[source, at, 0], medium.frames[source, at, 1], medium.frames[source, at, 2] = start, end, channel
-    medium.cursor[source] = (at + 1) % RING
+def put(frames: Integers, cursor: Integers, source: int, start: int, end: int, channel: int) -> None:
+    """Put a frame of *source* on the air, into the arrays of :class:`Medium`."""
+    at = cursor[source]
+    frames[source, at, 0], frames[source, at, 1], frames[source, at, 2] = start, end, channel
+    cursor[source] = (at + 1) % RING
 
 
 @njit(cache=True)

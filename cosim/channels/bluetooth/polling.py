@@ -17,6 +17,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from cosim.channels.bluetooth.medium import start_of
+from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.jit import njit
 from cosim.units import TICK, Time
 
@@ -158,28 +159,72 @@ def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int,
 
 
 @njit(cache=True)
-def skip(piconet: State, links: State, end: int, log: State) -> int:
-    """Decide all TX slots before *end* (a TX slot), all idle and without loss; return the number of polls.
-
-    Whoever is not joined answers nothing. *log*, shape (n, 2), takes (tick, k) of the first n polls.
-    """
+def skip(piconet: State, links: State, end: int) -> None:
+    """Decide all TX slots before *end* (a TX slot), all of them idle; everything is received at once."""
     polled = 0
     count = 0
     while True:
         tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
         if tick >= end:
             break
-        if count < len(log):
-            log[count, 0], log[count, 1] = tick, k
         count += 1
         polled |= 1 << k
         links[DUE, k] = tick + piconet[T_POLL]
-        piconet[NULLS] += links[JOINED, k]
         piconet[NEXT] = tick + 4
+    for k in range(1, MOST_SLAVES + 1):
+        if polled >> k & 1:
+            tick = links[DUE, k] - piconet[T_POLL]
+            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
+            links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
     piconet[IDLE] += count
     piconet[POLLS] += count
+    piconet[NULLS] += count
     piconet[NEXT] = max(piconet[NEXT], end)
-    return polled
+
+
+@njit(cache=True)
+def finish(piconet: State, links: State, until: int) -> bool:
+    """End the frames of the idle pair under way that end by *until* and are received; return whether all have."""
+    k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK]
+    if piconet[STAGE] == 1 and time_of(piconet, tick) + HEADER_AIR <= until:
+        links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
+        piconet[NULLS] += 1
+        piconet[STAGE] = 2
+    if piconet[STAGE] == 2 and time_of(piconet, tick + 2) + HEADER_AIR <= until:
+        links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
+        piconet[STAGE] = 0
+    return bool(piconet[STAGE] == 0)
+
+
+@njit(cache=True)
+def run_alone(piconet: State, links: State, until: int) -> None:
+    """Bring a piconet in which all is received to *until*: slots that start before, frames that end by then."""
+    if not finish(piconet, links, until):
+        return
+    end = first_slot_at(piconet, until)
+    skip(piconet, links, end - 4)
+    tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+    if tick < end:
+        links[DUE, k] = tick + piconet[T_POLL]
+        piconet[NEXT] = tick + 4
+        piconet[IDLE] += 1
+        piconet[POLLS] += 1
+        piconet[STAGE], piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = 1, tick, k, 1
+        finish(piconet, links, until)
+    piconet[NEXT] = max(piconet[NEXT], end)
+
+
+@njit(cache=True)
+def next_free(piconet: State, links: State, wanted: int) -> int:
+    """Return the first TX slot that no link without payloads needs; *wanted* is the LT_ADDR of the master's payload."""
+    tick: int = piconet[NEXT]
+    due = links[DUE].copy()
+    while True:
+        slot, k = next_poll(piconet, links, due, tick)
+        if slot > tick or k == wanted or links[QUEUED, k]:
+            return tick
+        due[k] = tick + piconet[T_POLL]
+        tick += 4
 
 
 @njit(cache=True)

@@ -5,6 +5,7 @@ together). Everything that changes what devices hear of each other, or who sends
 going on is brought up to now first.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
@@ -14,6 +15,7 @@ import numpy as np
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.hopping import basic_hop
 from cosim.channels.bluetooth.medium import (
     BIT_ERRORS,
     NOT_TUNED,
@@ -25,6 +27,7 @@ from cosim.channels.bluetooth.medium import (
     Floats,
     Integers,
 )
+from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address
@@ -131,6 +134,14 @@ class Air:
         self.calm = True
         """Whether no frame that starts from ``stray`` on can be destroyed."""
         self._record = record
+        self._rows = list(zip(self.band.piconets, self.band.links, strict=True))
+        self._running = 0
+        self._master: Address | None = None
+        """The only piconet that sends anything, while it is not known whether everything is received there."""
+        self._alone: tuple[Integers, Integers] | None = None
+        """Arrays of the only piconet that sends anything, if its air is calm and everything is received there."""
+        self._in_flight: deque[tuple[Address, Time, Time, int]] = deque(maxlen=mediums.RING)
+        """Frames (source, start, end, channel) of a calm air: the medium needs them only when the calm ends."""
         self._idle: dict[Address, IdleFrame] = {}  # by master, where idle frames are wanted
         self.stray: Time = 0
         """From when on nothing is on the air that a change, an inquiry or a page has left there."""
@@ -142,6 +153,7 @@ class Air:
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
         self.advance(now)
+        self._disturb()
         mediums.set_powers(self.band.medium, power_dbm)
         self._power = self.band.medium.power_dbm.tolist()
 
@@ -175,10 +187,13 @@ class Air:
 
     def advance(self, now: Time) -> None:
         """Bring all piconets up to *now*."""
-        if not self._idle:
-            bands.advance(self.band, now, _NO_LOG, self.calm)
-        else:
+        if self._idle:
             self._advance_and_tell(now)
+        elif self._alone is not None:
+            run_alone(*self._alone, now)
+        elif self._running:
+            bands.advance(self.band, now, _NO_LOG)
+            self._seek_shortcut(now)
         if now >= self._closing:
             self._forget_trains(now)
 
@@ -186,7 +201,7 @@ class Air:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            count = bands.advance(self.band, now, log, self.calm)
+            count = bands.advance(self.band, now, log)
             more = count > _LOG_ROWS
             for master, tick, k, up, fate in log[:count].tolist():
                 if master in self._idle:
@@ -197,23 +212,52 @@ class Air:
         self._idle[master] = tell
 
     def changed(self, now: Time) -> None:
-        """Note that somebody has begun or ceased to send; all piconets must have been advanced to *now*."""
+        """Note a change in who sends or who is there; all piconets must have been advanced to *now*."""
+        self._disturb()
         self._stray_until(now + LONGEST_FRAME)
+        masters = [p for p, row in enumerate(self._rows) if row[0][RUNNING] and row[1][HELD].any()]
+        self._running = len(masters)
         self.calm = bool(bands.calm(self.band))
+        self._master = masters[0] if len(masters) == 1 else None
+
+    def _seek_shortcut(self, now: Time) -> None:
+        """Take the shortcut from *now* on if only one piconet sends, nothing else has for a while, and all hear it."""
+        if self.calm and self._master is not None and now >= self.stray:
+            master, self._master = self._master, None
+            if bands.all_hear(self.band, master):
+                self._alone = self._rows[master]
+
+    def _disturb(self) -> None:
+        """End the calm: put what is on the air now into the medium."""
+        medium = self.band.medium
+        for source, start, end, channel in self._in_flight:
+            mediums.put(medium.frames, medium.cursor, source, start, end, channel)
+        self._in_flight.clear()
+        if self._alone is not None:
+            self._master = int(self._alone[0][MASTER])
+            self._alone = None
+            bands.expose(self.band, self._master)
 
     def _stray_until(self, time: Time) -> None:
         self.stray = max(self.stray, time)
-        self.band.stray[0] = self.stray
 
     # ------------------------------------------------------------ frames of piconets
 
-    def send(self, master: Address, source: Address, tick: int, duration: Time) -> int:
-        """Put a frame of the piconet of *master* on the air that starts at its *tick*, now or soon; return its channel.
+    def send(self, source: Address, start: Time, duration: Time, channel: int) -> None:
+        """Put a frame of a piconet on the air; all piconets must have been advanced to now."""
+        if self.calm:
+            self._in_flight.append((source, start, start + duration, channel))
+        else:
+            medium = self.band.medium
+            mediums.put(medium.frames, medium.cursor, source, start, start + duration, channel)
 
-        All piconets must have been advanced to now.
-        """
-        channel: int = bands.send(self.band, master, source, tick, duration)
-        return channel
+    def channel(self, master: Address, tick: int) -> int:
+        """Return the channel on which the piconet of *master* is at *tick*."""
+        piconet, _ = self._rows[master]
+        if piconet[USED]:
+            return int(bands.channel_of(self.band, master, tick))
+        hop: int = basic_hop(piconet[WORD], tick)
+        return hop
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return what becomes of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
@@ -229,7 +273,8 @@ class Air:
         """Put *frame*, which starts now and belongs to no piconet, on the air."""
         self.advance(frame.start)
         end = frame.start + frame.duration
-        mediums.put(self.band.medium, frame.source, frame.start, end, frame.channel)
+        medium = self.band.medium
+        mediums.put(medium.frames, medium.cursor, frame.source, frame.start, end, frame.channel)
         self._stray_until(end)
 
     def judge(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int = 0, first: int = 1) -> Fate:

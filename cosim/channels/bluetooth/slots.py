@@ -99,7 +99,9 @@ class Slots:
         piconet, table = self.links.piconet, self.links.table
         head = self._queues.head(EVERYONE)
         if not piconet[SHARED]:
-            return int(piconet[NEXT]) if head is not None else polling.next_served(piconet, table)
+            if head is None:
+                return polling.next_served(piconet, table)
+            return polling.next_free(piconet, table, head.lt_addr)
         ticks = [polling.open_slot(piconet, table, p.lt_addr, piconet[NEXT], p.kind.slots) for p in self._sendable()]
         ticks.append(polling.next_served(piconet, table))
         return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
@@ -148,9 +150,8 @@ class Slots:
             answer.chosen = True
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
-        channel = air.send(self.address, self.address, tick, duration)
         self._count(payload)
-        frame = self._frame(kind, duration, self.address, slave, channel, k, payload)
+        frame = self._send(tick, kind, duration, self.address, slave, k, payload)
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
@@ -184,11 +185,9 @@ class Slots:
         tick = pair.tick + 2 * slots
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
-        channel = self._air.send(self.address, pair.slave, tick, duration)
         self._count(answer)
-        start = self.clock.time_of(tick)
-        reply = self._frame(kind, duration, pair.slave, self.address, channel, pair.k, answer, start)
-        self._kernel.at(start + duration, partial(self._answered, pair, reply))
+        reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer)
+        self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
         """At the end of the slave's frame: the master may hear it, and take its payload."""
@@ -216,14 +215,13 @@ class Slots:
     def _broadcast(self, tick: int, payload: Payload) -> None:
         piconet = self.links.piconet
         piconet[NEXT] = tick + 2 * payload.kind.slots + 2
-        channel = self._air.send(self.address, self.address, tick, payload.air)
         self._count(payload)
         last = payload.tries >= self._n_bc
         if last:
             self._queues.remove(payload)
         carriers = {k: self._air.carrier(self.address, slave) for k, slave in self.links.slaves.items()}
         present = {k for k in carriers if self._present(k, tick, payload.kind.slots)}
-        frame = self._frame(payload.kind, payload.air, self.address, self.address, channel, EVERYONE, payload)
+        frame = self._send(tick, payload.kind, payload.air, self.address, self.address, EVERYONE, payload)
         self._kernel.after(payload.air, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
     def _present(self, k: int, tick: int, slots: int) -> bool:
@@ -255,19 +253,20 @@ class Slots:
 
     # ------------------------------------------------------------ frames
 
-    def _frame(
+    def _send(
         self,
+        tick: int,
         kind: PacketType,
         duration: Time,
         source: Address,
         destination: Address,
-        channel: int,
         lt_addr: int,
         payload: Payload | None,
-        start: Time | None = None,
     ) -> Frame:
+        """Put a packet, with *payload* or empty, on the air at *tick*, now or soon."""
         length = 0 if payload is None else len(payload.outgoing.payload)
-        start = self._kernel.now if start is None else start
+        start, channel = self.clock.time_of(tick), self._air.channel(self.address, tick)
+        self._air.send(source, start, duration, channel)
         return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
