@@ -41,12 +41,15 @@ class Attendance:
         self._share = share if share is not None and share.parts else None
 
     def presence(self, master: Address, busy: bool) -> Presence:
-        """Return when the device is in the piconet of *master*; *busy* with a procedure it is nowhere.
+        """Return when the device is in the piconet of *master*; *busy* with a procedure it is in no other's.
 
-        The own piconet is suspended then, which need not be said twice.
+        (The own piconet is suspended then, which need not be said twice.)
         """
-        if busy:
-            return ALWAYS if master == self._address else AWAY
+        if busy and master != self._address:
+            return self._planned(master)._replace(here=False)
+        return self._planned(master)
+
+    def _planned(self, master: Address) -> Presence:
         if self._share is None:
             return ALWAYS if not self._latest or self._latest[-1] == master else AWAY
         for part_of, first, count in self._share.parts:

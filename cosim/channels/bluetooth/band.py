@@ -53,6 +53,7 @@ from cosim.channels.bluetooth.polling import (
     State,
     first_slot_at,
     next_poll,
+    serve,
     time_of,
 )
 from cosim.jit import njit
@@ -118,7 +119,7 @@ def _poll(band: Band, p: int) -> int:
     tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     start = time_of(piconet, tick)
     master, slave = piconet[MASTER], links[SLAVE, k]
-    links[DUE, k] = tick + piconet[T_POLL]
+    serve(piconet, links, tick, k)
     piconet[NEXT] = tick + 4
     piconet[IDLE] += 1
     piconet[POLLS] += 1

@@ -5,6 +5,7 @@ from collections import Counter
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import HEADER_AIR
+from cosim.channels.bluetooth.polling import SLAVE
 from cosim.channels.bluetooth.radio import Air, Fate, Frame
 from cosim.machine import Address
 
@@ -28,7 +29,7 @@ class FrameLog:
 
     def attach(self, links: Links) -> None:
         """Record the idle frames of *links*, if they are wanted."""
-        self._slaves = links.slaves
+        self._links = links
         if self.idle_wanted:
             self._air.tell_idle(self._master, self._record_idle)
 
@@ -37,7 +38,7 @@ class FrameLog:
         self._air.record(frame, fate)
 
     def _record_idle(self, tick: int, k: int, up: bool, fate: Fate) -> None:
-        slave = self._slaves[k]
+        slave = int(self._links.table[SLAVE, k])  # the link itself may be gone by the end of the frame
         source, destination = (slave, self._master) if up else (self._master, slave)
         channel = self._air.channel(self._master, tick)
         start, kind = self._clock.time_of(tick), "NULL" if up else "POLL"

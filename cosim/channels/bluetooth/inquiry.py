@@ -15,7 +15,6 @@ second half slot silences the first ID of the next slot.
 Its IDs are on the air all the time, heard or not, and may destroy what others send (``medium``).
 """
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Annotated, Final, Literal, Self
@@ -26,7 +25,7 @@ from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import GIAC, Train, inquiry_channel, inquiry_response_channel, scan_channels
 from cosim.channels.bluetooth.medium import HEADER
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -259,7 +258,8 @@ class Inquiry:
         self._on_found = on_found
         self._on_complete = on_complete
         self._over = False
-        self._unsettled: deque[_Reply] = deque()  # on the air, not yet known whether the receiver locks on them
+        self._over_since: Time = FOREVER
+        self._unsettled: list[_Reply] = []  # on the air, not yet known whether the receiver locks on them
         self._locked: _Reply | None = None
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
@@ -270,6 +270,7 @@ class Inquiry:
     def cancel(self) -> None:
         """End it now; nothing is reported any more, and answers under way are lost."""
         self._over = True
+        self._over_since = self._kernel.now
         self._air.close_train(self.address, self._kernel.now)
         self._end.cancel()
         for scanner in self._scanners:
@@ -290,8 +291,9 @@ class Inquiry:
     def _settle(self) -> None:
         """Decide on the replies whose access code is over whether the receiver locks on them."""
         now = self._kernel.now
-        while self._unsettled and self._unsettled[0].frame.start + ID_AIR <= now:
-            reply = self._unsettled.popleft()
+        ready = [reply for reply in self._unsettled if reply.frame.start + ID_AIR <= now]
+        self._unsettled = [reply for reply in self._unsettled if reply not in ready]
+        for reply in sorted(ready, key=lambda reply: (reply.frame.start, reply.frame.source)):
             reply.lost = self._hindrance(reply)
             if reply.lost is None:
                 self._locked = reply
@@ -317,7 +319,7 @@ class Inquiry:
         """At the end of an FHS: record what became of it, and report a device that is new."""
         self._settle()
         frame = reply.frame
-        if self._over and self._air.reaches(reply.carrier_dbm):
+        if self._over_since < reply.end and self._air.reaches(reply.carrier_dbm):
             fate = UNTUNED
         else:
             fate = reply.lost or self._air.judge(frame, self.address, reply.carrier_dbm, FHS_BITS, HEADER)

@@ -33,6 +33,7 @@ from cosim.channels.bluetooth.polling import (
 from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
 from cosim.channels.bluetooth.radio import Air
 from cosim.channels.bluetooth.scanning import first_transmission
+from cosim.channels.bluetooth.schedule import SCHEDULERS, Schedule, Scheduler
 from cosim.channels.bluetooth.slots import Deliver, Slots
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import BROADCAST, Address, Lost, Outcome, Outgoing
@@ -50,6 +51,8 @@ class PiconetSettings(NamedTuple):
     """Slots from one packet to a slave until the next is due; even."""
     supervision: Time = 20 * S
     """A side that has heard nothing for so long takes the link for lost."""
+    scheduler: Scheduler = "lazy"
+    """How the master chooses whom to address."""
 
 
 class Piconet:
@@ -82,8 +85,12 @@ class Piconet:
         self._frames = frames
         self._deliver = deliver
         self._on_lost = on_lost
-        self._queues = Queues(self.links.table)
-        self._slots = Slots(kernel, air, address, clock, settings.n_bc, self.links, self._queues, frames, deliver)
+        piconet[polling.SCHEDULER] = SCHEDULERS[settings.scheduler]
+        self._queues = Queues(table, SCHEDULERS[settings.scheduler])
+        schedule = Schedule(self.links, self._queues)
+        self._slots = Slots(
+            kernel, air, address, clock, settings.n_bc, self.links, self._queues, schedule, frames, deliver
+        )
         self._supervision: Handle | None = None
 
     # ------------------------------------------------------------ links
@@ -201,9 +208,13 @@ class Piconet:
             self._tell(fate(source, outgoing, Outcome.NO_LINK))
         elif kind is None:
             self._tell(fate(source, outgoing, Outcome.TOO_LONG))
-        elif self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))):
+        elif self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))) or self._overtaking():
             self.advance(self._kernel.now)
             self._slots.arm()
+
+    def _overtaking(self) -> bool:
+        """Return whether a payload that is not the head may be the next to be sent."""
+        return bool(self.links.piconet[polling.SHARED])
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""

@@ -8,8 +8,13 @@ As long as nobody has a payload, the schedule is a pure recurrence, whatever is 
 smallest (c, due, k) is polled, c being the first free TX slot at which it is due and both sides are present; ``due``
 becomes c + T_POLL and the next TX slot is c + 4. So an idle hour is a loop over arrays, run when somebody looks.
 
+That is the scheduler "lazy". The others use every free TX slot: where nothing is due, they choose a link by what waits
+on either side of it, and the smallest due, which is that of the link served the longest ago, breaks ties. With nothing
+waiting they are all the same recurrence.
+
 Presence: a device that divides its time among piconets is there in *count* slots of every *period*, counted on a clock
-of reference that all of them know; others are always there, or, during a procedure, never.
+of reference that all of them know; others are always there, or, during a procedure, never. A link in sniff or hold
+mode is there in a part that the master's own clock counts, or from a tick of it on.
 """
 
 from typing import Any, Final, TypeAlias
@@ -41,7 +46,15 @@ PAIR_TICK: Final = 13
 PAIR_LINK: Final = 14
 PAIR_HERE: Final = 15  # its slave was there at its start
 USED: Final = 16  # number of channels in the adapted hop set; 0: the basic sequence
-PICONET_FIELDS: Final = 17
+SCHEDULER: Final = 17  # LAZY, ROUND_ROBIN, EXHAUSTIVE or BACKLOG
+CURRENT: Final = 18  # the link that had the last turn
+BEACON: Final = 19  # first TX slot of the next beacon for parked slaves; NEVER without any
+PICONET_FIELDS: Final = 20
+
+LAZY: Final = 0
+ROUND_ROBIN: Final = 1
+EXHAUSTIVE: Final = 2
+BACKLOG: Final = 3
 
 # links[..., k]
 HELD: Final = 0  # the master's side of the link is up
@@ -62,7 +75,12 @@ FIRST: Final = 14  # first tick of its part
 COUNT: Final = 15  # ticks of its part
 CLOCK_PHASE: Final = 16  # the clock that these are counted on
 CLOCK_PPM: Final = 17
-FIELDS: Final = 18
+WAITING: Final = 18  # payloads for it in the master's queue that no broadcast stands before; not counted by LAZY
+SNIFF_PERIOD: Final = 19  # ticks of the master; 0: in all slots. In column 0: when broadcasts may be sent
+SNIFF_FIRST: Final = 20
+SNIFF_COUNT: Final = 21  # ticks in which a packet to it may begin
+HELD_UNTIL: Final = 22  # tick before which a link on hold is silent
+FIELDS: Final = 23
 
 MOST_SLAVES: Final = 7
 NOTHING: Final = -1
@@ -70,6 +88,7 @@ EVERYONE: Final = 0  # LT_ADDR of a broadcast
 NEVER: Final = 1 << 62
 
 MILLION: Final = 1_000_000
+_LOOK_AGAIN: Final = 16  # polls after which one looks again whether the schedule has begun to repeat itself
 _LAPS: Final = 64  # looks for a slot at which two devices are present, before they are taken never to meet
 
 
@@ -77,7 +96,7 @@ def reset(piconet: State, links: State, t_poll_slots: int, phase: Time, ppm: int
     """Make the arrays those of a piconet without links whose master is always there."""
     piconet[:], links[:] = 0, 0
     piconet[T_POLL], piconet[PHASE], piconet[PPM] = 2 * t_poll_slots, phase, ppm
-    piconet[RUNNING], piconet[LONGEST] = 1, longest
+    piconet[RUNNING], piconet[LONGEST], piconet[BEACON] = 1, longest, NEVER
     links[HERE, 0] = 1
 
 
@@ -119,6 +138,19 @@ def _opening(links: State, k: int, time: int, need: int) -> int:
 
 
 @njit(cache=True)
+def _anchor(links: State, k: int, tick: int) -> int:
+    """Return the first tick from *tick* on at which the mode of link *k* lets a packet begin."""
+    tick = max(tick, links[HELD_UNTIL, k])
+    period = links[SNIFF_PERIOD, k]
+    if period:
+        into = (tick - links[SNIFF_FIRST, k]) % period
+        if into >= links[SNIFF_COUNT, k]:
+            tick += period - into
+    first: int = -(-tick // 4) * 4
+    return first
+
+
+@njit(cache=True)
 def open_slot(piconet: State, links: State, k: int, tick: int, slots: int) -> int:
     """Return the first TX slot from *tick* on for a packet of *slots* to link *k*, or to all (0), or NEVER.
 
@@ -135,15 +167,16 @@ def open_slot(piconet: State, links: State, k: int, tick: int, slots: int) -> in
             later = max(later, _opening(links, k, time, need))
         if later == NEVER:
             return NEVER
-        if later == time:
+        anchor = _anchor(links, k, tick)
+        if later == time and anchor == tick:
             return tick
-        tick = first_slot_at(piconet, later)
+        tick = anchor if later == time else max(anchor, first_slot_at(piconet, later))
     return NEVER
 
 
 @njit(cache=True)
-def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
-    """Return (TX slot, link) of the next poll from *tick* on if nobody has a payload: (NEVER, 0) without links."""
+def _next_due(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
+    """Return (TX slot, link) of the next poll from *tick* on that is due: (NEVER, 0) without links."""
     best, when = 0, NEVER
     if not piconet[SHARED]:  # all that are overdue can be polled at once
         for k in range(1, MOST_SLAVES + 1):
@@ -159,17 +192,96 @@ def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int,
 
 
 @njit(cache=True)
+def _weight(piconet: State, links: State, k: int) -> int:
+    """Return how much the scheduler prefers link *k* to others for what waits on either side of it."""
+    waiting: int = links[WAITING, k] + links[QUEUED, k]
+    if piconet[SCHEDULER] == BACKLOG:
+        return waiting
+    return 1 if piconet[SCHEDULER] == EXHAUSTIVE and k == piconet[CURRENT] and waiting else 0
+
+
+@njit(cache=True)
+def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
+    """Return (TX slot, link) of the next pair from *tick* on but for what LAZY sends unasked; (NEVER, 0) without links.
+
+    What is due goes first; other schedulers than LAZY use the slots before as well.
+    """
+    due_when, due_link = _next_due(piconet, links, due, tick)
+    if piconet[SCHEDULER] == LAZY:
+        return due_when, due_link
+    best, when, most = 0, NEVER, 0
+    for k in range(1, MOST_SLAVES + 1):
+        if links[HELD, k]:
+            slot = open_slot(piconet, links, k, tick, 1)
+            weight = _weight(piconet, links, k)
+            first = slot == when and (weight > most or (weight == most and due[k] < due[best]))
+            if slot < when or (first and slot != NEVER):
+                best, when, most = k, slot, weight
+    return (due_when, due_link) if due_when <= when else (when, best)
+
+
+@njit(cache=True)
+def serve(piconet: State, links: State, tick: int, k: int) -> None:
+    """Note that link *k* is addressed at *tick*."""
+    if links[DUE, k] > tick:  # or else it has interrupted the turn of another
+        piconet[CURRENT] = k
+    links[DUE, k] = tick + piconet[T_POLL]
+
+
+@njit(cache=True)
+def _repeats(piconet: State, links: State) -> bool:
+    """Return whether the idle schedule repeats itself every T_POLL: each link is polled when it is due, and no two are
+    due at once."""
+    if piconet[SHARED]:
+        return False
+    first, last = NEVER, 0
+    for k in range(1, MOST_SLAVES + 1):
+        if links[HELD, k]:
+            due = links[DUE, k]
+            if due % 4 or due < piconet[NEXT]:
+                return False
+            for other in range(1, k):
+                if links[HELD, other] and links[DUE, other] == due:
+                    return False
+            first, last = min(first, due), max(last, due)
+    return bool(last - first < piconet[T_POLL])
+
+
+@njit(cache=True)
+def _skip_periods(piconet: State, links: State, end: int) -> int:
+    """Decide as many whole periods of a schedule that repeats itself as end before *end*; return whom they poll, as
+    bits."""
+    last, held, bits = 0, 0, 0
+    for k in range(1, MOST_SLAVES + 1):
+        if links[HELD, k]:
+            last, held, bits = max(last, links[DUE, k]), held + 1, bits | 1 << k
+    if not held or last >= end:
+        return 0
+    periods = (end - 1 - last) // piconet[T_POLL] + 1
+    for k in range(1, MOST_SLAVES + 1):
+        if links[HELD, k]:
+            links[DUE, k] += periods * piconet[T_POLL]
+    piconet[NEXT] = last + (periods - 1) * piconet[T_POLL] + 4
+    piconet[IDLE] += periods * held
+    piconet[POLLS] += periods * held
+    piconet[NULLS] += periods * held
+    return bits
+
+
+@njit(cache=True)
 def skip(piconet: State, links: State, end: int) -> None:
     """Decide all TX slots before *end* (a TX slot), all of them idle; everything is received at once."""
     polled = 0
     count = 0
     while True:
+        if count % _LOOK_AGAIN == 0 and _repeats(piconet, links):
+            polled |= _skip_periods(piconet, links, end)
         tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
         if tick >= end:
             break
         count += 1
         polled |= 1 << k
-        links[DUE, k] = tick + piconet[T_POLL]
+        serve(piconet, links, tick, k)
         piconet[NEXT] = tick + 4
     for k in range(1, MOST_SLAVES + 1):
         if polled >> k & 1:
@@ -205,7 +317,7 @@ def run_alone(piconet: State, links: State, until: int) -> None:
     skip(piconet, links, end - 4)
     tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     if tick < end:
-        links[DUE, k] = tick + piconet[T_POLL]
+        serve(piconet, links, tick, k)
         piconet[NEXT] = tick + 4
         piconet[IDLE] += 1
         piconet[POLLS] += 1
@@ -229,10 +341,13 @@ def next_free(piconet: State, links: State, wanted: int) -> int:
 
 @njit(cache=True)
 def next_served(piconet: State, links: State) -> int:
-    """Return the tick at which the idle schedule comes to a slave that has a payload, or NOTHING."""
+    """Return the tick at which the idle schedule comes to a link that has a payload, or NOTHING.
+
+    Payloads of the master count with schedulers that send them at their link's turn only.
+    """
     waiting = 0
     for k in range(1, MOST_SLAVES + 1):
-        waiting |= links[HELD, k] * links[QUEUED, k]
+        waiting |= links[HELD, k] * (links[QUEUED, k] + links[WAITING, k])
     if not waiting:
         return NOTHING
     due = links[DUE].copy()
@@ -241,7 +356,7 @@ def next_served(piconet: State, links: State) -> int:
         tick, k = next_poll(piconet, links, due, tick)
         if tick == NEVER:
             break
-        if links[QUEUED, k]:
+        if links[QUEUED, k] or links[WAITING, k]:
             return tick
         due[k] = tick + piconet[T_POLL]
         tick += 4
@@ -251,6 +366,13 @@ def next_served(piconet: State, links: State) -> int:
 @njit(cache=True)
 def overdue(piconet: State, links: State, tick: int) -> int:
     """Return the link that must be addressed at *tick*, or NOTHING."""
+    slot, k = _next_due(piconet, links, links[DUE], tick)
+    return k if slot == tick else NOTHING
+
+
+@njit(cache=True)
+def turn(piconet: State, links: State, tick: int) -> int:
+    """Return the link that is addressed at *tick* if nothing is broadcast then, or NOTHING; not for LAZY."""
     slot, k = next_poll(piconet, links, links[DUE], tick)
     return k if slot == tick else NOTHING
 
@@ -275,7 +397,7 @@ def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, dat
 
     Return whether it acknowledges the slave's last payload (ARQN = 1). The next slot follows a missing answer.
     """
-    links[DUE, k] = tick + piconet[T_POLL]
+    serve(piconet, links, tick, k)
     if not data:
         piconet[POLLS] += 1
         piconet[IDLE] += links[QUEUED, k] == 0

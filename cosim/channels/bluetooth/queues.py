@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TypeAlias
 
 from cosim.channels.bluetooth.packets import PacketType
-from cosim.channels.bluetooth.polling import EVERYONE, MOST_SLAVES, QUEUED, State
+from cosim.channels.bluetooth.polling import EVERYONE, LAZY, MOST_SLAVES, QUEUED, WAITING, State
 from cosim.machine import Address, Fate, LinkEvent, Outcome, Outgoing
 from cosim.units import Time
 
@@ -43,11 +43,13 @@ def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> News:
 class Queues:
     """The queues of a piconet: number EVERYONE is the master's, number k that of the slave with LT_ADDR k.
 
-    The lengths of the slaves' queues are kept in the row QUEUED of *links*, where the arithmetic of slots finds them.
+    The lengths of the slaves' queues are kept in the row QUEUED of *links*, where the arithmetic of slots finds them;
+    what the master has for each of them in the row WAITING, if *scheduler* looks at it.
     """
 
-    def __init__(self, links: State) -> None:
+    def __init__(self, links: State, scheduler: int = LAZY) -> None:
         self._links = links
+        self._counts = scheduler != LAZY
         self._waiting: list[deque[Payload]] = [deque() for _ in range(MOST_SLAVES + 1)]
 
     def head(self, queue: int) -> Payload | None:
@@ -79,6 +81,7 @@ class Queues:
         waiting = self._waiting[queue]
         waiting.append(payload)
         self._links[QUEUED, queue] = len(waiting)
+        self._count(queue)
         return len(waiting) == 1
 
     def pop(self, queue: int) -> Payload:
@@ -90,6 +93,7 @@ class Queues:
     def remove(self, payload: Payload) -> None:
         """Remove a payload from the master's queue."""
         self._waiting[EVERYONE].remove(payload)
+        self._count(EVERYONE)
 
     def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> News:
         """Remove all payloads of a queue that are meant by *which*, and return their fates for *source*."""
@@ -97,7 +101,18 @@ class Queues:
         gone = [payload for payload in waiting if which(payload)]
         self._waiting[queue] = deque(payload for payload in waiting if not which(payload))
         self._links[QUEUED, queue] = len(self._waiting[queue])
+        self._count(queue)
         return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
+
+    def _count(self, queue: int) -> None:
+        """Count what waits for each slave in the master's queue, up to the first broadcast."""
+        if queue != EVERYONE or not self._counts:
+            return
+        self._links[WAITING] = 0
+        for payload in self._waiting[EVERYONE]:
+            if payload.lt_addr == EVERYONE:
+                break
+            self._links[WAITING, payload.lt_addr] += 1
 
     def flush_link(self, k: int, master: Address, master_alone: bool) -> News:
         """Empty the master's queue of what is meant for LT_ADDR *k*, and of broadcasts if it is alone now."""

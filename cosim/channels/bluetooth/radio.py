@@ -245,7 +245,7 @@ class Air:
 
     def send(self, source: Address, start: Time, duration: Time, channel: int) -> None:
         """Put a frame of a piconet on the air; all piconets must have been advanced to now."""
-        if self.calm:
+        if self.calm and start >= self.stray:
             self._in_flight.append((source, start, start + duration, channel))
         else:
             medium = self.band.medium
@@ -272,6 +272,7 @@ class Air:
     def put(self, frame: Frame) -> None:
         """Put *frame*, which starts now and belongs to no piconet, on the air."""
         self.advance(frame.start)
+        self._disturb()
         end = frame.start + frame.duration
         medium = self.band.medium
         mediums.put(medium.frames, medium.cursor, frame.source, frame.start, end, frame.channel)

@@ -18,14 +18,15 @@ from cosim.channels.bluetooth.polling import (
     HELD,
     HERE,
     JOINED,
-    NEVER,
     NEXT,
     NOTHING,
     RUNNING,
     SHARED,
+    USED,
 )
 from cosim.channels.bluetooth.queues import News, Payload, Queues
 from cosim.channels.bluetooth.radio import FAR, UNTUNED, Air, Fate, Frame, Heard
+from cosim.channels.bluetooth.schedule import Schedule
 from cosim.kernel import AIR, Handle, Kernel
 from cosim.machine import Address, LinkEvent, Outcome, Reception
 from cosim.units import Time
@@ -67,6 +68,7 @@ class Slots:
         n_bc: int,
         links: Links,
         queues: Queues,
+        schedule: Schedule,
         frames: FrameLog,
         deliver: Deliver,
     ) -> None:
@@ -77,15 +79,17 @@ class Slots:
         self._air = air
         self._n_bc = n_bc
         self._queues = queues
+        self._schedule = schedule
         self._frames = frames
         self._deliver = deliver
         self._receptions: dict[tuple[Address, bool], Reception] = {}
         self._slot: Handle | None = None
         self._slot_tick = NOTHING
+        self._asked_at = NOTHING
 
     def arm(self) -> None:
         """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
-        tick = self._next() if self.links.piconet[RUNNING] else NOTHING
+        tick = self._schedule.next_slot() if self.links.piconet[RUNNING] else NOTHING
         if self._slot is not None:
             if tick == self._slot_tick:
                 return
@@ -95,45 +99,16 @@ class Slots:
             self._slot_tick = tick
             self._slot = self._kernel.at(self.clock.time_of(tick), self._decide, AIR)
 
-    def _next(self) -> int:
-        piconet, table = self.links.piconet, self.links.table
-        head = self._queues.head(EVERYONE)
-        if not piconet[SHARED]:
-            if head is None:
-                return polling.next_served(piconet, table)
-            return polling.next_free(piconet, table, head.lt_addr)
-        ticks = [polling.open_slot(piconet, table, p.lt_addr, piconet[NEXT], p.kind.slots) for p in self._sendable()]
-        ticks.append(polling.next_served(piconet, table))
-        return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
-
-    def _sendable(self) -> Iterable[Payload]:
-        return self._queues.sendable()
-
-    def _candidate(self, tick: int) -> Payload | None:
-        """Return the first payload of the master's queue that can be sent at *tick*."""
-        piconet, table = self.links.piconet, self.links.table
-        if not piconet[SHARED]:
-            return self._queues.head(EVERYONE)
-        for payload in self._sendable():
-            if polling.open_slot(piconet, table, payload.lt_addr, tick, payload.kind.slots) == tick:
-                return payload
-        return None
-
     def _decide(self) -> None:
         self._slot = None
-        tick, piconet = self._slot_tick, self.links.piconet
+        tick = self._slot_tick
         self._air.advance(self._kernel.now)
-        if piconet[NEXT] <= tick:
-            payload = self._candidate(tick)
-            k = polling.overdue(piconet, self.links.table, tick)
-            if k != NOTHING:
-                self._ask(tick, k, payload if payload is not None and payload.lt_addr == k else None)
-                return
-            if payload is not None and payload.lt_addr != EVERYONE:
-                self._ask(tick, payload.lt_addr, payload)
-                return
-            if payload is not None:
-                self._broadcast(tick, payload)
+        turn = self._schedule.choose(tick) if self.links.piconet[NEXT] <= tick else None
+        if turn is not None and turn.k != EVERYONE:
+            self._ask(tick, turn.k, turn.payload)
+            return
+        if turn is not None and turn.payload is not None:
+            self._broadcast(tick, turn.payload)
         self.arm()
 
     # ------------------------------------------------------------ pairs
@@ -141,6 +116,7 @@ class Slots:
     def _ask(self, tick: int, k: int, payload: Payload | None) -> None:
         """Send *payload*, or POLL, to the slave *k*; the next slot is known when the pair is over."""
         links, air, slave = self.links, self._air, self.links.slaves[k]
+        self._asked_at = tick
         waiting = self._queues.first_two(k)
         noted = self._frames.idle_wanted or (self._frames.wanted and (payload is not None or bool(waiting)))
         kind, duration, first = _shape(payload, POLL)
@@ -265,7 +241,9 @@ class Slots:
     ) -> Frame:
         """Put a packet, with *payload* or empty, on the air at *tick*, now or soon."""
         length = 0 if payload is None else len(payload.outgoing.payload)
-        start, channel = self.clock.time_of(tick), self._air.channel(self.address, tick)
+        # with an adapted hop set a slave answers on the channel of the packet that it answers
+        asked = self._asked_at if source != self.address and self.links.piconet[USED] else tick
+        start, channel = self.clock.time_of(tick), self._air.channel(self.address, asked)
         self._air.send(source, start, duration, channel)
         return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
 

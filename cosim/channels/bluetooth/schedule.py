@@ -1,0 +1,106 @@
+"""Whom a master addresses next, and with what: polling schedulers.
+
+Whatever the scheduler, links whose poll is due go first, so that T_poll is kept. Else "lazy" sends the head of the
+master's queue, and nothing in slots in which nothing waits. The others give every free slot to a link: a broadcast at
+the head of the queue goes before them; then comes, in turn, the link served the longest ago (round robin), the same
+link as long as anything waits on either side of it (exhaustive), or the link with the most payloads on both sides
+(backlog); it gets the first payload of the queue that is for it, or POLL. The last two take it for known how many
+payloads a slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for
+Bluetooth picocells", ICC 2001); a real master learns it from the packets.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+from cosim.channels.bluetooth import polling
+from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED
+from cosim.channels.bluetooth.queues import Payload, Queues
+
+Scheduler: TypeAlias = Literal["lazy", "round_robin", "exhaustive", "backlog"]
+SCHEDULERS: Final[dict[Scheduler, int]] = {
+    "lazy": LAZY,
+    "round_robin": polling.ROUND_ROBIN,
+    "exhaustive": polling.EXHAUSTIVE,
+    "backlog": polling.BACKLOG,
+}
+"""The numbers by which the arithmetic of slots knows them."""
+
+
+class Turn(NamedTuple):
+    """What is sent in a slot."""
+
+    k: int
+    """LT_ADDR of the link that is addressed; EVERYONE for a broadcast."""
+    payload: Payload | None
+    """None for POLL, or for a beacon without a payload."""
+
+
+class Schedule:
+    """Decides for one piconet; *fit* is called with a payload before it is sent for the first time, to size it."""
+
+    def __init__(self, links: Links, queues: Queues, fit: Callable[[Payload], None] | None = None) -> None:
+        self._piconet, self._table = links.piconet, links.table
+        self._queues = queues
+        self._fit = fit
+
+    def next_slot(self) -> int:
+        """Return the next TX slot with a payload or a beacon in it, or NOTHING."""
+        piconet, table = self._piconet, self._table
+        if not piconet[SHARED] and piconet[SCHEDULER] == LAZY:
+            head = self._queues.head(EVERYONE)
+            if head is None:
+                return polling.next_served(piconet, table)
+            return polling.next_free(piconet, table, head.lt_addr)
+        ticks = [self._opening(payload, int(piconet[NEXT])) for payload in self._unasked()]
+        if piconet[BEACON] != NEVER:
+            ticks.append(polling.open_slot(piconet, table, EVERYONE, max(piconet[NEXT], piconet[BEACON]), 1))
+        ticks.append(polling.next_served(piconet, table))
+        return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
+
+    def choose(self, tick: int) -> Turn | None:
+        """Return what is sent in the TX slot *tick*, which nothing has been decided about, or None."""
+        payload = self._first(tick, self._unasked())
+        if tick >= self._piconet[BEACON]:
+            return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
+        k = polling.overdue(self._piconet, self._table, tick)
+        if self._piconet[SCHEDULER] == LAZY:
+            if k != NOTHING:
+                return Turn(k, payload if payload is not None and payload.lt_addr == k else None)
+            return None if payload is None else Turn(payload.lt_addr, payload)
+        if k == NOTHING:
+            if payload is not None:
+                return Turn(EVERYONE, payload)
+            k = polling.turn(self._piconet, self._table, tick)
+        if k == NOTHING:
+            return None
+        return Turn(k, self._first(tick, (payload for payload in self._sendable() if payload.lt_addr == k)))
+
+    def _first(self, tick: int, payloads: Iterator[Payload]) -> Payload | None:
+        """Return the first of *payloads* that can be sent at *tick*."""
+        return next((payload for payload in payloads if self._opening(payload, tick) == tick), None)
+
+    def _opening(self, payload: Payload, tick: int) -> int:
+        opening: int = polling.open_slot(self._piconet, self._table, payload.lt_addr, tick, payload.kind.slots)
+        return opening
+
+    def _unasked(self) -> Iterator[Payload]:
+        """Return what is sent as soon as a slot is free, no matter whose turn it is."""
+        lazy = self._piconet[SCHEDULER] == LAZY
+        if lazy and not self._piconet[SHARED]:
+            head = self._queues.head(EVERYONE)
+            return self._sized(iter(() if head is None else (head,)))
+        return (payload for payload in self._sendable() if lazy or payload.lt_addr == EVERYONE)
+
+    def _sendable(self) -> Iterator[Payload]:
+        return self._sized(self._queues.sendable())
+
+    def _sized(self, payloads: Iterator[Payload]) -> Iterator[Payload]:
+        if self._fit is None:
+            return payloads
+        return map(self._resize, payloads)
+
+    def _resize(self, payload: Payload) -> Payload:
+        if self._fit is not None and not payload.tries:
+            self._fit(payload)
+        return payload
