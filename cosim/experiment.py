@@ -11,7 +11,8 @@
 
 What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
 It is called with (parameters, seed) and returns metrics as a dict, or observations as a list of dicts. If there are
-settings called ``Parameters`` in its module, the parameters of every arm are validated with them.
+settings called ``Parameters`` in its module, the parameters of every arm are validated with them; a tuple of
+``cosim.trace.Field`` called ``COLUMNS`` there gives what it returns types, units and meanings.
 """
 
 import itertools

@@ -70,7 +70,9 @@ class Outcome(StrEnum):
     TOO_LONG = "too_long"
     """No packet type in use can carry it."""
     FLUSHED = "flushed"
-    """Taken out of the queue by a ``Flush``, or because its link ended."""
+    """Taken out of the queue by a ``Flush``, because it had waited too long, or because its link ended."""
+    QUEUE_FULL = "queue_full"
+    """The device holds as many payloads as it can."""
 
 
 class Role(StrEnum):
@@ -80,6 +82,17 @@ class Role(StrEnum):
     SLAVE = "slave"
     PEER = "peer"
     """A channel without roles."""
+
+
+class Mode(StrEnum):
+    """How much of the time the two ends of a link are there for each other."""
+
+    ACTIVE = "active"
+    HOLD = "hold"
+    SNIFF = "sniff"
+    PARKED = "parked"
+    NONE = "none"
+    """There is no such link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +140,22 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True)
+class ModeChanged:
+    """The link to *peer* is in *mode* now; as an answer to a command that was refused, it still is."""
+
+    peer: Address
+    mode: Mode
+
+
+@dataclass(frozen=True, slots=True)
+class RoleChanged:
+    """This side's role on the link to *peer* is *role* now; as an answer to a switch that was refused, it still is."""
+
+    peer: Address
+    role: Role
+
+
+@dataclass(frozen=True, slots=True)
 class Fate:
     """What became of the payload that was sent with *token*."""
 
@@ -134,7 +163,7 @@ class Fate:
     outcome: Outcome
 
 
-LinkEvent: TypeAlias = Discovered | InquiryComplete | Connected | PageFailed | Lost | Fate
+LinkEvent: TypeAlias = Discovered | InquiryComplete | Connected | PageFailed | Lost | ModeChanged | RoleChanged | Fate
 
 
 # ---------------------------------------------------------------- what goes out
@@ -202,7 +231,51 @@ class Share:
     reference: Address
 
 
-LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush | Share
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """Leave the link to *peer* alone for *slots* of 625 us; both sides learn when that begins and ends."""
+
+    peer: Address
+    slots: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sniff:
+    """Use the link to *peer* only in a part of every interval of the master's clock; an interval of 0 ends that.
+
+    A packet to the slave begins in the first *attempt_slots* from *offset_slots* after each multiple of
+    *interval_slots* on; all three are even.
+    """
+
+    peer: Address
+    interval_slots: int
+    offset_slots: int
+    attempt_slots: int
+
+
+@dataclass(frozen=True, slots=True)
+class Park:
+    """Make the link to the slave *peer* a mere membership, which costs none of the master's seven places."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Unpark:
+    """Give the parked slave *peer* a place again, at its next beacon."""
+
+    peer: Address
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchRole:
+    """Exchange the roles of the two ends of the link to *peer*, which must be the only link of both."""
+
+    peer: Address
+
+
+ModeCommand: TypeAlias = Hold | Sniff | Park | Unpark
+LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush | Share | ModeCommand | SwitchRole
 
 
 @dataclass(frozen=True, slots=True)

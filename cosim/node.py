@@ -60,7 +60,9 @@ class Node:
             else:
                 self._channel.command(self.address, item)
         self.motion.extend(machine.commands())
-        self._arm(now)
+        deadline, timer = machine.wake_at(), self._timer
+        if deadline is not None and (timer is None or deadline < timer.time):
+            self._arm(deadline, now)
 
     def kill(self) -> None:
         """Stop driving the machine: its host is dead, and what it wanted to do next is not done."""
@@ -73,15 +75,10 @@ class Node:
         else:
             self._trace.event(now, self.address, event)
 
-    def _arm(self, now: Time) -> None:
-        deadline = self.machine.wake_at()
-        if deadline is None:
-            return
-        timer = self._timer
-        if timer is not None and timer.time <= deadline:
-            return
-        if timer is not None:
-            timer.cancel()
+    def _arm(self, deadline: Time, now: Time) -> None:
+        """Have the machine woken at *deadline*, or at once if that is over, and not when it would have been."""
+        if self._timer is not None:
+            self._timer.cancel()
         self._timer = self._kernel.at(max(deadline, now), self._wake, WAKE)
 
     def _wake(self) -> None:
@@ -90,12 +87,14 @@ class Node:
             return
         now = self._kernel.now
         deadline = self.machine.wake_at()
-        if deadline is not None and deadline <= now:
-            self.machine.wake(now)
-            self.drain(now)
-            self._check_awake(now)
-        else:
-            self._arm(now)
+        if deadline is None:
+            return
+        if deadline > now:  # it has moved since
+            self._arm(deadline, now)
+            return
+        self.machine.wake(now)
+        self.drain(now)
+        self._check_awake(now)
 
     def _check_awake(self, now: Time) -> None:
         """Raise LocalProtocolError if the machine wants to be woken again at once: the run would stand still."""

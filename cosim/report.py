@@ -74,7 +74,7 @@ def _lines_of(verdict: Verdict) -> str:
     """Return *verdict* for a terminal: the word first, then what was claimed, what was printed and what we have."""
     indent = " " * 7
     lines = textwrap.wrap(f"{verdict.id}: {verdict.claim}", WIDTH - 7, subsequent_indent=indent)
-    lines[0] = f"{verdict.verdict:7s}{lines[0]}"
+    lines[0] = f"{verdict.verdict:6s} {lines[0]}"
     answer = f"{indent}published {verdict.published}; ours {verdict.ours}"
     return "\n".join([*lines, *textwrap.wrap(answer, WIDTH, subsequent_indent=indent)])
 

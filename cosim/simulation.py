@@ -92,10 +92,14 @@ class Simulation:
 
     def run(self) -> Outcome:
         """Execute the run: until all machines have finished, the referee ends it, or its time is over."""
-        self.channel.moved(self.fleet.positions_m)
-        self.kernel.at(0, self._first_tick, WORLD)
+        self.begin()
         self.kernel.run(self.scenario.duration)
         return self._outcome()
+
+    def begin(self) -> None:
+        """Have the kernel begin with the first tick as soon as it runs: for those who run it themselves."""
+        self.channel.moved(self.fleet.positions_m)
+        self.kernel.at(0, self._first_tick, WORLD)
 
     def _surroundings(self, parameters: Any, streams: Streams) -> Surroundings:
         scenario, floor = self.scenario, self.floorplan
@@ -134,11 +138,8 @@ class Simulation:
             if node.motion:
                 self.fleet.apply((node.address, command) for command in node.motion)
                 node.motion.clear()
-        before = self.fleet.positions_m
-        self.fleet.step()
-        after = self.fleet.positions_m
-        self._distance_m += float(np.hypot(*(after - before).T).sum())
-        self.channel.moved(after)
+        self._distance_m += self.fleet.step()
+        self.channel.moved(self.fleet.positions_m)
         self._sense(now)
 
     def _sense(self, now: Time) -> None:

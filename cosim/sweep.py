@@ -8,6 +8,7 @@ import json
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
@@ -19,7 +20,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function
-from cosim.machine import Metric
 from cosim.results import PACKAGES, Row, RunStore, code_digest, kind_of, metric_fields, provenance
 from cosim.scenario import digest
 from cosim.simulation import Simulation, simulate
@@ -49,7 +49,8 @@ class Finished:
     error: str | None = None
     digest: str | None = None
     metrics: dict[str, float] = field(default_factory=dict)
-    columns: tuple[Metric, ...] = ()
+    columns: tuple[Field, ...] = ()
+    """Unit and meaning of its metrics or observations, as far as they are declared."""
     observations: list[Row] = field(default_factory=list)
 
 
@@ -82,15 +83,20 @@ def execute(task: Task) -> Finished:
 def _simulated(task: Task) -> Finished:
     assert task.arm.scenario is not None
     outcome = simulate(task.arm.scenario, task.seed)
-    return Finished(task, 0.0, None, outcome.digest, dict(outcome.metrics), tuple(outcome.metric_columns))
+    columns = tuple(metric_fields(outcome.metric_columns))
+    return Finished(task, 0.0, None, outcome.digest, dict(outcome.metrics), columns)
 
 
 def _called(task: Task) -> Finished:
     assert task.arm.run is not None
-    answer = find_function(task.arm.run, "sweep.yaml")(task.arm.parameters, task.seed)
+    function = find_function(task.arm.run, "sweep.yaml")
+    answer = function(task.arm.parameters, task.seed)
+    declared = getattr(sys.modules.get(function.__module__), "COLUMNS", ())
+    columns = tuple(field._replace(optional=True) for field in declared)  # a run that failed has none
     if isinstance(answer, dict):
-        return Finished(task, 0.0, None, digest(answer), {name: float(value) for name, value in answer.items()})
-    return Finished(task, 0.0, None, digest(answer), observations=list(answer))
+        metrics = {name: float(value) for name, value in answer.items()}
+        return Finished(task, 0.0, None, digest(answer), metrics, columns)
+    return Finished(task, 0.0, None, digest(answer), columns=columns, observations=list(answer))
 
 
 # ---------------------------------------------------------------- all of them
@@ -193,10 +199,10 @@ class _Batch:
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        metrics = {metric.name: metric for finished in waiting for metric in finished.columns}
+        columns = {column.name: column for finished in waiting for column in finished.columns}
         runs = [self._run(finished) for finished in waiting]
         seen = [self._key(finished) | row for finished in waiting for row in finished.observations]
-        self._store.append(runs, seen, [*self._axes, *metric_fields(metrics.values())], self._metadata)
+        self._store.append(runs, seen, [*self._axes, *columns.values()], self._metadata)
         self._written = monotonic()
 
     def _key(self, finished: Finished) -> Row:

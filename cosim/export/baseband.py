@@ -34,6 +34,7 @@ LAP, reference LAP and UAP, packet header, flags."""
 _TRANSPORT: Final = 0x30
 """ACL transport at Basic Rate."""
 _ANY_TRANSPORT: Final = 0x00
+"""That of an ID, which could be anything."""
 
 # flags of the pseudo-header
 _PLAIN: Final = 0x0009  # de-whitened, not encrypted
@@ -94,7 +95,7 @@ def _bd_addr(device: Identity) -> str:
 def _packet(row: Row, owner: Address, called: int, devices: Sequence[Identity]) -> Packet:
     """Return the packet of *row*, which begins with the access code of *owner*; an FHS says that it is *called* so."""
     word = GIAC if owner == INQUIRY else devices[owner].hop_address
-    lap, uap = word & 0xFFFFFF, 0 if owner == INQUIRY else word >> 24
+    lap, uap = word & 0xFFFFFF, word >> 24
     passed = row.outcome == Heard.RECEIVED
     payload = b""
     if row.kind == "ID":
@@ -146,9 +147,10 @@ def _rows(frames: Mapping[str, Sequence[Any]]) -> Iterator[Row]:
 def access_codes(rows: Sequence[Row]) -> list[Address]:
     """Return for each of *rows*, in the order of time, whose access code the frame begins with: a device, or INQUIRY.
 
-    In a piconet it is the master's, in a page the paged device's. A link begins with its master's POLL. A page's ID or
-    FHS is known by its answer: all answers begin exactly 625 us after what they answer, and in a page an ID or FHS is
-    answered by an ID, in an inquiry an ID by an FHS, or nothing.
+    In a piconet it is the master's, who sends the first frame of a link, and every POLL; in a page it is the paged
+    device's. A page's ID or FHS is known by its answer: all answers begin exactly 625 us after what they answer, and in
+    a page an ID or FHS is answered by an ID, in an inquiry an ID by an FHS, or nothing. So the ID of a page that the
+    paged device leaves unanswered, because it is gone by then, passes for one of an inquiry.
     """
     sent = {(row.kind, row.time, row.source, row.destination) for row in rows if row.kind in ("ID", "FHS")}
     masters: dict[frozenset[Address], Address] = {}
@@ -162,7 +164,7 @@ def _access_code(
     if row.kind not in ("ID", "FHS"):
         if row.kind == "POLL":
             masters[frozenset((source, destination))] = source
-        return masters.get(frozenset((source, destination)), source)
+        return masters.setdefault(frozenset((source, destination)), source)
 
     def answers(time: Time, source: Address, destination: Address) -> bool:
         return any((kind, time - RESPONSE_DELAY, destination, source) in sent for kind in ("ID", "FHS"))

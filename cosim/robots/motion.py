@@ -3,11 +3,13 @@
 A tick at time t ends the interval before it and begins the next: ``step`` puts every body where its velocity has taken
 it, then chooses the velocities until t + tick, under the limits of the drives and cut where bodies or walls would be
 entered. So the pose at any time up to the next tick is known, and a command applied before ``step`` acts from t on.
+
+State and limits are the rows of one array (see ``table``).
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,54 +19,47 @@ from cosim.geometry.segments import SegmentGrid
 from cosim.jit import njit
 from cosim.machine import Address, Command, GoTo, Observation
 from cosim.robots.body import BodySettings
-from cosim.robots.contact import fractions
+from cosim.robots.contact import cut, packed_walls
 from cosim.robots.drive import ALIGNED_RAD, LAND_M, approach, chord, towards, wrapped
+from cosim.robots.table import (
+    ARRIVED,
+    BLOCKED,
+    CUT,
+    DX,
+    DY,
+    GOAL_X,
+    GOAL_Y,
+    GOING,
+    HEADING,
+    LANDING,
+    MOST_TURN,
+    MOST_WAY,
+    NEXT_X,
+    NEXT_Y,
+    OBSERVED,
+    PART,
+    RADIUS,
+    ROWS,
+    SECONDS,
+    SPEED,
+    TURN,
+    TURN_CHANGE,
+    TURNS_FIRST,
+    WANTED_TURN,
+    WANTED_WAY,
+    WAY,
+    WAY_CHANGE,
+    X,
+    Y,
+)
 from cosim.units import Time, to_seconds
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
+Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Pose: TypeAlias = tuple[float, float, float]
 """x_m, y_m, heading_rad."""
 
 _NOWHERE: Final[tuple[tuple[Address, ...], ...]] = ()
-
-
-class _Limits(NamedTuple):
-    """What the drives can do, in ways per tick; arrays (n,)."""
-
-    radius: Floats
-    way: Floats
-    way_change: Floats
-    turn: Floats
-    turn_change: Floats
-    turns_first: Bools
-
-
-class _Bodies(NamedTuple):
-    """State of all bodies: poses at the last tick, ways until the next one; arrays (n,)."""
-
-    x: Floats
-    y: Floats
-    heading: Floats
-    way: Floats
-    """Signed length of the path until the next tick, cut at contact."""
-    turn: Floats
-    next_x: Floats
-    next_y: Floats
-    going: Bools
-    """There is a point to go to; else the wanted way and turn count."""
-    goal_x: Floats
-    goal_y: Floats
-    wanted_way: Floats
-    wanted_turn: Floats
-    speed: Floats
-    """Signed way of the interval that ended."""
-    landing: Bools
-    """The goal is reached at the next tick."""
-    arrived: Bools
-    cut: Bools
-    """The way until the next tick has been cut."""
-    blocked: Bools
 
 
 class Fleet:
@@ -85,38 +80,48 @@ class Fleet:
         self.tick = tick
         self.time = start
         """The last tick."""
-        self._walls = walls
-        self._limits = _limits(bodies, to_seconds(tick))
-        heading = np.broadcast_to(np.asarray(headings_rad, np.float64), (count,)).copy()
-        self._state = _at_rest(starts, heading)
+        self._wall_numbers, self._wall_members = packed_walls(walls)
+        self._table = np.zeros((ROWS, count))
+        self._table[X], self._table[Y] = self._table[NEXT_X], self._table[NEXT_Y] = starts.T
+        self._table[HEADING] = headings_rad
+        self._table[ARRIVED] = 1.0
+        _write_limits(self._table, bodies, to_seconds(tick))
+        self._observed = self._table[:OBSERVED].T
+        self._positions, self._spare = starts.copy(), starts.copy()
 
     def __len__(self) -> int:
-        return len(self._state.x)
+        return self._table.shape[1]
 
     def apply(self, commands: Iterable[tuple[int, Command]]) -> None:
         """Take *commands* (body, command) in order; they act from the next :meth:`step` on; a body's last counts.
 
         Raise LocalProtocolError for a number that is not finite.
         """
-        state, seconds = self._state, to_seconds(self.tick)
+        table, seconds = self._table, to_seconds(self.tick)
         for body, command in commands:
+            going = isinstance(command, GoTo)
             one, two = (
                 (command.x_m, command.y_m) if isinstance(command, GoTo) else (command.speed_mps, command.turn_radps)
             )
             if not (math.isfinite(one) and math.isfinite(two)):
                 raise LocalProtocolError(f"body {body}: {command} is not finite")
-            state.going[body] = isinstance(command, GoTo)
-            state.arrived[body] = not state.going[body]
-            state.landing[body] = False
-            if state.going[body]:
-                state.goal_x[body], state.goal_y[body] = one, two
+            table[GOING, body] = going
+            table[ARRIVED, body] = not going
+            table[LANDING, body] = 0.0
+            if going:
+                table[GOAL_X, body], table[GOAL_Y, body] = one, two
             else:
-                state.wanted_way[body], state.wanted_turn[body] = one * seconds, two * seconds
+                table[WANTED_WAY, body], table[WANTED_TURN, body] = one * seconds, two * seconds
 
-    def step(self) -> None:
-        """Move all bodies to the next tick, and choose how they move until the one after it."""
-        _step(self._state, self._limits, self._walls)
+    def step(self) -> float:
+        """Move all bodies to the next tick, and choose how they move until the one after it.
+
+        Return the way that all bodies together have gone since the tick before, in metres.
+        """
+        self._positions, self._spare = self._spare, self._positions
+        gone: float = _step(self._table, self._positions, self._wall_numbers, self._wall_members)
         self.time += self.tick
+        return gone
 
     def pose_at(self, body: int, time: Time) -> Pose:
         """Return the pose of *body* at *time* (ns), at constant velocity since the last tick.
@@ -125,143 +130,119 @@ class Fleet:
         """
         if not self.time <= time <= self.time + self.tick:
             raise LocalProtocolError(f"pose at {time} ns, known from {self.time} to {self.time + self.tick} ns")
-        state, part = self._state, (time - self.time) / self.tick
-        x, y = float(state.x[body]), float(state.y[body])
-        heading = wrapped(float(state.heading[body] + part * state.turn[body]))
+        own, part = self._table[:, body].tolist(), (time - self.time) / self.tick
+        heading = wrapped(own[HEADING] + part * own[TURN])
         if part == 1.0:
-            return float(state.next_x[body]), float(state.next_y[body]), heading
-        return x + part * float(state.next_x[body] - x), y + part * float(state.next_y[body] - y), heading
+            return own[NEXT_X], own[NEXT_Y], heading
+        x, y = own[X], own[Y]
+        return x + part * (own[NEXT_X] - x), y + part * (own[NEXT_Y] - y), heading
 
     def rests(self, body: int) -> bool:
         """Return whether *body* stays where it is until the next tick."""
-        return bool(self._state.way[body] == 0.0)
+        return bool(self._table[WAY, body] == 0.0)
 
     @property
     def positions_m(self) -> Floats:
-        """A copy of the positions at the last tick, shape (n, 2)."""
-        return np.stack((self._state.x, self._state.y), axis=1)
+        """The positions at the last tick, shape (n, 2); not to be changed, and others from the next step but one on."""
+        return self._positions
 
     @property
     def radii_m(self) -> Floats:
         """The radii of the bodies, shape (n,)."""
-        return self._limits.radius
+        radii: Floats = self._table[RADIUS]
+        return radii
 
     def observations(self, visible: Sequence[tuple[Address, ...]] = _NOWHERE) -> list[Observation]:
         """Return what each body observes at the last tick; *visible* names for each body the others in its sight."""
-        state, seconds = self._state, to_seconds(self.tick)
-        rows = np.stack(
-            (state.x, state.y, state.heading, state.speed / seconds, state.arrived, state.blocked), axis=1
-        ).tolist()
+        rows = self._observed.tolist()
+        if not visible:
+            return [Observation(x, y, heading, v, a > 0.0, b > 0.0) for x, y, heading, v, a, b in rows]
         return [
-            Observation(x, y, heading, speed, arrived > 0, blocked > 0, visible[body] if visible else ())
-            for body, (x, y, heading, speed, arrived, blocked) in enumerate(rows)
+            Observation(x, y, heading, speed, arrived > 0.0, blocked > 0.0, others)
+            for (x, y, heading, speed, arrived, blocked), others in zip(rows, visible, strict=True)
         ]
 
 
-def _limits(bodies: Sequence[BodySettings], seconds: float) -> _Limits:
-    return _Limits(
-        np.array([body.radius_m for body in bodies]),
-        np.array([body.speed_mps * seconds for body in bodies]),
-        np.array([body.acceleration_mps2 * seconds**2 for body in bodies]),
-        np.array([body.turn_radps * seconds for body in bodies]),
-        np.array([body.turn_acceleration_radps2 * seconds**2 for body in bodies]),
-        np.array([body.drive == "differential" for body in bodies]),
-    )
-
-
-def _at_rest(starts: Floats, heading: Floats) -> _Bodies:
-    def zeros() -> Floats:
-        return np.zeros(len(starts))
-
-    def no() -> Bools:
-        return np.zeros(len(starts), np.bool_)
-
-    x, y = starts[:, 0].copy(), starts[:, 1].copy()
-    return _Bodies(
-        x=x,
-        y=y,
-        heading=heading,
-        way=zeros(),
-        turn=zeros(),
-        next_x=x.copy(),
-        next_y=y.copy(),
-        going=no(),
-        goal_x=zeros(),
-        goal_y=zeros(),
-        wanted_way=zeros(),
-        wanted_turn=zeros(),
-        speed=zeros(),
-        landing=no(),
-        arrived=~no(),
-        cut=no(),
-        blocked=no(),
-    )
+def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float) -> None:
+    table[RADIUS] = [body.radius_m for body in bodies]
+    table[MOST_WAY] = [body.speed_mps * seconds for body in bodies]
+    table[WAY_CHANGE] = [body.acceleration_mps2 * seconds**2 for body in bodies]
+    table[MOST_TURN] = [body.turn_radps * seconds for body in bodies]
+    table[TURN_CHANGE] = [body.turn_acceleration_radps2 * seconds**2 for body in bodies]
+    table[TURNS_FIRST] = [body.drive == "differential" for body in bodies]
+    table[SECONDS] = seconds
 
 
 @njit(cache=True)
-def _step(state: _Bodies, limits: _Limits, walls: SegmentGrid) -> None:
-    bodies = state.x.shape[0]
-    dx, dy = np.empty(bodies), np.empty(bodies)
-    for i in range(bodies):
-        _settle(state, i)
-        dx[i], dy[i] = _to_goal(state, limits, i) if state.going[i] else _as_wanted(state, limits, i)
-    part = fractions(walls, state.x, state.y, dx, dy, limits.radius)
-    for i in range(bodies):
-        state.cut[i] = part[i] < 1.0
-        if state.cut[i]:
-            state.way[i] *= part[i]
-            state.landing[i] = False
-        state.next_x[i] = state.goal_x[i] if state.landing[i] else state.x[i] + part[i] * dx[i]
-        state.next_y[i] = state.goal_y[i] if state.landing[i] else state.y[i] + part[i] * dy[i]
+def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Ints) -> float:
+    gone = 0.0
+    for i in range(table.shape[1]):
+        gone += _settle(table, i)
+        positions[i, 0], positions[i, 1] = table[X, i], table[Y, i]
+        table[DX, i], table[DY, i] = _to_goal(table, i) if table[GOING, i] else _as_wanted(table, i)
+    cut(table, wall_numbers, wall_members)
+    for i in range(table.shape[1]):
+        part = table[PART, i]
+        table[CUT, i] = part < 1.0
+        if part < 1.0:
+            table[WAY, i] *= part
+            table[LANDING, i] = 0.0
+        landing = table[LANDING, i] > 0.0
+        table[NEXT_X, i] = table[GOAL_X, i] if landing else table[X, i] + part * table[DX, i]
+        table[NEXT_Y, i] = table[GOAL_Y, i] if landing else table[Y, i] + part * table[DY, i]
+    return gone
 
 
 @njit(cache=True)
-def _settle(state: _Bodies, i: int) -> None:
-    """End the interval: the pose is where its motion has led to."""
-    state.x[i], state.y[i] = state.next_x[i], state.next_y[i]
-    state.heading[i] = wrapped(state.heading[i] + state.turn[i])
-    state.speed[i] = state.way[i]
-    state.blocked[i] = state.cut[i]
-    state.arrived[i] |= state.landing[i]
+def _settle(table: Floats, i: int) -> float:
+    """End the interval: the pose is where its motion has led to. Return the way that it was."""
+    x, y = table[NEXT_X, i], table[NEXT_Y, i]
+    gone_x, gone_y = x - table[X, i], y - table[Y, i]
+    table[X, i], table[Y, i] = x, y
+    table[HEADING, i] = wrapped(table[HEADING, i] + table[TURN, i])
+    table[SPEED, i] = table[WAY, i] / table[SECONDS, i]
+    table[BLOCKED, i] = table[CUT, i]
+    table[ARRIVED, i] = max(table[ARRIVED, i], table[LANDING, i])
+    return math.sqrt(gone_x * gone_x + gone_y * gone_y)
 
 
 @njit(cache=True)
-def _as_wanted(state: _Bodies, limits: _Limits, i: int) -> tuple[float, float]:
+def _as_wanted(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn next to what a ``Drive`` asked for; return the straight way of the tick."""
-    way = min(max(state.wanted_way[i], -limits.way[i]), limits.way[i])
-    turn = min(max(state.wanted_turn[i], -limits.turn[i]), limits.turn[i])
-    state.way[i] = towards(way, state.way[i], limits.way_change[i])
-    state.turn[i] = towards(turn, state.turn[i], limits.turn_change[i])
-    return chord(state.heading[i], state.way[i], state.turn[i])
+    way = min(max(table[WANTED_WAY, i], -table[MOST_WAY, i]), table[MOST_WAY, i])
+    turn = min(max(table[WANTED_TURN, i], -table[MOST_TURN, i]), table[MOST_TURN, i])
+    table[WAY, i] = towards(way, table[WAY, i], table[WAY_CHANGE, i])
+    table[TURN, i] = towards(turn, table[TURN, i], table[TURN_CHANGE, i])
+    return chord(table[HEADING, i], table[WAY, i], table[TURN, i])
 
 
 @njit(cache=True)
-def _to_goal(state: _Bodies, limits: _Limits, i: int) -> tuple[float, float]:
+def _to_goal(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn towards the goal of a ``GoTo``: stop, turn, then straight; return the way of the tick."""
-    goal_x, goal_y = state.goal_x[i] - state.x[i], state.goal_y[i] - state.y[i]
+    goal_x, goal_y = table[GOAL_X, i] - table[X, i], table[GOAL_Y, i] - table[Y, i]
     distance = math.hypot(goal_x, goal_y)
-    standing = state.way[i] == 0.0 and state.turn[i] == 0.0
-    slower = towards(0.0, state.way[i], limits.way_change[i])
-    steadier = towards(0.0, state.turn[i], limits.turn_change[i])
-    state.landing[i] = distance <= LAND_M and slower == 0.0 and steadier == 0.0
-    if state.landing[i]:
-        state.way[i] = state.turn[i] = 0.0
+    slower = towards(0.0, table[WAY, i], table[WAY_CHANGE, i])
+    steadier = towards(0.0, table[TURN, i], table[TURN_CHANGE, i])
+    passing = distance <= LAND_M  # if it is too fast to stay: a bearing means nothing here
+    if passing and slower == 0.0 and steadier == 0.0:
+        table[WAY, i] = table[TURN, i] = 0.0
+        table[LANDING, i] = 1.0
         return goal_x, goal_y
+    table[LANDING, i] = 0.0
     bearing = math.atan2(goal_y, goal_x)
-    if standing and not limits.turns_first[i]:
-        state.heading[i] = bearing
-    error = wrapped(bearing - state.heading[i])
+    if table[WAY, i] == 0.0 and table[TURN, i] == 0.0 and not table[TURNS_FIRST, i]:
+        table[HEADING, i] = bearing
+    error = wrapped(bearing - table[HEADING, i])
     astray = abs(error) > ALIGNED_RAD
-    passing = distance <= LAND_M  # too fast to stay: a bearing means nothing here
-    if astray and not passing and slower == 0.0 and limits.turns_first[i]:
+    if astray and not passing and slower == 0.0 and table[TURNS_FIRST, i]:
         sign = 1.0 if error > 0.0 else -1.0
-        turn = approach(abs(error), sign * state.turn[i], limits.turn[i], limits.turn_change[i])
-        state.way[i], state.turn[i] = 0.0, sign * turn
+        turn = approach(abs(error), sign * table[TURN, i], table[MOST_TURN, i], table[TURN_CHANGE, i])
+        table[WAY, i], table[TURN, i] = 0.0, sign * turn
         return 0.0, 0.0
     if astray or passing or steadier != 0.0:
-        state.way[i], state.turn[i] = slower, steadier
-        return chord(state.heading[i], slower, steadier)
-    way = approach(distance, state.way[i], limits.way[i], limits.way_change[i])
-    state.way[i], state.turn[i] = way, 0.0
-    state.landing[i] = abs(way - distance) <= LAND_M and towards(0.0, way, limits.way_change[i]) == 0.0
+        table[WAY, i], table[TURN, i] = slower, steadier
+        return chord(table[HEADING, i], slower, steadier)
+    way = approach(distance, table[WAY, i], table[MOST_WAY, i], table[WAY_CHANGE, i])
+    table[WAY, i], table[TURN, i] = way, 0.0
+    table[LANDING, i] = abs(way - distance) <= LAND_M and towards(0.0, way, table[WAY_CHANGE, i]) == 0.0
     return goal_x * way / distance, goal_y * way / distance

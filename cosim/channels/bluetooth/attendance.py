@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection
 
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import ALWAYS, Presence
+from cosim.errors import LocalProtocolError
 from cosim.machine import Address, Share
 
 AWAY = Presence(here=False)
@@ -37,7 +38,18 @@ class Attendance:
         self._latest = [master for master in self._latest if master in masters]
 
     def share(self, share: Share | None) -> None:
-        """Divide the time as the host has it; None, or no parts, for not at all."""
+        """Divide the time as the host has it; None, or no parts, for not at all.
+
+        Raise LocalProtocolError for parts that do not lie one after the other within the period.
+        """
+        if share is not None:
+            at = 0
+            for _, first, count in sorted(share.parts, key=lambda part: part[1]):
+                if first < at or count < 1:
+                    raise LocalProtocolError(f"parts overlap, or are empty: {share.parts}")
+                at = first + count
+            if share.period_slots < max(1, at):
+                raise LocalProtocolError(f"parts {share.parts} do not fit into {share.period_slots} slots")
         self._share = share if share is not None and share.parts else None
 
     def presence(self, master: Address, busy: bool) -> Presence:

@@ -119,9 +119,9 @@ class Controller:
         self._linked(master)
         self._tell(self.address, self._connected(master, Role.SLAVE, pager.identity))
 
-    def lost(self, peer: Address) -> None:
-        """Note that the link to *peer* is down on this side."""
-        self.masters.pop(peer, None)
+    def lost(self, master: Address) -> None:
+        """Note that a link of this device in the piconet of *master* is down on this side."""
+        self.masters.pop(master, None)
         self._attendance.keep({*self.masters, *([self.address] if self._members() else [])})
         self._update_presence()
         self.update_scan()
@@ -200,17 +200,18 @@ class Controller:
         self._retry = None
         if self._procedure is not None or not self._waiting:
             return
-        refused = self._refusal(self._waiting[0])
-        if refused is not None:
+        while (refused := self._refusal(self._waiting[0])) is not None:
             self._waiting.popleft()
             self._tell(self.address, refused)
-            self._begin()
-            return
-        if self._members():
-            again = self.master_of.next_pause()
-            if again is not None:
-                self._retry = self._kernel.at(again, self._begin)
+            if not self._waiting:
                 return
+        pauses = [piconet.pair_ends() for piconet in self.masters.values()]
+        if self._members():
+            pauses.append(self.master_of.next_pause())
+        again = max((pause for pause in pauses if pause is not None), default=None)
+        if again is not None:
+            self._retry = self._kernel.at(again, self._begin)
+            return
         self.master_of.suspend()
         self._began = self._kernel.now
         command = self._waiting.popleft()
@@ -274,6 +275,9 @@ class Controller:
         self._begin()
 
     def _connect(self, peer: Address, poll_tick: int) -> None:
+        if peer not in self.master_of.links.lt_addr:  # it has left while its answer was on the air
+            self._page_failed(peer)
+            return
         self.master_of.admit(peer, poll_tick + self._t_poll)
         self._linked(self.address)
         self._end()

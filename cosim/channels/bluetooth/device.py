@@ -5,6 +5,7 @@ that instant first, so that what they compute late is what would have happened.
 """
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -23,6 +24,7 @@ from cosim.channels.bluetooth.reach import Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import POWER_DBM, Propagation
+from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
@@ -128,6 +130,10 @@ class BluetoothChannel(Channel):
             case Flush():
                 device.piconet(command.destination).flush(source, command.destination)
             case Share():
+                if not 0 <= command.reference < self.size:
+                    raise LocalProtocolError(
+                        f"robot {source} counts its time on the clock of {command.reference}, which is no robot"
+                    )
                 device.share(command)
 
     # ------------------------------------------------------------ reach
@@ -219,8 +225,8 @@ class BluetoothChannel(Channel):
             news = [item for item in news if self._on[item[0]]]
         self.deliver(arrivals, news)
 
-    def _lost(self, side: Address, peer: Address) -> None:
-        self.devices[side].lost(peer)
+    def _lost(self, master: Address, side: Address, peer: Address) -> None:
+        self.devices[side].lost(master)
 
     # ------------------------------------------------------------ making devices
 
@@ -283,7 +289,7 @@ class BluetoothChannel(Channel):
             piconet,
             frames,
             self._deliver,
-            self._lost,
+            partial(self._lost, identity.address),
         )
 
 

@@ -28,8 +28,8 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 RING: Final = 8
 """Frames remembered for each device: it sends no more in the 5 ms in which any of them can matter."""
-TRAINS: Final = 64
-"""Trains of IDs that may be on the air, or just have been."""
+TRAINS: Final = 16
+"""Room for trains of IDs that are on the air, or just have been, in the beginning."""
 
 # modes of interference
 NONE: Final = 0

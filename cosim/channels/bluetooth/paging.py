@@ -105,7 +105,8 @@ class PageScanner:
         """Scan from *now* on; a window in progress counts for its remainder. Nothing happens if it scans already."""
         if not self.enabled:
             self.enabled = True
-            self._exchange = None
+            if self._exchange is not None and not self._exchange.slave:
+                self._exchange = None
             self._scan(now)
 
     def disable(self) -> None:
@@ -144,6 +145,12 @@ class PageScanner:
         if self._exchange is exchange:
             self._exchange = None
             self._scan(at)
+
+    def finish(self, exchange: "_Exchange") -> None:
+        """Take other pages again: *exchange* is over for a device that has become a slave by it."""
+        if self._exchange is exchange:
+            self._exchange = None
+            self._tell()
 
     def become_slave(self, master: Address, lt_addr: int) -> None:
         """Stop scanning: there is a link now."""
@@ -301,7 +308,9 @@ class _Exchange:
     def abandon(self) -> None:
         """Let the pager take no further part; the scanner notices by its time-out."""
         self._pending.cancel()
-        if not self.slave:
+        if self.slave:
+            self._page.scanner.finish(self)
+        else:
             self._page.scanner.release(self, self._scan_at)
 
     @property
@@ -391,6 +400,7 @@ class _Exchange:
 
     def _after_answer(self, tick: int, tries: int, received: bool) -> None:
         if received:
+            self._page.scanner.finish(self)
             self._page.connected(tick)
         else:
             self._poll_at(tick + 4, tries - 1)

@@ -159,6 +159,7 @@ class Piconet:
         """Note when *device*, the master or a slave, is there from now on."""
         self.advance(self._kernel.now)
         self.links.set_presence(device, presence)
+        self._air.changed(self._kernel.now)
         self._slots.arm()
 
     def suspend(self) -> None:
@@ -176,6 +177,13 @@ class Piconet:
         first = first_transmission(self.clock, self._kernel.now)
         self.links.piconet[NEXT] = max(int(self.links.piconet[NEXT]), first)
         self._slots.arm()
+
+    def pair_ends(self) -> Time | None:
+        """Return when the slot pair under way is over, or None if there is none. To be asked before the phase AIR."""
+        now = self._kernel.now
+        self.advance(now)
+        free = int(self.links.piconet[NEXT])
+        return self.clock.time_of(free) if free > first_transmission(self.clock, now) else None
 
     def next_pause(self) -> Time | None:
         """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
@@ -208,21 +216,26 @@ class Piconet:
             self._tell(fate(source, outgoing, Outcome.NO_LINK))
         elif kind is None:
             self._tell(fate(source, outgoing, Outcome.TOO_LONG))
-        elif self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))) or self._overtaking():
-            self.advance(self._kernel.now)
-            self._slots.arm()
+        else:
+            overtaking = self._overtaking()
+            if overtaking:
+                self.advance(self._kernel.now)
+            if self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))) or overtaking:
+                self.advance(self._kernel.now)
+                self._slots.arm()
 
     def _overtaking(self) -> bool:
-        """Return whether a payload that is not the head may be the next to be sent."""
-        return bool(self.links.piconet[polling.SHARED])
+        """Return whether a payload that is not the head may change what is sent next."""
+        piconet = self.links.piconet
+        return bool(piconet[polling.SHARED]) or self._settings.scheduler != "lazy"
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""
         queue = EVERYONE if source == self.address else self.links.lt_addr.get(source, NOTHING)
         if queue == NOTHING:
             return
-        news = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
         self.advance(self._kernel.now)
+        news = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
         self._slots.arm()
         self._tell(news)
 

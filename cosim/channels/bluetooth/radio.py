@@ -23,13 +23,11 @@ from cosim.channels.bluetooth.medium import (
     RECEIVED,
     T_DEVICE,
     T_TO,
-    TRAINS,
     Floats,
     Integers,
 )
 from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
-from cosim.errors import LocalProtocolError
 from cosim.machine import Address
 from cosim.units import MS, Time
 
@@ -310,10 +308,16 @@ class Air:
         *row* has the fields of ``medium.Medium.trains``, *channels* the channel of each X.
         """
         self.advance(now)
+        self._forget_trains(now)
         medium = self.band.medium
         count = int(medium.numbers[1])
-        if count == TRAINS:
-            raise LocalProtocolError(f"more than {TRAINS} trains of IDs at once")
+        if count == len(medium.trains):
+            trains, each = np.zeros_like(medium.trains), np.zeros_like(medium.train_channels)
+            medium = medium._replace(
+                trains=np.concatenate((medium.trains, trains)),
+                train_channels=np.concatenate((medium.train_channels, each)),
+            )
+            self.band = self.band._replace(medium=medium)
         medium.trains[count], medium.train_channels[count] = row, channels
         medium.numbers[1] = count + 1
         self._closing = min(self._closing, int(row[T_TO]) + 2 * LONGEST_FRAME)
@@ -329,13 +333,15 @@ class Air:
                 self._closing = min(self._closing, at + 2 * LONGEST_FRAME)
 
     def _forget_trains(self, now: Time) -> None:
+        """Drop the trains that ended so long ago that nothing on the air can have met them."""
         medium = self.band.medium
         count = int(medium.numbers[1])
         kept = [row for row in range(count) if medium.trains[row, T_TO] + 2 * LONGEST_FRAME > now]
+        if len(kept) == count:
+            return
         medium.trains[: len(kept)] = medium.trains[kept]
         medium.train_channels[: len(kept)] = medium.train_channels[kept]
         medium.numbers[1] = len(kept)
-        self._closing = (
-            min((int(medium.trains[row, T_TO]) for row in range(len(kept))), default=FOREVER) + 2 * LONGEST_FRAME
-        )
+        ends = (int(medium.trains[row, T_TO]) for row in range(len(kept)))
+        self._closing = min(ends, default=FOREVER) + 2 * LONGEST_FRAME
         self.changed(now)
