@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import experiments
-from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from benchmarks.exchange import LANES
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import (
     BROADCAST,
@@ -111,9 +114,12 @@ def robot_ticks(seed: int) -> Work:
     return work
 
 
-def _piconet(seed: int) -> tuple[Kernel, BluetoothChannel, list[Host]]:
+def _piconet(seed: int, floor: Any = None, **settings: object) -> tuple[Kernel, BluetoothChannel, list[Host]]:
+    """Return a connected piconet of eight devices in reach of each other."""
     kernel = Kernel()
-    channel = BluetoothChannel(BluetoothSettings(), kernel, Trace(), 8, Streams(seed))
+    plain = BluetoothSettings.model_validate(settings)
+    channel = BluetoothChannel(plain, kernel, Trace(), 8, Streams(seed), floor)
+    channel.moved(np.array([begin for begin, _ in LANES]))
     hosts = [Host() for _ in range(8)]
     for address, host in enumerate(hosts):
         channel.attach(address, host)
@@ -126,21 +132,74 @@ def _piconet(seed: int) -> tuple[Kernel, BluetoothChannel, list[Host]]:
     return kernel, channel, hosts
 
 
-def idle_piconet_seconds(seed: int) -> Work:
-    """A connected piconet in which nobody says anything, with ten world ticks a second."""
-    kernel, channel, _ = _piconet(seed)
-    traffic, seconds = Traffic(seed), 300
+class Shuttles:
+    """Robots that drive to and fro without end, each in its lane."""
+
+    def __init__(self) -> None:
+        floor = load_floorplan(FloorplanSettings(map="storey.yaml"), FLOORS)
+        self.floor = floor.grid, floor.wall_loss_db
+        self.fleet = Fleet([BodySettings(drive="grid")] * 8, [begin for begin, _ in LANES], floor.grid, TICK)
+        self._ticks = 0
+
+    def tick(self) -> None:
+        if self._ticks % 97 == 0:  # 4.5 m at 0.5 m/s and 1 m/s2 take 95 ticks
+            end = (self._ticks // 97 + 1) % 2
+            self.fleet.apply((robot, GoTo(*lane[end])) for robot, lane in enumerate(LANES))
+        self._ticks += 1
+        self.fleet.step()
+
+
+def idle_hours(seed: int, **settings: object) -> Work:
+    """A connected piconet in which nobody says anything while its robots drive, with ten world ticks a second."""
+    shuttles, seconds = Shuttles(), 60 if settings else 3600
+    kernel, channel, _ = _piconet(seed, shuttles.floor, **settings)
 
     def tick() -> None:
         channel.advance(kernel.now)
-        channel.moved(traffic.fleet.positions_m)
+        shuttles.tick()
+        channel.moved(shuttles.fleet.positions_m)
         kernel.after(TICK, tick, WORLD)
 
     kernel.after(TICK, tick, WORLD)
 
     def work() -> float:
         kernel.run(kernel.now + seconds * S)
-        return seconds
+        channel.summary()  # what has been put off until somebody looks is part of the cost
+        return seconds / 3600
+
+    return work
+
+
+def idle_fading_hours(seed: int) -> Work:
+    """The same where signals fade with distance and walls, so that every tick changes all gains."""
+    return idle_hours(seed, propagation={}, power_class=1)
+
+
+def exchanged_states(seed: int) -> Work:
+    """A whole run: eight robots drive, observe, and tell each other their states once a second; per frame delivered."""
+    scenario = Scenario.model_validate(
+        {
+            "name": "exchange",
+            "duration_s": 3600,
+            "floorplan": {"map": "storey.yaml"},
+            "team": {"size": 8, "body": {"drive": "grid"}},
+            "channel": {"kind": "bluetooth"},
+            "protocol": {"use": "benchmarks.exchange:SPEC"},
+        }
+    ).placed(FLOORS)
+    simulation, seconds = Simulation(scenario, seed), 120
+    kernel, machines = simulation.kernel, simulation.machines
+    simulation.begin()
+    while machines[0].linked < 7:  # type: ignore[attr-defined]
+        kernel.run(kernel.now + S)
+
+    def received() -> int:
+        return sum(machine.received for machine in machines)  # type: ignore[attr-defined]
+
+    def work() -> float:
+        before = received()
+        kernel.run(kernel.now + seconds * S)
+        return received() - before
 
     return work
 

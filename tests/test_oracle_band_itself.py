@@ -1,4 +1,4 @@
-"""The Bluetooth channel equals the slot-by-slot oracle of the whole band; the oracle itself does what readings say."""
+"""The oracle of the whole band does what the readings say, in scenes worked out by hand."""
 
 from dataclasses import replace
 from math import inf
@@ -8,9 +8,8 @@ import pytest
 from cosim.channels.bluetooth.hopping import basic_channel
 from tests.oracles.band import live
 from tests.oracles.band_air import Jammer, Matrix, Mode, Radio
-from tests.oracles.band_scene import Body, Book, Input, Join, Scene, Seen
+from tests.oracles.band_scene import ALL, Body, Book, Input, Join, Scene, Seen, Send
 from tests.oracles.medium import SLOT, TICK, US
-from tests.oracles.polling import ALL, Send
 
 FIRST = 4_000
 """Both masters' tick at time 0, or nearly."""

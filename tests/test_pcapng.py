@@ -5,6 +5,7 @@ import re
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from cosim.channels.bluetooth.bits.codes import crc16
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Identity
 from cosim.cli import main
@@ -47,7 +49,7 @@ class Row(NamedTuple):
 
 
 def row(time_us, ends, kind, lap_of, lt_addr=0, length=0, outcome="received", part=""):
-    lap = WORDS[lap_of] & 0xFFFFFF if lap_of in (MASTER, SLAVE) else lap_of
+    lap = WORDS[lap_of] & 0xFFFFFF if lap_of in (MASTER, SLAVE, OTHER) else lap_of
     return Row(time_us * US, *ends, kind, time_us % 79, lt_addr, length, outcome, part, lap)
 
 
@@ -67,6 +69,17 @@ PAGED = [
     row(13_750, DOWN, "POLL", MASTER, 3),
     row(14_375, UP, "NULL", MASTER, 3),
 ]
+FORSAKEN = [
+    row(20_000, (MASTER, OTHER), "ID", OTHER),
+    row(20_625, (OTHER, MASTER), "ID", OTHER),
+    row(21_250, (MASTER, OTHER), "FHS", OTHER),
+    row(4_000_000, (MASTER, OTHER), "POLL", MASTER, 5),  # of a later page
+]
+UNPAGED = [  # a link that was there from the beginning
+    row(30_000, (OTHER, SLAVE), "DH1", OTHER, 1, 2, "bit_errors", "payload"),
+    row(30_625, (SLAVE, OTHER), "DM1", OTHER, 1, 2),
+]
+TURNED = [row(8_000_000, UP, "POLL", SLAVE, 1), row(8_000_625, DOWN, "NULL", SLAVE, 1)]  # the slave has become master
 TALKED = [
     row(5_000_000 + 10_000 * number, ends, kind, MASTER, 3, length)
     for number, (ends, kind, length) in enumerate(
@@ -87,7 +100,16 @@ BROADCAST = [
     row(7_000_000, DOWN, "DM1", MASTER, 0, 13),
     row(7_000_000, (MASTER, OTHER), "DM1", MASTER, 0, 13),
 ]
-ROWS = [*TALKED, *PAGED, *INQUIRED, *SPOILT, *BROADCAST]  # idle frames are recorded late, others when they end
+ROWS = [
+    *TALKED,
+    *FORSAKEN,
+    *TURNED,
+    *UNPAGED,
+    *PAGED,
+    *INQUIRED,
+    *SPOILT,
+    *BROADCAST,
+]  # idle frames are recorded late, others when they end
 
 
 class Seen(NamedTuple):
@@ -97,10 +119,14 @@ class Seen(NamedTuple):
     interface: str
     channel: int
     lap: int
+    reference_lap: int
     lt_addr: int | None
     kind: int | None
     length: int | None
+    cast: int
+    """1 for unicast, 3 for broadcast."""
     crc_error: bool
+    hec_passed: bool
     malformed: str
     expert: str
     fhs: tuple[int, ...]
@@ -111,10 +137,13 @@ FIELDS = (
     "frame.interface_name",
     "btbredr_rf.rf_channel",
     "btbredr_rf.lower_address_part",
+    "btbredr_rf.reference_lower_address_part",
     "btbredr_rf.packet_header.lt_addr",
     "btbredr_rf.packet_header.type",
     "btbredr_rf.payload_header.length",
+    "frame.packet_flags_reception_type",
     "frame.packet_flags_crc_error",
+    "btbredr_rf.flags.hec_pass",
     "_ws.malformed",
     "_ws.expert.message",
     *(f"btbredr_fhs.{name}" for name in ("lap", "uap", "nap", "ltaddr", "clk", "sr")),
@@ -149,12 +178,12 @@ def not_checked(count: int) -> list[str]:
 
 
 def seen(words: list[str]) -> Seen:
-    numbers = [int(word, 0) if word else None for word in (*words[2:7], *words[10:])]
+    numbers = [int(word, 0) if word else None for word in (*words[2:9], *words[13:])]
     time_ns = int(words[0].replace(".", ""))
     assert len(words[0].partition(".")[2]) == 9
-    fhs = tuple(number for number in numbers[5:] if number is not None)
-    crc_error = words[7] in ("1", "True")
-    return Seen(time_ns, words[1], *numbers[:5], crc_error, words[8], words[9], fhs)  # type: ignore[arg-type]
+    crc_error, hec_passed = (word in ("1", "True") for word in words[9:11])
+    fhs = tuple(number for number in numbers[7:] if number is not None)
+    return Seen(time_ns, words[1], *numbers[:7], crc_error, hec_passed, *words[11:13], fhs)  # type: ignore[arg-type]
 
 
 def table(rows) -> dict[str, list[Any]]:
@@ -181,8 +210,15 @@ HEARD = sorted((row for row in ROWS if row.lap is not None), key=lambda row: row
 
 @pytest.mark.slow
 def test_the_frames_whose_headers_were_heard_are_captured_in_order(captured: list[Seen]):
-    assert [packet[:4] for packet in captured] == [
-        (row.time_ns, f"robot {row.destination}", row.channel, row.lap) for row in HEARD
+    assert [packet[:5] for packet in captured] == [
+        (row.time_ns, f"robot {row.destination}", row.channel, row.lap, row.lap) for row in HEARD
+    ]
+
+
+@pytest.mark.slow
+def test_the_flags_say_what_was_for_all_and_what_was_checked(captured: list[Seen]):
+    assert [(packet.cast, packet.hec_passed) for packet in captured] == [
+        (3 if row in BROADCAST else 1, row.kind != "ID") for row in HEARD
     ]
 
 
@@ -196,31 +232,31 @@ def test_lt_addr_and_type_are_those_of_the_table(captured: list[Seen]):
 @pytest.mark.slow
 def test_payloads_have_their_lengths_and_crc(captured: list[Seen]):
     whole = {row: packet for row, packet in zip(HEARD, captured, strict=True) if row.kind[0] == "D" and not row.part}
-    assert len(whole) == len(TALKED) + len(BROADCAST)
+    assert len(whole) == len(TALKED) + len(BROADCAST) + 1
     assert all(packet.length == row.length and not packet.crc_error for row, packet in whole.items())
 
 
 @pytest.mark.slow
 def test_a_lost_payload_is_marked(captured: list[Seen]):
     spoilt = [packet for row, packet in zip(HEARD, captured, strict=True) if row.part]
-    assert [(packet.crc_error, packet.length, packet.fhs) for packet in spoilt] == [(True, None, ())] * 3
-    assert sum(packet.crc_error for packet in captured) == 3
+    assert [(packet.crc_error, packet.length, packet.fhs) for packet in spoilt] == [(True, None, ())] * 4
+    assert sum(packet.crc_error for packet in captured) == 4
 
 
 @pytest.mark.slow
 def test_tshark_finds_nothing_wrong(tshark: str, capture: Path, captured: list[Seen]):
     assert {(packet.malformed, packet.expert) for packet in captured} == {("", "")}
-    assert experts(tshark, capture) == not_checked(3)
+    assert experts(tshark, capture) == not_checked(5)
 
 
 @pytest.mark.slow
 def test_an_fhs_tells_address_and_clock_of_its_sender(captured: list[Seen]):
     found = [(row, packet.fhs) for row, packet in zip(HEARD, captured, strict=True) if packet.fhs]
-    assert len(found) == 2
+    assert len(found) == 3
     for row, (lap, uap, nap, lt_addr, clk, repetition) in found:
         device = DEVICES[row.source]
         assert (uap << 24 | lap, nap, repetition) == (device.hop_address, 0, 1)
-        assert lt_addr == (3 if row.source == MASTER else 0)
+        assert lt_addr == (3 if (row.source, row.destination) == DOWN else 0)
         local = device.clock.phase + row.time_ns + row.time_ns * device.clock.ppm // 1_000_000
         assert clk == local // 1_250_000 % (1 << 26)
 
@@ -254,8 +290,18 @@ def test_the_blocks_are_a_section_the_interfaces_and_the_packets(tmp_path: Path)
     assert packet == fixed + b"abcde\0\0\0" + bytes.fromhex("0200 0400 01000000 00000000")
 
 
-def test_a_capture_that_fails_leaves_nothing(tmp_path: Path):
+def test_the_crc_of_a_lost_payload_is_wrong(tmp_path: Path):
+    spoilt = SPOILT[0]
+    write_capture(
+        tmp_path / "a.pcapng", table([PAGED[5], spoilt, spoilt._replace(outcome="received", part="")]), DEVICES, ""
+    )
+    payloads = [body[20:][22 : 22 + 2 + 50 + 2] for _, body in blocks(tmp_path / "a.pcapng")[-2:]]
+    assert [crc16(WORDS[MASTER] >> 24, payload) == 0 for payload in payloads] == [False, True]
+
+
+def test_a_capture_that_fails_leaves_what_was_there(tmp_path: Path):
     path = tmp_path / "half.pcapng"
+    path.write_bytes(b"old")
 
     def packets():
         yield Packet(0, 0, INBOUND, b"abc")
@@ -263,7 +309,7 @@ def test_a_capture_that_fails_leaves_nothing(tmp_path: Path):
 
     with pytest.raises(KeyboardInterrupt):
         write_pcapng(path, LINK_TYPE, [Interface("robot 0", "")], packets())
-    assert not list(tmp_path.iterdir())
+    assert [(file, file.read_bytes()) for file in tmp_path.iterdir()] == [(path, b"old")]
 
 
 def test_a_table_without_parts_is_read_too(tmp_path: Path):
@@ -277,11 +323,18 @@ def test_a_table_without_parts_is_read_too(tmp_path: Path):
 
 SCENARIO = {
     "name": "three",
-    "duration_s": 40,
-    "floorplan": {"map": "office"},
-    "team": {"size": 3},
-    "channel": {"kind": "bluetooth", "idle_frames": True},
-    "protocol": {"use": "pseudonet"},
+    "seed": 2,
+    "duration_s": 20,
+    "team": {"size": 3, "starts": [[1, 1], [3, 1], [1, 6]]},
+    # so deaf that payloads and headers are lost on the longer link
+    "channel": {
+        "kind": "bluetooth",
+        "idle_frames": True,
+        "propagation": {},
+        "power_class": 3,
+        "sensitivity_dbm": -52.5,
+    },
+    "protocol": {"use": "chatter:SPEC"},
 }
 
 
@@ -294,6 +347,10 @@ def run(*words: str) -> int:
 @pytest.fixture
 def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("beacon", "chatter"):
+        shutil.copy(Path(__file__).parent / "data" / f"{name}.py", tmp_path)
+        monkeypatch.delitem(sys.modules, name, raising=False)
     Path("three.yaml").write_text(yaml.safe_dump(SCENARIO))
     return "three.yaml"
 
@@ -302,8 +359,9 @@ def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_tshark_reads_the_frames_of_a_run(tshark: str, scenario: str, capsys: pytest.CaptureFixture[str]):
     assert run(scenario, "--pcapng", "captures/three.pcapng", "--trace", "tables") == 0
     frames = pd.read_parquet("tables/frames.parquet").sort_values("time_ns", kind="stable")
-    heard = frames[frames.outcome == "received"]
-    assert {"ID", "FHS", "POLL", "NULL", "DM1"} <= set(heard.kind)
+    heard = frames[(frames.outcome == "received") | (frames.part == "payload")]
+    assert set(heard.kind) == {"ID", *TYPES}
+    assert {"", "payload"} == set(heard.part) < set(frames.part)
     packets = read(tshark, Path("captures/three.pcapng"))
     assert f"{len(packets)} received frames in captures/three.pcapng, " in capsys.readouterr().out
     assert [(packet.time_ns, packet.interface, packet.channel) for packet in packets] == [
@@ -312,10 +370,15 @@ def test_tshark_reads_the_frames_of_a_run(tshark: str, scenario: str, capsys: py
     assert [(packet.lt_addr, packet.kind) for packet in packets] == [
         (None, None) if row.kind == "ID" else (row.lt_addr, TYPES[row.kind]) for row in heard.itertuples()
     ]
+    assert [packet.crc_error for packet in packets] == [part != "" for part in heard.part]
     assert {(packet.malformed, packet.expert) for packet in packets} == {("", "")}
-    paged = [packet for packet in packets if packet.kind is None and packet.lap != GIAC]
+    paged = [packet.lap for packet in packets if packet.kind is None and packet.lap != GIAC]
     assert experts(tshark, Path("captures/three.pcapng")) == not_checked(len(paged))
-    assert len(paged) >= 6  # ID, response and acknowledgement for each of two slaves
+    # what devices tell of themselves in inquiry (no LT_ADDR) and page is what the others' access codes are made of
+    told = {(packet.fhs[0], packet.fhs[3] > 0) for packet in packets if packet.fhs}
+    assert {lap for lap, master in told if not master} == set(paged)
+    assert len(set(paged)) == 2
+    assert {lap for lap, master in told if master} == {packet.lap for packet in packets if packet.kind not in (None, 2)}
 
 
 @pytest.mark.slow

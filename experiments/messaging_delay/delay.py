@@ -10,7 +10,8 @@ from typing import Final
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.device import BluetoothChannel, BluetoothSettings
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import CosimError
 from cosim.kernel import Kernel
 from cosim.machine import (

@@ -54,8 +54,8 @@ def test_the_bit_error_rate_is_marcum_s_q_less_half_a_bessel_function(es_n0_db: 
         epsrel=1e-12,
         limit=200,
     )
-    assert q == pytest.approx(float(stats.ncx2.sf(b * b, 2, a * a)), rel=1e-8)
-    assert bit_error_rate(es_n0_db, modulation_index) == pytest.approx(q - half_bessel(a, b), rel=1e-9)
+    assert q == pytest.approx(float(stats.ncx2.sf(b * b, 2, a * a)), rel=1e-8, abs=0)
+    assert bit_error_rate(es_n0_db, modulation_index) == pytest.approx(q - half_bessel(a, b), rel=1e-9, abs=0)
 
 
 @pytest.mark.parametrize(
@@ -79,11 +79,11 @@ def test_the_bit_error_rate_has_its_tabulated_values(es_n0_db: float, rate: floa
 
 def test_a_rate_is_met_where_it_is_said_to_be_met():
     for rate in (0.3, 1e-3, 1e-10):
-        assert bit_error_rate(es_n0_db_at(rate)) == pytest.approx(rate, rel=1e-7)
+        assert bit_error_rate(es_n0_db_at(rate)) == pytest.approx(rate, rel=1e-7, abs=0)
     # tabulated as 12.65 dB, to a twentieth
     assert es_n0_db_at(1e-3) == pytest.approx(12.65, abs=0.05)
-    assert bit_error_rate([13.55, 12.1], 0.28)[0] == pytest.approx(1e-3, rel=0.06)
-    assert bit_error_rate(12.1, 0.35) == pytest.approx(1e-3, rel=0.06)
+    assert bit_error_rate(13.55, 0.28) == pytest.approx(1e-3, rel=0.06, abs=0)
+    assert bit_error_rate(12.1, 0.35) == pytest.approx(1e-3, rel=0.06, abs=0)
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.5, 1e-30])
@@ -103,9 +103,9 @@ def test_beyond_the_table_a_bit_is_guessed_or_never_wrong():
         fast_bit_error_rate(-math.inf)
         == fast_bit_error_rate(-1e9)
         == fast_bit_error_rate(-40.0)
-        == pytest.approx(0.5, rel=1e-4)
+        == pytest.approx(0.5, rel=1e-4, abs=0)
     )
-    assert fast_bit_error_rate(math.nextafter(22.0, 0.0)) == pytest.approx(float(bit_error_rate(22.0)), rel=1e-5)
+    assert fast_bit_error_rate(math.nextafter(22.0, 0.0)) == pytest.approx(float(bit_error_rate(22.0)), rel=1e-5, abs=0)
     assert fast_bit_error_rate(22.0) == fast_bit_error_rate(1e9) == 0.0
     assert 1 - (1 - float(bit_error_rate(22.0))) ** payload_bits(DH5, 339) < 2.0**-40
 
@@ -153,12 +153,10 @@ def test_sections_break_as_exact_sums_say(es_n0_db: float):
     wrong = Decimal(float(bit_error_rate(es_n0_db)))
     for (kind, length), bits in zip(CASES, BITS, strict=True):
         expected = exact_sections(wrong, bits, kind.coded)
-        assert [float(p) for p in section_errors(kind, length, es_n0_db)] == pytest.approx(
-            expected, rel=1e-9, abs=1e-300
-        )
+        assert [float(p) for p in section_errors(kind, length, es_n0_db)] == pytest.approx(expected, rel=1e-9, abs=0)
         kept = [p if p >= 2.0**-40 else 0.0 for p in expected]
         got = section_probabilities(es_n0_db, bits, kind.coded)
-        assert got == pytest.approx(kept, rel=1e-4)
+        assert got == pytest.approx(kept, rel=1e-4, abs=0)
         assert [p == 0.0 for p in got] == [p == 0.0 for p in kept]
 
 
@@ -166,15 +164,17 @@ def test_sections_break_as_exact_sums_say(es_n0_db: float):
 def test_an_id_packet_is_68_bits_of_access_code():
     wrong = Decimal(float(bit_error_rate(7.0)))
     access, header, payload = section_errors(ID, 0, 7.0)
-    assert float(access) == pytest.approx(float(lost(7, 68, wrong)), rel=1e-9)
+    assert float(access) == pytest.approx(float(lost(7, 68, wrong)), rel=1e-9, abs=0)
     assert header == payload == 0.0
-    assert id_loss(7.0) == pytest.approx(float(access), rel=1e-4)
+    assert id_loss(7.0) == pytest.approx(float(access), rel=1e-4, abs=0)
     assert id_loss(25.0) == 0.0
 
 
 def test_what_happens_less_often_than_once_in_2_to_the_40_never_happens():
     # one bit of an uncoded payload: its probability is the bit error rate
-    assert section_probabilities(es_n0_db_at(2.0**-40 * 1.0001), 1, False)[2] == pytest.approx(2.0**-40, rel=2e-4)
+    assert section_probabilities(es_n0_db_at(2.0**-40 * 1.0001), 1, False)[2] == pytest.approx(
+        2.0**-40, rel=2e-4, abs=0
+    )
     assert section_probabilities(es_n0_db_at(2.0**-40 * 0.9999), 1, False)[2] == 0.0
 
 
@@ -349,7 +349,7 @@ def test_the_best_type_carries_most(names, length, es_n0_db):
             best_type(types, length, es_n0_db)
         return
     most = max(goodput(kind, length, es_n0_db) for kind in fitting)
-    assert goodput(best_type(types, length, es_n0_db), length, es_n0_db) == pytest.approx(most, rel=1e-3)
+    assert goodput(best_type(types, length, es_n0_db), length, es_n0_db) >= most * (1 - 1e-3) - 1e-6
 
 
 def test_where_types_are_equally_good_the_smallest_is_best():

@@ -9,10 +9,9 @@ from collections.abc import Callable
 from functools import partial
 
 from tests.oracles.band_piconets import Piconet
-from tests.oracles.band_scene import Book, Input, Inquire, Join, PageFor, Scan, Scene, Share, Suspend
+from tests.oracles.band_scene import Book, Flush, Input, Inquire, Join, PageFor, Scan, Scene, Send, Share, Suspend
 from tests.oracles.band_searches import Inquiry, Page
 from tests.oracles.band_stage import HOST, Device, Link, Stage
-from tests.oracles.polling import Flush, Send
 
 
 def live(scene: Scene, draw: Callable[[int, int, int], int]) -> Book:
@@ -47,7 +46,7 @@ def act(stage: Stage, wish: Input) -> None:
         case Share(_, device, _, parts, _):
             stage.devices[device].share = wish if parts else None
         case Scan(_, device, enabled):
-            stage.devices[device].scan_asked = enabled
+            stage.devices[device].scan_asked, stage.devices[device].scan_refused = enabled, not enabled
             stage.update_scan(stage.devices[device])
         case Inquire(_, device, duration, enough):
             search(stage, stage.devices[device], Inquiry(stage, stage.devices[device], duration, enough))

@@ -16,8 +16,11 @@ from cosim.randomness import Draws
 from tests.oracles.band import live
 from tests.oracles.band_air import Jammer, Matrix, Radio
 from tests.oracles.band_scene import (
+    ALL,
+    KINDS,
     Body,
     Book,
+    Flush,
     Input,
     Inquire,
     Join,
@@ -26,12 +29,12 @@ from tests.oracles.band_scene import (
     ScanWindows,
     Scene,
     Seen,
+    Send,
     Share,
     Suspend,
 )
 from tests.oracles.campaign import Choice, chance, pick
 from tests.oracles.medium import SLOT, TICK, US, Clock
-from tests.oracles.polling import ALL, KINDS, Flush, Send
 
 PAIR = 4 * TICK
 EDGES = (0, 68 * US, 72 * US, 126 * US, 366 * US, SLOT, SLOT - 366 * US)
@@ -45,30 +48,39 @@ WORDS = (0x2A96EF25, 0x6587CBA9, 0x00000000, 0x9E8B33)
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and how long back-offs are at most."""
+    """A scene, and how long back-offs are at most, so that a short case holds several."""
 
     scene: Scene
     longest_backoff: int
+    coarse: bool = False
+    """Whether back-offs are 0 or 1 more than multiples of 16 slots, which bring the same ID again."""
 
     def draw(self, device: int, bound: int, tick: int) -> int:
-        return backoff(device, min(self.longest_backoff, bound), tick)
+        return self.backoff(device, bound, tick, 0, 1)
+
+    def backoff(self, device: int, bound: int, number: int, link: int, purpose: int) -> int:
+        """Return a number of slots that depends on all arguments."""
+        draws = Draws(7, "backoff", device)
+        slots = draws.below(min(self.longest_backoff, bound), number, 1000 * link + bound, purpose)
+        return slots // 16 * 16 + slots % 2 if self.coarse else slots
 
     def book(self) -> Book:
         return live(self.scene, self.draw)
-
-
-def backoff(device: int, bound: int, tick: int) -> int:
-    return Draws(7, "backoff", device).below(bound, tick)
 
 
 def draw_case(choice: Choice) -> Case:
     """Draw cases until the readings settle one of them."""
     while True:
         case = draw_any_case(choice)
-        book = case.book()
-        acts = {wish.time for wish in case.scene.inputs}
-        if not book.doubts and not any(loss.time in acts for loss in book.losses):
+        if settled(case):
             return case
+
+
+def settled(case: Case) -> bool:
+    """Return whether the readings tell all that happens: not, if a link times out in the instant of a host's act."""
+    book = case.book()
+    acts = {wish.time for wish in case.scene.inputs}
+    return not book.doubts and not any(loss.time in acts for loss in book.losses)
 
 
 def draw_any_case(choice: Choice) -> Case:
@@ -98,10 +110,8 @@ def draw_any_case(choice: Choice) -> Case:
     jammers = chance(choice, 3) * choice.integer(1, 2)
     scene = replace(scene, radio=_draw_radio(choice, len(bodies), jammers, roles))
     case = Case(scene, pick(choice, (1, 4, 32, 1024)))
-    frames = case.book().seen + case.book().idle
-    if frames:
-        case = replace(case, scene=replace(scene, radio=_near_frames(choice, scene.radio, frames, len(bodies))))
-    return case
+    book = case.book()
+    return replace(case, scene=_near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
 
 
 # ---------------------------------------------------------------- who is who
@@ -111,17 +121,19 @@ class _Roles:
     """Who is the master of whom, who searches, and who can be found."""
 
     def __init__(self, choice: Choice) -> None:
-        count = pick(choice, (1, 2, 2, 2, 3, 4))
+        count = pick(choice, (1, 1, 2, 2, 2, 3, 4))
         self.slaves: dict[int, list[int]] = {}
         self.size = 0
         self.bridged = chance(choice, 3)
+        self.twins = not self.bridged and chance(choice, 2)
+        """Masters hop alike and poll at the same time."""
         for _ in range(count):
             master = self._new()
             most = pick(choice, (1, 1, 2, 3)) if count > 1 else pick(choice, (1, 2, 7))
             self.slaves[master] = [self._new() for _ in range(most)]
         if self.bridged:
             self._bridge(choice)
-        searches = pick(choice, (0, 1, 2) if count < 3 else (0, 1))
+        searches = pick(choice, (0, 1, 2) if count == 2 else (0, 1))
         self.inquirers = [self._new() for _ in range(searches if chance(choice, 2) else 0)]
         self.pagers = [self._new() for _ in range(searches if not self.inquirers or chance(choice, 3) else 0)]
         self.found = [self._new() for _ in range(choice.integer(1, 3) if self.inquirers or self.pagers else 0)]
@@ -167,26 +179,23 @@ def _draw_bodies(choice: Choice, roles: _Roles, end: int) -> tuple[Body, ...]:
     base = high * PAIR + choice.integer(0, PAIR - 1)
     interval, interlaced = pick(choice, ((36, False), (36, False), (100, False), (72, True), (256, True)))
     page = pick(choice, ((36, False), (36, False), (72, True), (256, False)))
-    version = pick(choice, ("1.1", "1.2", "1.2"))
-    drifts = pick(choice, ((0,), (-20, 0, 20), (-250, 0, 250, choice.integer(-250, 250))))
+    version = "1.2" if interlaced else pick(choice, ("1.1", "1.2"))
+    drifts = (0,) if roles.twins else pick(choice, ((0,), (-20, 0, 20), (-250, 0, 250, choice.integer(-250, 250))))
     bodies: list[Body] = []
     for address in range(roles.size):
         edge = pick(choice, EDGES) * pick(choice, (1, -1)) + pick(choice, (-1, 0, 0, 1))
         phase = base + pick(choice, (edge, edge, choice.integer(0, PAIR)))
         word = pick(choice, (*WORDS, choice.integer(0, (1 << 32) - 1)))
-        if address in roles.speaking and bodies and chance(choice, 2):
+        if address in roles.slaves and roles.twins:
+            phase, word = base + edge, bodies[0].word if bodies else word
+        elif address in roles.speaking and bodies and chance(choice, 2):
             word = _similar_word(choice, bodies[0], phase, end)
-        elif chance(choice, 2):  # another clock
+        elif chance(choice, 3):  # another clock
             phase += PAIR * choice.integer(0, 1 << 26)
-        bodies.append(
-            Body(
-                max(0, phase),
-                pick(choice, drifts),
-                word,
-                ScanWindows(choice.integer(0, interval - 1), interval, interlaced, version),
-                ScanWindows(choice.integer(0, page[0] - 1), *page),
-            )
-        )
+        offset = choice.integer(0, interval - 1)
+        half = (offset + interval // 2) % page[0]  # page scan windows lie half an interval behind those for inquiries
+        scans = ScanWindows(offset, interval, interlaced, version), ScanWindows(half, *page)
+        bodies.append(Body(max(0, phase), pick(choice, drifts), word, *scans))
     return tuple(bodies)
 
 
@@ -228,12 +237,15 @@ def _draw_inputs(choice: Choice, scene: Scene, roles: _Roles) -> tuple[Input, ..
 
 def _draw_joins(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Clock]) -> list[Join]:
     joins = []
+    same = choice.integer(1, 2 * scene.t_poll)
     for master, slaves in roles.slaves.items():
         lt_addrs = list(range(1, 8))
-        for slave in slaves:
+        for number, slave in enumerate(slaves):
             lt_addr = lt_addrs.pop(choice.integer(0, len(lt_addrs) - 1))
             time = pick(choice, (0, 0, 0, choice.integer(0, scene.end // 3)))
             ahead = pick(choice, (0, 8, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
+            if roles.twins and chance(choice, 2):
+                time, ahead = 0, same + 8 * number
             joins.append(Join(time, master, slave, lt_addr, (clocks[master].tick(time) + ahead + 3) // 4 * 4))
     return joins
 
@@ -253,8 +265,9 @@ def _draw_sends(choice: Choice, scene: Scene, roles: _Roles, when: Callable[[], 
     most = max(KINDS[name].capacity for name in scene.kinds)
     for _ in range(choice.integer(0, 8)):
         time = when()
+        same = pick(choice, roles.links)
         for _ in range(pick(choice, (1, 1, 2, choice.integer(1, 6)))):
-            master, slave = pick(choice, roles.links)
+            master, slave = same if chance(choice, 3) else pick(choice, roles.links)
             source, destination = pick(choice, ((master, ALL), (master, slave), (slave, master), (slave, master)))
             lengths = (0, 17, 18, 27, 28, 121, 183, 224, 339, choice.integer(0, 339))
             length = min(pick(choice, lengths), most + chance(choice, 20))
@@ -304,7 +317,7 @@ def _draw_searches(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence
 def _draw_radio(choice: Choice, devices: int, jammers: int, roles: _Roles) -> Radio:
     key = (choice.integer(0, (1 << 32) - 1), choice.integer(0, (1 << 32) - 1))
     mode = pick(choice, ("none", "co_channel", "neighbouring", "neighbouring"))
-    if chance(choice, 5):
+    if chance(choice, 2 if len(roles.slaves) == 1 else 5):
         powers = _discs(choice, devices, jammers)
         return Radio(((0, powers),), mode=mode, key=key, jammers=_draw_jammers(choice, jammers))
     base = float(pick(choice, (-60, -53, choice.integer(-80, -30))))
@@ -314,8 +327,9 @@ def _draw_radio(choice: Choice, devices: int, jammers: int, roles: _Roles) -> Ra
 
 
 def _discs(choice: Choice, devices: int, jammers: int) -> Matrix:
+    gaps = pick(choice, (10, 1_000))
     return tuple(
-        tuple(-inf if a == b or chance(choice, 10) else 0.0 for b in range(devices)) for a in range(devices + jammers)
+        tuple(-inf if a == b or chance(choice, gaps) else 0.0 for b in range(devices)) for a in range(devices + jammers)
     )
 
 
@@ -347,31 +361,93 @@ def _draw_jammers(choice: Choice, count: int) -> tuple[Jammer, ...]:
     return tuple(jammers)
 
 
-def _near_frames(choice: Choice, radio: Radio, frames: Sequence[Seen], devices: int) -> Radio:
-    """Let powers change, radios go off and on, and jammers come and go within a nanosecond of frames."""
+class _Near:
+    """Instants near frames of a scene; every kind of frame is as likely as any other."""
 
-    def instant() -> int:
-        frame = pick(choice, frames)
-        edges = (0, 0, 68_000, 72_000, 126_000, frame.duration, frame.duration, choice.integer(0, frame.duration))
-        return max(1, frame.start + pick(choice, edges) + pick(choice, (-1, 0, 1)))
+    def __init__(self, choice: Choice, frames: Sequence[Seen]) -> None:
+        self.choice = choice
+        self.frames = frames
+        self.kinds = sorted({frame.kind for frame in frames})
 
+    def frame(self) -> Seen:
+        kind = pick(self.choice, self.kinds)
+        return pick(self.choice, [frame for frame in self.frames if frame.kind == kind])
+
+    def instant(self) -> int:
+        """Return an instant within a nanosecond of an edge of a frame, or one within the frame."""
+        frame = self.frame()
+        inside = self.choice.integer(0, frame.duration)
+        edges = (0, 0, 68_000, 72_000, 126_000, frame.duration, frame.duration, inside)
+        return max(1, frame.start + pick(self.choice, edges) + pick(self.choice, (-1, 0, 1)))
+
+
+def _near_frames(choice: Choice, scene: Scene, frames: Sequence[Seen]) -> Scene:
+    """Let powers change, jammers come and hosts act within a nanosecond of frames, and links time out there."""
+    near, radio = _Near(choice, frames), scene.radio
     powers = list(radio.powers)
-    for time in sorted({instant() for _ in range(choice.integer(0, 3))}):
-        powers.append((time, _changed(choice, powers[-1][1], devices)))
+    for time in sorted({near.instant() for _ in range(choice.integer(0, 3))}):
+        powers.append((time, _changed(choice, powers[-1][1], len(scene.bodies))))
+    jammers = tuple(_jammer_at(choice, jammer, near) if chance(choice, 2) else jammer for jammer in radio.jammers)
+    radio = replace(radio, powers=tuple(powers), switches=_draw_switches(choice, scene, near), jammers=jammers)
+    inputs: list[Input] = [*scene.inputs, *_draw_late_wishes(choice, scene, near)]
+    return replace(
+        scene,
+        radio=radio,
+        inputs=tuple(sorted(inputs, key=lambda wish: wish.time)),
+        supervision=_draw_supervision(choice, scene, near),
+    )
+
+
+def _jammer_at(choice: Choice, jammer: Jammer, near: _Near) -> Jammer:
+    """Return a jammer that just hits or just misses a frame."""
+    frame = near.frame()
+    length = choice.integer(1, frame.duration)
+    start = frame.start + pick(choice, (-length, -length, frame.duration, 72_000, 126_000)) + pick(choice, (-1, 0, 1))
+    until = start + length
+    edge = choice.integer(0, length)
+    turn = max(1, pick(choice, (length, edge, length // 3)))
+    return replace(
+        jammer, start=max(0, start), until=max(1, until), channels=(frame.channel,), on=turn, period=turn + 50_000
+    )
+
+
+def _draw_switches(choice: Choice, scene: Scene, near: _Near) -> tuple[tuple[int, int, bool], ...]:
     switches: list[tuple[int, int, bool]] = []
     for _ in range(choice.integer(1, 2) if chance(choice, 4) else 0):
-        device, off = choice.integer(0, devices - 1), instant()
-        again = max(off + 1, pick(choice, (instant(), off + choice.integer(1, 2_000_000))))
+        device, off = choice.integer(0, len(scene.bodies) - 1), near.instant()
+        again = max(off + 1, pick(choice, (near.instant(), off + choice.integer(1, 2_000_000))))
         if all(device != other for _, other, _ in switches):
             switches += [(off, device, False), (again, device, True)]
-    jammers = []
-    for jammer in radio.jammers:
-        if chance(choice, 2):
-            start = instant()
-            frame = pick(choice, frames)
-            jammer = replace(jammer, start=start, until=max(start + 1, instant()), channels=(frame.channel,))
-        jammers.append(jammer)
-    return replace(radio, powers=tuple(powers), switches=tuple(sorted(switches)), jammers=tuple(jammers))
+    return tuple(sorted(switches))
+
+
+def _draw_late_wishes(choice: Choice, scene: Scene, near: _Near) -> list[Input]:
+    """Let hosts send or flush near frames."""
+    wishes: list[Input] = []
+    token = sum(isinstance(wish, Send) for wish in scene.inputs)
+    for _ in range(choice.integer(0, 2)):
+        frame, time = near.frame(), near.instant()
+        if frame.kind in ("ID", "FHS") or time >= scene.end:
+            continue
+        ends = pick(choice, ((frame.source, frame.destination), (frame.destination, frame.source)))
+        wishes.append(Flush(time, *ends) if chance(choice, 2) else Send(time, *ends, 17, token + len(wishes)))
+    return wishes
+
+
+def _draw_supervision(choice: Choice, scene: Scene, near: _Near) -> int:
+    """Return a time-out that ends with a frame, or within a nanosecond of that, or the one there is."""
+    if not chance(choice, 4):
+        return scene.supervision
+    first = near.frame()
+    later = [
+        frame
+        for frame in near.frames
+        if (frame.source, frame.destination) == (first.source, first.destination) and frame.start > first.start
+    ]
+    if not later:
+        return scene.supervision
+    last = pick(choice, later)
+    return last.start + last.duration - first.start - first.duration + pick(choice, (-1, 0, 0, 1, -last.duration))
 
 
 def _changed(choice: Choice, matrix: Matrix, devices: int) -> Matrix:

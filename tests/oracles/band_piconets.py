@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from cosim.channels.bluetooth.hopping import basic_channel
 from tests.oracles.band_air import POLLING
-from tests.oracles.band_scene import Seen
+from tests.oracles.band_scene import ALL, KINDS, Delivery, Seen
 from tests.oracles.band_stage import AIR, DELIVER, Device, Entry, Link, Stage
 from tests.oracles.medium import HEADER_AIR, NOT_TUNED, OUT_OF_RANGE, RECEIVED, OnAir
-from tests.oracles.polling import ALL, KINDS, Delivery
 
 
 @dataclass
@@ -84,6 +83,10 @@ class Piconet:
         """Send *data* to all slaves once (more)."""
         stage, now = self.stage, self.stage.now
         data.sent += 1
+        stage.book.counts[data.kind] += 1
+        last = data.sent == stage.scene.n_bc
+        if last:
+            self.master.queue.remove(data)
         self.master.free = tick + 2 * data.slots + 2
         channel = basic_channel(self.master.body.word, tick)
         frame = stage.air.put(now, data.air, self.master.address, channel)
@@ -100,9 +103,9 @@ class Piconet:
             )
             for link in sorted(links, key=lambda link: link.lt_addr)
         ]
-        stage.at(frame.end, DELIVER, self.master.address, lambda: self.end_broadcast(frame, data, listeners))
+        stage.at(frame.end, DELIVER, self.master.address, lambda: self.end_broadcast(frame, data, listeners, last))
 
-    def end_broadcast(self, frame: OnAir, data: Entry, listeners: list[tuple[Link, float, bool]]) -> None:
+    def end_broadcast(self, frame: OnAir, data: Entry, listeners: list[tuple[Link, float, bool]], last: bool) -> None:
         stage = self.stage
         for link, carrier, here in listeners:
             if not (link.above.alive or link.below.alive):
@@ -115,8 +118,7 @@ class Piconet:
             if outcome == RECEIVED and data.token not in link.broadcasts:
                 link.broadcasts.add(data.token)
                 stage.book.deliveries.append(Delivery(frame.end, self.master.address, slave.address, data.token, True))
-        if data.sent == stage.scene.n_bc and data in self.master.queue:
-            self.master.queue.remove(data)
+        if last:
             stage.verdict(self.master.address, data.token, "sent")
 
     def outcome(
@@ -163,6 +165,8 @@ class Pair:
         if self.reply:
             self.reply.chosen = True
         self.idle = data is None and not link.queue
+        stage.book.counts[self.kind] += 1
+        stage.book.counts["idle"] += self.idle
         frame = stage.air.put(now, air, master.address, basic_channel(master.body.word, self.tick))
         stage.at(frame.end, DELIVER, master.address, lambda: self.end_of_packet(frame))
 
@@ -190,6 +194,7 @@ class Pair:
             link.below.taken = self.data.token
             delivery = Delivery(frame.end, piconet.master.address, slave.address, self.data.token, False)
             stage.book.deliveries.append(delivery)
+        stage.book.counts[self.reply.kind if self.reply else "NULL"] += 1
         tick = self.tick + 2 * self.slots
         piconet.master.free = tick + 2 * (self.reply.slots if self.reply else 1)
         stage.at(piconet.master.clock.start(tick), AIR, slave.address, lambda: self.answer(tick))

@@ -1,12 +1,52 @@
 """What the oracle of the whole band is given and what it tells: inputs of hosts, devices, frames, news."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tests.oracles.band_air import Radio
-from tests.oracles.polling import KINDS, Delivery, Flush, Loss, Send, Verdict
+
+ALL = -1
+
+
+class Kind(NamedTuple):
+    """A packet type: slots, capacity in bytes, bytes of payload header, and whether every 10 bits are sent as 15."""
+
+    slots: int
+    capacity: int
+    header: int
+    coded: bool
+
+
+KINDS = {
+    "DM1": Kind(1, 17, 1, True),
+    "DH1": Kind(1, 27, 1, False),
+    "DM3": Kind(3, 121, 2, True),
+    "DH3": Kind(3, 183, 2, False),
+    "DM5": Kind(5, 224, 2, True),
+    "DH5": Kind(5, 339, 2, False),
+}
+
 
 # ---------------------------------------------------------------- what hosts do
+
+
+class Send(NamedTuple):
+    """A host's payload of *length* bytes; *token* also names it."""
+
+    time: int
+    source: int
+    destination: int
+    length: int
+    token: int
+
+
+class Flush(NamedTuple):
+    """A host's wish to forget what it has queued for *destination*."""
+
+    time: int
+    source: int
+    destination: int
 
 
 class Join(NamedTuple):
@@ -85,6 +125,33 @@ class Seen(NamedTuple):
     """The section that failed."""
 
 
+class Delivery(NamedTuple):
+    """A payload, named by its token, reaches a host."""
+
+    time: int
+    source: int
+    receiver: int
+    token: int
+    broadcast: bool
+
+
+class Verdict(NamedTuple):
+    """The fate of a payload."""
+
+    time: int
+    owner: int
+    token: int
+    outcome: str
+
+
+class Loss(NamedTuple):
+    """*owner* gives up *peer*."""
+
+    time: int
+    owner: int
+    peer: int
+
+
 class News(NamedTuple):
     """What a host learns of links: connected as master or slave, page failed, discovered, inquiry complete."""
 
@@ -106,6 +173,8 @@ class Book:
     verdicts: list[Verdict] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
     news: list[News] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+    """Packets of connected devices by type, and idle polls; an answer counts once it is known that it comes."""
     doubts: list[tuple[int, str]] = field(default_factory=list)
     """What the readings do not settle; a case in which it happens proves nothing."""
 

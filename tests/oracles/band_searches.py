@@ -14,8 +14,7 @@ from cosim.channels.bluetooth.hopping import (
 )
 from tests.oracles.band_air import FHS, IDENT, POLLING, Contents
 from tests.oracles.band_scene import News, Seen
-from tests.oracles.band_stage import AIR, DELIVER, SEARCH, Device, Link, Paged, Stage
-from tests.oracles.inquiry import Scanner
+from tests.oracles.band_stage import AIR, DELIVER, SEARCH, Device, Link, Stage
 from tests.oracles.medium import (
     BUSY,
     FHS_AIR,
@@ -27,9 +26,10 @@ from tests.oracles.medium import (
     SLOT,
     OnAir,
 )
-from tests.oracles.page import CONNECTED, KOFFSET, RESPONSE
-from tests.oracles.page import HOPPING as HOPS
+from tests.oracles.scanners import CONNECTED, RESPONSE, Paged, Scanner
+from tests.oracles.scanners import HOPPING as HOPS
 
+KOFFSET = {"A": 24, "B": 8}
 AIR_TIMES = {"ID": ID_AIR, "FHS": FHS_AIR, "POLL": HEADER_AIR, "NULL": HEADER_AIR}
 CONTENTS = {"ID": IDENT, "FHS": FHS, "POLL": POLLING, "NULL": POLLING}
 
@@ -362,15 +362,12 @@ class Page:
         self.ask("POLL", channel, theirs, judged)
 
     def slave_hears(self, frame: OnAir) -> None:
-        """Let the paged device be connected by its first POLL."""
+        """Let the paged device be connected by its first POLL; further ones do not count as heard."""
         if self.scanner.state == HOPS:
             self.scanner.state = CONNECTED
             self.link = Link(self.device.address, self.peer.address, self.lt_addr)
             self.stage.come_up(self.link, self.peer)
             self.stage.book.news.append(News(frame.end, self.peer.address, "slave", self.device.address))
-        else:
-            assert self.link is not None
-            self.stage.hear(self.link, self.peer, frame.end)
 
     def poll_again(self, first: int, j: int) -> None:
         if j < 15:

@@ -10,11 +10,9 @@ from heapq import heappop, heappush
 from typing import Any
 
 from tests.oracles.band_air import Air, Contents
-from tests.oracles.band_scene import Body, Book, Scene, Share
-from tests.oracles.inquiry import Scanner
-from tests.oracles.medium import HEADER_AIR, ID_AIR, US, Clock, Windows
-from tests.oracles.page import CONNECTED, SCAN, PageScanner
-from tests.oracles.polling import ALL, KINDS, Flush, Loss, Send, Verdict
+from tests.oracles.band_scene import ALL, KINDS, Body, Book, Flush, Loss, Scene, Send, Share, Verdict
+from tests.oracles.medium import HEADER_AIR, US, Clock, Windows
+from tests.oracles.scanners import CONNECTED, SCAN, Paged, Scanner
 
 DELIVER, LOSS, HOST, SEARCH, AIR = 1, 2, 3, 4, 5
 
@@ -83,24 +81,6 @@ class Link:
 
 
 @dataclass
-class Paged(PageScanner):
-    """A page scanner that can be switched off, and knows with whom it speaks."""
-
-    off: int | None = None
-    partner: int = -1
-
-    def hears(self, start: int) -> int | None:
-        """Return which scan window hears an ID at *start*, or None."""
-        part = self.part(start)
-        return None if self.off is not None and start + ID_AIR >= self.off else part
-
-    def with_partner(self, partner: int, start: int, *states: str) -> bool:
-        """Return whether it is in one of *states* with *partner* when a frame begins."""
-        self.settle(start)
-        return self.partner == partner and self.state in states
-
-
-@dataclass
 class Device:
     """A device and all that it has at the moment."""
 
@@ -118,6 +98,8 @@ class Device:
     share: Share | None = None
     scan_asked: bool = False
     """By its host, since its last link came up."""
+    scan_refused: bool = False
+    """By its host."""
     scanning: bool = False
     free: int = 0
     """The master's tick from which a slot pair can begin."""
@@ -182,7 +164,7 @@ class Stage:
 
     def update_scan(self, device: Device) -> None:
         """Scan without links and procedures, or because the host has asked for it."""
-        wanted = device.scan_asked or not device.alive()
+        wanted = not device.scan_refused and (device.scan_asked or not device.alive())
         wanted = wanted and device.procedure is None
         if wanted == device.scanning:
             return

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from math import inf
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
@@ -17,12 +18,11 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from tests.oracles.medium import OnAir, Sighting
+from tests.oracles.band_air import Jammer, Matrix, Radio
+from tests.oracles.band_scene import Seen
 
 Item = TypeVar("Item")
 PACKAGE = "cosim.channels.bluetooth"
-STRANGER = 99
-"""Address of whoever makes the noise."""
 
 
 class Choice(Protocol):
@@ -74,11 +74,23 @@ class Outages:
     def reach(self, source: int, destination: int, time: int) -> bool:
         return not any(a == source and b == destination and s <= time < e for a, b, s, e in self.rows)
 
+    def radio(self, size: int, noise: Sequence[Jammer] = ()) -> Radio:
+        """Return the powers between *size* devices, all equal but for the outages; *noise* reaches everyone as well."""
+        edges = sorted({0, *(edge for row in self.rows for edge in row[2:] if edge > 0)})
+        return Radio(tuple((time, self._powers(size, len(noise), time)) for time in edges), jammers=tuple(noise))
+
+    def _powers(self, size: int, strangers: int, time: int) -> Matrix:
+        rows = [
+            tuple(0.0 if source != to and self.reach(source, to, time) else -inf for to in range(size))
+            for source in range(size)
+        ]
+        return (*rows, *(((0.0,) * size,) * strangers))
+
 
 CLEAR = Outages()
 
 
-def draw_outages(choice: Choice, frames: Sequence[Sighting], lengths: Sequence[int] = (1_250_000,)) -> Outages:
+def draw_outages(choice: Choice, frames: Sequence[Seen], lengths: Sequence[int] = (1_250_000,)) -> Outages:
     """Draw outages that begin or end within a nanosecond of the starts of *frames*."""
     rows = []
     for _ in range(choice.integer(1, 3)):
@@ -91,17 +103,17 @@ def draw_outages(choice: Choice, frames: Sequence[Sighting], lengths: Sequence[i
     return Outages(tuple(rows))
 
 
-def draw_noise(choice: Choice, frames: Sequence[Sighting]) -> tuple[OnAir, ...]:
-    """Draw frames of a stranger that just touch, or just miss, some of *frames* on their channels."""
+def draw_noise(choice: Choice, frames: Sequence[Seen]) -> tuple[Jammer, ...]:
+    """Draw jammers that just touch, or just miss, some of *frames* on their channels."""
     noise = []
     for _ in range(choice.integer(1, 3)):
         frame = pick(choice, frames)
         length = pick(choice, (68_000, 366_000, 2_870_000))
-        edges = (-length, -length + 1, 0, 67_999, 68_000, frame.duration - 1, frame.duration)
+        edges = (-length, -length + 1, 0, 67_999, 68_000, 71_999, 72_000, frame.duration - 1, frame.duration)
         begin = frame.start + pick(choice, edges)
         if begin >= 0:
-            noise.append(OnAir(begin, begin + length, STRANGER, frame.channel))
-    return tuple(sorted(noise))
+            noise.append(Jammer("constant", begin, begin + length, (frame.channel,)))
+    return tuple(noise)
 
 
 def soak_count(full: int) -> int:

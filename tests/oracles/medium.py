@@ -1,12 +1,6 @@
-"""What the slot-by-slot oracles share: clocks, frames on the air and who destroys whom, scan windows.
+"""Clocks, scan windows and frames on the air of the slot-by-slot oracle. Times are integer nanoseconds."""
 
-The oracles are slow and meant to be obviously right. They import nothing of cosim but the hop functions (which have the
-specification's sample data as their own oracle) and take draws and reach as callables. Times are integer nanoseconds.
-"""
-
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain, takewhile
 from typing import NamedTuple
 
 US = 1_000
@@ -18,21 +12,6 @@ HEADER_AIR = 126 * US
 WINDOW = 36
 
 RECEIVED, OUT_OF_RANGE, COLLIDED, NOT_TUNED, BUSY = "received", "out_of_range", "collided", "not_tuned", "busy"
-
-Reach = Callable[[int, int, int], bool]
-"""(transmitter, receiver, instant) -> whether the one is heard by the other."""
-
-
-class Sighting(NamedTuple):
-    """One frame and what became of it."""
-
-    start: int
-    duration: int
-    kind: str
-    source: int
-    destination: int
-    channel: int
-    outcome: str
 
 
 @dataclass(frozen=True)
@@ -98,30 +77,3 @@ class OnAir(NamedTuple):
     end: int
     source: int
     channel: int
-
-
-class Medium:
-    """All frames that were ever on the air, in the order of their starts, and *noise* of strangers."""
-
-    def __init__(self, reach: Reach, noise: Sequence[OnAir] = ()) -> None:
-        self.reach = reach
-        self.noise = noise
-        self.frames: list[OnAir] = []
-
-    def put(self, start: int, duration: int, source: int, channel: int) -> OnAir:
-        frame = OnAir(start, start + duration, source, channel)
-        self.frames.append(frame)
-        return frame
-
-    def clear(self, frame: OnAir, receiver: int, until: int) -> bool:
-        """Return whether *receiver* hears nothing else on the frame's channel from its start to *until*."""
-        recent = takewhile(lambda other: other.start > frame.start - 5_000_000, reversed(self.frames))
-        return not any(
-            other is not frame
-            and other.source != receiver
-            and other.channel == frame.channel
-            and other.start < until
-            and other.end > frame.start
-            and self.reach(other.source, receiver, other.start)
-            for other in chain(recent, self.noise)
-        )

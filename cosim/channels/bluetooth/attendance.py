@@ -40,16 +40,10 @@ class Attendance:
     def share(self, share: Share | None) -> None:
         """Divide the time as the host has it; None, or no parts, for not at all.
 
-        Raise LocalProtocolError for parts that do not lie one after the other within the period.
+        Raise LocalProtocolError for parts that overlap within the period, which may begin in the midst of one.
         """
         if share is not None:
-            at = 0
-            for _, first, count in sorted(share.parts, key=lambda part: part[1]):
-                if first < at or count < 1:
-                    raise LocalProtocolError(f"parts overlap, or are empty: {share.parts}")
-                at = first + count
-            if share.period_slots < max(1, at):
-                raise LocalProtocolError(f"parts {share.parts} do not fit into {share.period_slots} slots")
+            _check(share)
         self._share = share if share is not None and share.parts else None
 
     def presence(self, master: Address, busy: bool) -> Presence:
@@ -69,3 +63,11 @@ class Attendance:
                 clock = self._clock_of(self._share.reference)
                 return Presence(True, 2 * self._share.period_slots, 2 * first, 2 * count, clock)
         return ELSEWHERE
+
+
+def _check(share: Share) -> None:
+    parts = sorted((first, count) for _, first, count in share.parts)
+    later = [first for first, _ in parts[1:]] + [first + share.period_slots for first, _ in parts[:1]]
+    for (first, count), following in zip(parts, later, strict=True):
+        if not 0 <= first < share.period_slots or count < 1 or first + count > following:
+            raise LocalProtocolError(f"parts {share.parts} overlap, or leave the period of {share.period_slots} slots")
