@@ -211,8 +211,8 @@ def expose(band: Band, p: int) -> None:
 
 
 @njit(cache=True)
-def advance(band: Band, until: int, log: Integers) -> int:
-    """Decide all slots that start before *until*, all idle, and end all frames of them that end by then.
+def advance(band: Band, until: int, last_end: int, log: Integers) -> int:
+    """Decide all slots that start before *until*, all idle, and end all frames of them that end by *last_end*.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
     Return how many there were; more than m if *log* is too short, and then the rest has not been done yet.
@@ -227,7 +227,7 @@ def advance(band: Band, until: int, log: Integers) -> int:
         for other in range(1, size):
             if when[other] < when[p] or (when[other] == when[p] and starts[p] and not starts[other]):
                 p = other
-        if when[p] > until or (starts[p] and when[p] == until):
+        if when[p] > (until - 1 if starts[p] else last_end):
             break
         if 0 < log.shape[0] <= count:
             return count + 1

@@ -13,12 +13,14 @@ from cosim.channels.bluetooth.polling import (
     HEARD_DOWN,
     HEARD_UP,
     HELD,
+    HELD_UNTIL,
     HERE,
     JOINED,
     MOST_SLAVES,
     PERIOD,
     SHARED,
     SLAVE,
+    SNIFF_PERIOD,
     State,
 )
 from cosim.errors import LocalProtocolError
@@ -51,11 +53,15 @@ class Links:
         self.slaves: dict[int, Address] = {}
         """Address by LT_ADDR of every link that one side, at least, takes to be up."""
         self.lt_addr: dict[Address, int] = {}
-        self._master = master
+        self.master = master
 
     def held(self) -> list[int]:
         """Return the LT_ADDR of all links that the master takes to be up."""
         return [k for k in sorted(self.slaves) if self.table[HELD, k]]
+
+    def audience(self) -> bool:
+        """Return whether the master takes anybody to hear what it broadcasts."""
+        return bool(self.table[HELD].any())
 
     def up(self, k: int, side: int) -> bool:
         """Return whether one side, HELD or JOINED, of link *k* is up."""
@@ -64,7 +70,7 @@ class Links:
     def join(self, slave: Address, k: int, now: Time) -> None:
         """Bring the slave's side of a new link up; the master's follows by :meth:`admit`."""
         if not 1 <= k <= MOST_SLAVES or k in self.slaves or slave in self.lt_addr:
-            raise LocalProtocolError(f"LT_ADDR {k} or slave {slave} is not free in the piconet of {self._master}")
+            raise LocalProtocolError(f"LT_ADDR {k} or slave {slave} is not free in the piconet of {self.master}")
         self.slaves[k] = slave
         self.lt_addr[slave] = k
         self.table[:, k] = 0
@@ -84,20 +90,31 @@ class Links:
         self.table[side, k] = 0
         if not self.table[HELD, k] and not self.table[JOINED, k]:
             del self.lt_addr[self.slaves.pop(k)]
-            self._note_shares()
+            self.note_shares()
 
     def set_presence(self, device: Address, presence: Presence) -> None:
         """Note when *device*, the master or a slave, is there."""
-        k = 0 if device == self._master else self.lt_addr[device]
+        k = 0 if device == self.master else self.lt_addr[device]
         table, clock = self.table, presence.clock
         table[HERE, k] = presence.here
         table[PERIOD, k], table[FIRST, k], table[COUNT, k] = presence.period, presence.first, presence.length
         table[CLOCK_PHASE, k], table[CLOCK_PPM, k] = clock.phase, clock.ppm
-        self._note_shares()
+        self.note_shares()
 
-    def _note_shares(self) -> None:
+    def presence(self, k: int) -> Presence:
+        """Return when the device of column *k*, the master (0) or a slave, is there."""
+        here, period, first, length, phase, ppm = self.table[[HERE, PERIOD, FIRST, COUNT, CLOCK_PHASE, CLOCK_PPM], k]
+        return Presence(bool(here), int(period), int(first), int(length), NativeClock(int(phase), int(ppm)))
+
+    def free_lt_addr(self) -> int | None:
+        """Return the smallest LT_ADDR that no side of a link uses, or None."""
+        return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.slaves), None)
+
+    def note_shares(self) -> None:
+        """Tell the arithmetic of slots whether anybody is absent at times."""
         columns = [0, *self.slaves]
-        self.piconet[SHARED] = any(self.table[PERIOD, k] or not self.table[HERE, k] for k in columns)
+        absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
+        self.piconet[SHARED] = bool(absences.any() or not self.table[HERE, columns].all())
 
     def last_heard(self) -> Time | None:
         """Return the earliest of all "last heard" instants of sides that are up, or None without any."""

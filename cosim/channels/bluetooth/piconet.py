@@ -17,27 +17,28 @@ from typing import NamedTuple
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.intake import Intake
 from cosim.channels.bluetooth.links import Links, Presence
-from cosim.channels.bluetooth.packets import ACL, PacketType, smallest
+from cosim.channels.bluetooth.modes import Modes
+from cosim.channels.bluetooth.packets import ACL, PacketType
+from cosim.channels.bluetooth.parking import Parking
 from cosim.channels.bluetooth.polling import (
-    EVERYONE,
     HEARD_DOWN,
     HEARD_UP,
     HELD,
     JOINED,
-    MOST_SLAVES,
     NEXT,
     NOTHING,
     RUNNING,
 )
-from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
+from cosim.channels.bluetooth.queues import News, Queues
 from cosim.channels.bluetooth.radio import Air
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.schedule import SCHEDULERS, Schedule, Scheduler
 from cosim.channels.bluetooth.slots import Deliver, Slots
 from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import BROADCAST, Address, Lost, Outcome, Outgoing
-from cosim.units import S, Time
+from cosim.machine import Address, Lost, ModeCommand, Outgoing
+from cosim.units import SLOT, S, Time
 
 
 class PiconetSettings(NamedTuple):
@@ -53,6 +54,14 @@ class PiconetSettings(NamedTuple):
     """A side that has heard nothing for so long takes the link for lost."""
     scheduler: Scheduler = "lazy"
     """How the master chooses whom to address."""
+    queue: int | None = None
+    """How many payloads a device holds; None for any number."""
+    flush: Time | None = None
+    """How long a payload may wait for its acknowledgement; None for ever."""
+    park_interval_slots: int = 2048
+    """Slots from one beacon window for parked slaves to the next; even."""
+    park_window_slots: int = 64
+    """Slots of a beacon window; even."""
 
 
 class Piconet:
@@ -87,10 +96,14 @@ class Piconet:
         self._on_lost = on_lost
         piconet[polling.SCHEDULER] = SCHEDULERS[settings.scheduler]
         self._queues = Queues(table, SCHEDULERS[settings.scheduler])
+        self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
+        own = (kernel, air, clock, self.links, self._queues, self._parking)
+        longest_silence = settings.supervision - 2 * settings.t_poll_slots * SLOT
+        self._modes = Modes(*own, longest_silence, self._tell, self._changed)
         schedule = Schedule(self.links, self._queues)
-        self._slots = Slots(
-            kernel, air, address, clock, settings.n_bc, self.links, self._queues, schedule, frames, deliver
-        )
+        self._slots = Slots(*own, schedule, settings.n_bc, frames, deliver, self._modes.beacon_heard)
+        hand_in = (settings.types, settings.queue, settings.flush, self._tell)
+        self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)
         self._supervision: Handle | None = None
 
     # ------------------------------------------------------------ links
@@ -101,19 +114,30 @@ class Piconet:
 
     def free_lt_addr(self) -> int | None:
         """Return the smallest LT_ADDR that no side of a link uses, or None."""
-        return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.links.slaves), None)
+        return self.links.free_lt_addr()
+
+    def linked(self, slave: Address) -> bool:
+        """Return whether either side takes *slave* for a member, parked or not."""
+        return slave in self.links.lt_addr or self._parking.number(slave) is not None
+
+    def command(self, side: Address, command: ModeCommand) -> None:
+        """Change the mode of a link as the host of *side* asks for; the answer comes as a new event."""
+        self.advance(self._kernel.now)
+        self._modes.command(side, command)
 
     def join(self, slave: Address, lt_addr: int) -> None:
         """Bring the side of *slave* up: it has received the first POLL now."""
         self.advance(self._kernel.now)
         self.links.join(slave, lt_addr, self._kernel.now)
-        self._air.changed(self._kernel.now)
-        self._supervise()
+        self._changed()
 
     def admit(self, slave: Address, due: int) -> None:
         """Bring the master's side up: it has heard *slave* now; the next packet to it is due at the tick *due*."""
         self.advance(self._kernel.now)
         self.links.admit(self.links.lt_addr[slave], due, self._kernel.now)
+        self._changed()
+
+    def _changed(self) -> None:
         self._air.changed(self._kernel.now)
         self._supervise()
         self._slots.arm()
@@ -130,7 +154,7 @@ class Piconet:
         """
         self.advance(self._kernel.now)
         from_master = side == self.address
-        k = self.links.lt_addr.get(peer if from_master else side)
+        k = self._number(peer if from_master else side)
         if k is None or self.address not in (side, peer):
             return
         heard = self._air.reaches(self._air.carrier(side, peer))
@@ -142,12 +166,17 @@ class Piconet:
     def vanish(self, device: Address) -> None:
         """Take *device*, whose radio is switched off, out of the piconet without telling anybody."""
         self.advance(self._kernel.now)
+        k = self._number(device)
         if device == self.address:
-            for k in self.links.held():
-                self._drop(k, HELD)
-        elif device in self.links.lt_addr:
-            self._drop(self.links.lt_addr[device], JOINED)
+            for held in (*self.links.held(), *self._parking.members):
+                self._drop(held, HELD)
+        elif k is not None:
+            self._drop(k, JOINED)
         self._slots.arm()
+
+    def _number(self, slave: Address) -> int | None:
+        """Return the LT_ADDR of a slave, or its number if it is parked."""
+        return self.links.lt_addr.get(slave, self._parking.number(slave))
 
     # ------------------------------------------------------------ time
 
@@ -158,7 +187,11 @@ class Piconet:
     def set_presence(self, device: Address, presence: Presence) -> None:
         """Note when *device*, the master or a slave, is there from now on."""
         self.advance(self._kernel.now)
-        self.links.set_presence(device, presence)
+        parked = self._parking.number(device)
+        if parked is None:
+            self.links.set_presence(device, presence)
+        else:
+            self._parking.members[parked].presence = presence
         self._air.changed(self._kernel.now)
         self._slots.arm()
 
@@ -209,54 +242,20 @@ class Piconet:
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload at *source*, the master or a slave. A fate that is clear at once comes as a new event."""
-        queue, lt_addr = self._route(source, outgoing.destination)
-        length = len(outgoing.payload)
-        kind = smallest(self._settings.types, length)
-        if lt_addr == NOTHING:
-            self._tell(fate(source, outgoing, Outcome.NO_LINK))
-        elif kind is None:
-            self._tell(fate(source, outgoing, Outcome.TOO_LONG))
-        else:
-            overtaking = self._overtaking()
-            if overtaking:
-                self.advance(self._kernel.now)
-            if self._queues.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length))) or overtaking:
-                self.advance(self._kernel.now)
-                self._slots.arm()
-
-    def _overtaking(self) -> bool:
-        """Return whether a payload that is not the head may change what is sent next."""
-        piconet = self.links.piconet
-        return bool(piconet[polling.SHARED]) or self._settings.scheduler != "lazy"
+        self._intake.send(source, outgoing)
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""
-        queue = EVERYONE if source == self.address else self.links.lt_addr.get(source, NOTHING)
-        if queue == NOTHING:
-            return
-        self.advance(self._kernel.now)
-        news = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
-        self._slots.arm()
-        self._tell(news)
-
-    def _route(self, source: Address, destination: Address) -> tuple[int, int]:
-        """Return (number of the queue, LT_ADDR of the packets), or NOTHING for the latter where there is no link."""
-        links = self.links
-        if source != self.address:
-            k = links.lt_addr.get(source, NOTHING)
-            return k, k if destination == self.address and links.up(k, JOINED) else NOTHING
-        if destination == BROADCAST:
-            return EVERYONE, EVERYONE if links.held() else NOTHING
-        k = links.lt_addr.get(destination, NOTHING)
-        return EVERYONE, k if links.up(k, HELD) else NOTHING
+        self._intake.flush(source, destination)
 
     # ------------------------------------------------------------ ends
 
     def _supervise(self) -> None:
         """Wait for the earliest time-out; that a deadline has moved later is found when its event fires."""
-        heard = self.links.last_heard()
-        if heard is None:
+        sides = [heard for heard in (self.links.last_heard(), self._parking.last_heard()) if heard is not None]
+        if not sides:
             return
+        heard = min(sides)
         deadline = heard + self._settings.supervision
         if self._supervision is not None:
             if self._supervision.time <= deadline:
@@ -274,6 +273,8 @@ class Piconet:
             for side, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN)):
                 if self.links.table[heard, k] <= limit:
                     news += self._drop(k, side)
+        for number, side in self._parking.silent(limit):
+            news += self._drop(number, side)
         self._supervise()
         self._slots.arm()
         if news:
@@ -281,17 +282,18 @@ class Piconet:
 
     def _drop(self, k: int, side: int) -> News:
         """Take one side of a link down and return what its host learns: Lost, and the fates of what it had queued."""
-        if not self.links.up(k, side):
+        parked = k in self._parking.members
+        if not (self._parking.up(k, side) if parked else self.links.up(k, side)):
             return []
-        slave = self.links.slaves[k]
-        self.links.take_down(k, side)
+        slave = self._parking.members[k].slave if parked else self.links.slaves[k]
+        (self._parking if parked else self.links).take_down(k, side)
         self._air.changed(self._kernel.now)
         if side == HELD:
             host, peer = self.address, slave
-            fates = self._queues.flush_link(k, host, master_alone=not self.links.held())
+            fates = self._queues.flush_link(k, host, master_alone=not self.links.audience())
         else:
             host, peer = slave, self.address
-            fates = self._queues.flush(k, host)
+            fates = [] if parked else self._queues.flush(k, host)
         self._on_lost(host, peer)
         return [(host, Lost(peer)), *fates]
 
@@ -299,8 +301,3 @@ class Piconet:
         """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
         if news:
             self._kernel.at(self._kernel.now, partial(self._deliver, (), news), WAKE)
-
-
-def _untouched(payload: Payload, destination: Address) -> bool:
-    """Return whether *payload* is meant for *destination*, has never been on the air, and is not about to be."""
-    return payload.outgoing.destination == destination and not payload.tries and not payload.chosen

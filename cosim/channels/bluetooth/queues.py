@@ -23,6 +23,8 @@ class Payload:
     outgoing: Outgoing
     kind: PacketType
     air: Time
+    queued: Time
+    """When its host handed it in."""
     tries: int = 0
     """How often it has been on the air."""
     chosen: bool = False
@@ -56,6 +58,14 @@ class Queues:
         """Return the payload that is next in a queue."""
         waiting = self._waiting[queue]
         return waiting[0] if waiting else None
+
+    def length(self, queue: int) -> int:
+        """Return the number of payloads in a queue."""
+        return len(self._waiting[queue])
+
+    def acknowledged(self, queue: int) -> Iterator[Payload]:
+        """Return the payloads of a queue, in order, that somebody is to acknowledge: all but broadcasts."""
+        return (payload for payload in self._waiting[queue] if payload.lt_addr != EVERYONE)
 
     def first_two(self, queue: int) -> list[Payload]:
         """Return the head of a queue and the payload behind it, as far as they exist."""

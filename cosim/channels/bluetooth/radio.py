@@ -150,7 +150,7 @@ class Air:
 
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
-        self.advance(now)
+        self.advance(now, now - 1)
         self._disturb()
         mediums.set_powers(self.band.medium, power_dbm)
         self._power = self.band.medium.power_dbm.tolist()
@@ -178,28 +178,32 @@ class Air:
 
     def set_jam_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let the jammers be received with *power_dbm*, shape (jammers, n), from now on."""
-        self.advance(now)
+        self.advance(now, now - 1)
         self.band.medium.jam_mw[:] = 10.0 ** (power_dbm / 10.0)
 
     # ------------------------------------------------------------ time
 
-    def advance(self, now: Time) -> None:
-        """Bring all piconets up to *now*."""
+    def advance(self, now: Time, last_end: Time | None = None) -> None:
+        """Bring all piconets up to *now*: slots that start before, frames that end by *last_end*, by default now.
+
+        A frame that ends at the instant at which powers change is judged with the new ones.
+        """
+        last_end = now if last_end is None else last_end
         if self._idle:
-            self._advance_and_tell(now)
+            self._advance_and_tell(now, last_end)
         elif self._alone is not None:
             run_alone(*self._alone, now)
         elif self._running:
-            bands.advance(self.band, now, _NO_LOG)
+            bands.advance(self.band, now, last_end, _NO_LOG)
             self._seek_shortcut(now)
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_and_tell(self, now: Time) -> None:
+    def _advance_and_tell(self, now: Time, last_end: Time) -> None:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            count = bands.advance(self.band, now, log)
+            count = bands.advance(self.band, now, last_end, log)
             more = count > _LOG_ROWS
             for master, tick, k, up, fate in log[:count].tolist():
                 if master in self._idle:

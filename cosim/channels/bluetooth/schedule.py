@@ -54,14 +54,14 @@ class Schedule:
             return polling.next_free(piconet, table, head.lt_addr)
         ticks = [self._opening(payload, int(piconet[NEXT])) for payload in self._unasked()]
         if piconet[BEACON] != NEVER:
-            ticks.append(polling.open_slot(piconet, table, EVERYONE, max(piconet[NEXT], piconet[BEACON]), 1))
+            ticks.append(self._next_beacon(int(max(piconet[NEXT], piconet[BEACON]))))
         ticks.append(polling.next_served(piconet, table))
         return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
 
     def choose(self, tick: int) -> Turn | None:
         """Return what is sent in the TX slot *tick*, which nothing has been decided about, or None."""
         payload = self._first(tick, self._unasked())
-        if tick >= self._piconet[BEACON]:
+        if tick >= self._piconet[BEACON] and self._next_beacon(tick) == tick:
             return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
         k = polling.overdue(self._piconet, self._table, tick)
         if self._piconet[SCHEDULER] == LAZY:
@@ -79,6 +79,10 @@ class Schedule:
     def _first(self, tick: int, payloads: Iterator[Payload]) -> Payload | None:
         """Return the first of *payloads* that can be sent at *tick*."""
         return next((payload for payload in payloads if self._opening(payload, tick) == tick), None)
+
+    def _next_beacon(self, tick: int) -> int:
+        opening: int = polling.open_slot(self._piconet, self._table, EVERYONE, tick, 1)
+        return opening
 
     def _opening(self, payload: Payload, tick: int) -> int:
         opening: int = polling.open_slot(self._piconet, self._table, payload.lt_addr, tick, payload.kind.slots)

@@ -11,6 +11,7 @@ from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import HEADER_AIR, NULL, POLL, PacketType
+from cosim.channels.bluetooth.parking import Parking
 from cosim.channels.bluetooth.polling import (
     EVERYONE,
     HEARD_DOWN,
@@ -57,22 +58,24 @@ class _Pair:
 
 
 class Slots:
-    """The TX slots of the master at *address*: one kernel event for the next one with a payload in it."""
+    """The TX slots of a master: one kernel event for the next one with a payload in it."""
 
     def __init__(
         self,
         kernel: Kernel,
         air: Air,
-        address: Address,
         clock: NativeClock,
-        n_bc: int,
         links: Links,
         queues: Queues,
+        parking: Parking,
         schedule: Schedule,
+        n_bc: int,
         frames: FrameLog,
         deliver: Deliver,
+        on_beacon: Callable[[int], None],
     ) -> None:
-        self.address = address
+        """*on_beacon* is called with the number of a parked slave that has heard a broadcast packet which ends now."""
+        self.address = links.master
         self.clock = clock
         self.links = links
         self._kernel = kernel
@@ -80,6 +83,8 @@ class Slots:
         self._n_bc = n_bc
         self._queues = queues
         self._schedule = schedule
+        self._parking = parking
+        self._on_beacon = on_beacon
         self._frames = frames
         self._deliver = deliver
         self._receptions: dict[tuple[Address, bool], Reception] = {}
@@ -107,7 +112,7 @@ class Slots:
         if turn is not None and turn.k != EVERYONE:
             self._ask(tick, turn.k, turn.payload)
             return
-        if turn is not None and turn.payload is not None:
+        if turn is not None:
             self._broadcast(tick, turn.payload)
         self.arm()
 
@@ -188,44 +193,64 @@ class Slots:
 
     # ------------------------------------------------------------ broadcasts
 
-    def _broadcast(self, tick: int, payload: Payload) -> None:
-        piconet = self.links.piconet
-        piconet[NEXT] = tick + 2 * payload.kind.slots + 2
+    def _broadcast(self, tick: int, payload: Payload | None) -> None:
+        """Send *payload*, or an empty beacon, to all."""
+        piconet, air = self.links.piconet, self._air
+        kind, duration, _ = _shape(payload, NULL)
+        piconet[NEXT] = tick + 2 * kind.slots + 2
+        self._parking.sent(tick)
         self._count(payload)
-        last = payload.tries >= self._n_bc
-        if last:
+        last = payload is not None and payload.tries >= self._n_bc
+        if payload is not None and last:
             self._queues.remove(payload)
-        carriers = {k: self._air.carrier(self.address, slave) for k, slave in self.links.slaves.items()}
-        present = {k for k in carriers if self._present(k, tick, payload.kind.slots)}
-        frame = self._send(tick, payload.kind, payload.air, self.address, self.address, EVERYONE, payload)
-        self._kernel.after(payload.air, partial(self._broadcast_ends, frame, payload, carriers, present, last))
+        carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
+        present = {k for k in carriers if self._present(k, tick, kind.slots)}
+        frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload)
+        self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
+
+    def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
+        """Return (number, address) of those who may hear a broadcast, in order: links by LT_ADDR, then the parked."""
+        active = [] if parked_only else sorted(self.links.slaves.items())
+        return active + [(number, member.slave) for number, member in sorted(self._parking.members.items())]
 
     def _present(self, k: int, tick: int, slots: int) -> bool:
         piconet, table = self.links.piconet, self.links.table
+        if k in self._parking.members:
+            return self._parking.members[k].presence.here
         if not table[HERE, k]:
             return False
         return not piconet[SHARED] or polling.open_slot(piconet, table, k, tick, slots) == tick
 
     def _broadcast_ends(
-        self, frame: Frame, payload: Payload, carriers: dict[int, float], present: set[int], last: bool
+        self, frame: Frame, payload: Payload | None, carriers: dict[int, float], present: set[int], last: bool
     ) -> None:
         arrivals: list[Arrival] = []
-        table, wanted = self.links.table, self._frames.wanted
-        for k, slave in sorted(self.links.slaves.items()):
+        wanted = self._frames.wanted if payload is not None else self._frames.idle_wanted
+        for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
-            tuned = bool(table[JOINED, k]) and k in present
+            tuned = self._joined(k) and k in present
             fate = self._fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
                 self._frames.record(frame._replace(destination=slave), fate)
-            if fate.header_heard:
-                table[HEARD_DOWN, k] = self._kernel.now
-            if fate.heard is Heard.RECEIVED and not payload.taken >> k & 1:
+            if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
                 arrivals.append((slave, payload.outgoing.payload, self._reception(self.address, True)))
-        news = payload.fate(self.address, Outcome.SENT) if last else []
+            if fate.header_heard:
+                self._broadcast_heard(k)
+        news = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
         if arrivals or news:
             self._deliver(arrivals, news)
+
+    def _joined(self, k: int) -> bool:
+        parked = self._parking.members.get(k)
+        return parked.joined if parked is not None else bool(self.links.table[JOINED, k])
+
+    def _broadcast_heard(self, k: int) -> None:
+        if k in self._parking.members:
+            self._on_beacon(k)
+        else:
+            self.links.table[HEARD_DOWN, k] = self._kernel.now
 
     # ------------------------------------------------------------ frames
 

@@ -1,0 +1,183 @@
+"""Hold, sniff and park: links that are not there all the time (Core v1.2, Vol 2 Part B, sections 8.5 to 8.7).
+
+Either side may ask; a link changes its mode at once, on both sides, if each is in reach of the other and the wish is
+sound, and both hosts learn its new mode. Otherwise the one that asked learns the mode that it is still in.
+The air time of the link manager's messages is neglected, as it is for a disconnection; a slot pair under way is
+finished.
+
+A link may be silent only for so long that it survives: the supervision time-out less twice T_poll, for the waits before
+and after.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.parking import Member, Parking
+from cosim.channels.bluetooth.polling import (
+    HELD,
+    HELD_UNTIL,
+    JOINED,
+    MOST_SLAVES,
+    NEXT,
+    SNIFF_COUNT,
+    SNIFF_FIRST,
+    SNIFF_PERIOD,
+)
+from cosim.channels.bluetooth.queues import News, Queues
+from cosim.channels.bluetooth.radio import Air
+from cosim.kernel import Kernel
+from cosim.machine import Address, Hold, Mode, ModeChanged, ModeCommand, Park, Sniff, Unpark
+from cosim.units import SLOT, Time
+
+
+class Modes:
+    """The modes of the links of one piconet, none of which may be silent for more than *longest*.
+
+    *tell* takes news in a new event; *changed* is called after a change.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        air: Air,
+        clock: NativeClock,
+        links: Links,
+        queues: Queues,
+        parking: Parking,
+        longest: Time,
+        tell: Callable[[News], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self._kernel = kernel
+        self._air = air
+        self._clock = clock
+        self._links = links
+        self._queues = queues
+        self._parking = parking
+        self._longest = longest
+        self._tell = tell
+        self._changed = changed
+
+    def command(self, side: Address, command: ModeCommand) -> None:
+        """Do what the host of *side*, the master or a slave, asks for; all slots before now are decided."""
+        slave = command.peer if side == self._links.master else side
+        done = self._links.master in (side, command.peer) and self._obey(slave, command)
+        if not done:
+            self._tell([(side, ModeChanged(command.peer, self.mode(slave)))])
+        else:
+            self._changed()
+
+    def mode(self, slave: Address) -> Mode:
+        """Return the mode of the link to *slave*."""
+        if self._parking.number(slave) is not None:
+            return Mode.PARKED
+        k = self._links.lt_addr.get(slave)
+        if k is None:
+            return Mode.NONE
+        table = self._links.table
+        if table[HELD_UNTIL, k]:
+            return Mode.HOLD
+        return Mode.SNIFF if table[SNIFF_PERIOD, k] else Mode.ACTIVE
+
+    def _obey(self, slave: Address, command: ModeCommand) -> bool:
+        """Return whether the command is carried out."""
+        air, master = self._air, self._links.master
+        if isinstance(command, Unpark):
+            return self._wake(slave)
+        k = self._links.lt_addr.get(slave, 0)
+        both = self._links.up(k, HELD) and self._links.up(k, JOINED)
+        if not both or not air.reaches(air.carrier(master, slave)) or not air.reaches(air.carrier(slave, master)):
+            return False
+        match command:
+            case Hold():
+                return self._hold(k, command.slots)
+            case Sniff():
+                return self._sniff(k, command)
+            case Park():
+                self._park(k)
+                return True
+
+    # ------------------------------------------------------------ hold and sniff
+
+    def _hold(self, k: int, slots: int) -> bool:
+        if slots < 1 or slots * SLOT > self._longest:
+            return False
+        until = -(-(self._clock.tick(self._kernel.now) + 2 * slots) // 4) * 4
+        self._links.table[HELD_UNTIL, k] = until
+        self._kernel.at(self._clock.time_of(until), partial(self._hold_ends, k, self._links.slaves[k], until))
+        self._note(k)
+        return True
+
+    def _hold_ends(self, k: int, slave: Address, until: int) -> None:
+        table = self._links.table
+        if self._links.slaves.get(k) == slave and table[HELD_UNTIL, k] == until:
+            self._air.advance(self._kernel.now)
+            table[HELD_UNTIL, k] = 0
+            self._note(k)
+            self._changed()
+
+    def _sniff(self, k: int, wish: Sniff) -> bool:
+        interval, offset, attempt = wish.interval_slots, wish.offset_slots, wish.attempt_slots
+        if interval:
+            even = interval % 2 == offset % 2 == attempt % 2 == 0
+            fits = 0 <= offset < interval and 0 < attempt <= interval and interval * SLOT <= self._longest
+            if not (even and fits):
+                return False
+        table = self._links.table
+        table[SNIFF_PERIOD, k], table[SNIFF_FIRST, k], table[SNIFF_COUNT, k] = 2 * interval, 2 * offset, 2 * attempt
+        self._note(k)
+        return True
+
+    def _note(self, k: int) -> None:
+        """Tell the arithmetic of slots, and both hosts."""
+        self._links.note_shares()
+        self._report(self._links.slaves[k])
+
+    def _report(self, slave: Address) -> None:
+        master, mode = self._links.master, self.mode(slave)
+        self._tell([(master, ModeChanged(slave, mode)), (slave, ModeChanged(master, mode))])
+
+    # ------------------------------------------------------------ park
+
+    def _park(self, k: int) -> None:
+        links, now = self._links, self._kernel.now
+        slave = links.slaves[k]
+        news = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
+        member = Member(slave, now, now, links.presence(k))
+        links.take_down(k, HELD)
+        links.take_down(k, JOINED)
+        self._parking.add(member)
+        self._tell(news)
+        self._report(slave)
+
+    def _wake(self, slave: Address) -> bool:
+        number = self._parking.number(slave)
+        if number is None:
+            return False
+        waking = sum(member.waking for member in self._parking.members.values())
+        member = self._parking.members[number]
+        if not member.waking and len(self._links.slaves) + waking >= MOST_SLAVES:
+            return False
+        member.waking = True
+        return True
+
+    def beacon_heard(self, number: int) -> None:
+        """Note that a parked slave has heard a broadcast packet that ends now; it may come back then."""
+        member, links, now = self._parking.members[number], self._links, self._kernel.now
+        member.heard_down = now
+        if not member.held or not self._air.reaches(self._air.carrier(member.slave, links.master)):
+            return
+        member.heard_up = now
+        k = links.free_lt_addr()
+        if not member.waking:
+            return
+        member.waking = False
+        if k is not None:
+            self._parking.remove(number)
+            links.join(member.slave, k, now)
+            links.set_presence(member.slave, member.presence)
+            links.admit(k, int(links.piconet[NEXT]), now)
+            self._changed()
+        self._report(member.slave)
