@@ -10,10 +10,11 @@ from pydantic import ValidationError
 
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
+from cosim.errors import CosimError
 from cosim.experiment import load_experiment
 from cosim.report import report
 from cosim.sweep import run_sweep
-from cosim.units import SLOT
+from cosim.units import SLOT, S
 from experiments.packet_throughput import figures
 from experiments.packet_throughput.throughput import (
     Parameters,
@@ -80,6 +81,13 @@ def test_a_point_takes_the_packets_that_its_standard_error_needs():
 def test_a_link_that_no_receiver_would_notice_is_refused():
     with pytest.raises(ValidationError, match="es_n0_db"):
         Parameters(es_n0_db=0)
+
+
+@pytest.mark.slow
+def test_a_link_on_which_nothing_is_heard_any_more_is_lost_and_ends_the_run():
+    # at 1 dB more than a quarter of all bits are wrong; a link is lost after 20 s without a frame
+    with pytest.raises(CosimError, match=r"the link was lost at 2\d\."):
+        delivered_within(Parameters(packet="DH1", es_n0_db=1), 25 * S, 1)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A connected piconet of the channel equals the slot-by-slot oracle: frames, deliveries, fates, lost links, counters."""
+"""A connected piconet of the channel equals the slot-by-slot oracle: frames, deliveries, fates, losses, counters."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator

@@ -77,7 +77,9 @@ class Host:
     def link(self, event: LinkEvent, now: Time) -> None:
         """Count what was acknowledged, and keep the backlog."""
         if isinstance(event, Fate):
-            self.delivered += event.outcome is Outcome.DELIVERED
+            if event.outcome is not Outcome.DELIVERED:
+                raise CosimError(f"the link was lost at {to_seconds(now):g} s")
+            self.delivered += 1
             self.offer()
         self.connected = self.connected or isinstance(event, Connected)
         self.failed = self.failed or isinstance(event, PageFailed)
@@ -122,7 +124,10 @@ def _best_kbps(kind: PacketType) -> float:
 
 
 def delivered_within(given: Parameters, duration: Time, seed: int) -> int:
-    """Return how many packets the slave acknowledges, as the master hears it, in *duration* ns of backlog."""
+    """Return how many packets the slave acknowledges, as the master hears it, in *duration* ns of backlog.
+
+    Raise CosimError if the link cannot be set up, or is lost because nothing is heard any more.
+    """
     settings = BluetoothSettings(
         packet_types=(given.packet,), propagation=PropagationSettings(), power_class=3, clock_ppm=0
     )

@@ -5,6 +5,9 @@ messages known to all; conflicts take further exchanges; an exchange in which ev
 robots drive to their next cells. The master begins the next step when it has arrived, or, having stayed where it was,
 after the time that a step takes; a robot that is polled while it still drives says so, and the exchange is repeated.
 The number of cells is known, so each robot finds completion by itself.
+
+A new team first makes its knowledge equal (module ``reconciliation``), then plans. A robot that loses its team drives
+to the cell that it is on the way to, and stands there until it is called up again.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,16 +16,28 @@ from cosim.geometry.grids import Cell
 from cosim.machine import Address, Observation, next_state
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import Algorithm
-from protocols.pseudonet.broadcast import Answered, Broadcast, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
+from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
-from protocols.pseudonet.journal import BadBytes, Finished, Journal, MessageSent, RobotDropped, Stepped, TeamFormed
+from protocols.pseudonet.journal import (
+    BadBytes,
+    Finished,
+    Journal,
+    MessageSent,
+    RobotDropped,
+    Stepped,
+    TeamFormed,
+    TeamLost,
+)
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import Message
 from protocols.pseudonet.messaging import Messaging, Stance
 from protocols.pseudonet.parameters import Parameters
 from protocols.pseudonet.phases import TABLE, Input, Phase
+from protocols.pseudonet.reconciliation import Equality, Reconciliation
 from protocols.pseudonet.records import Records
+from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.steering import Progress, Steering
+from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
 
 
 class Application:
@@ -36,7 +51,10 @@ class Application:
         algorithm: Algorithm,
         limits: tuple[int | None, int | None],
         start: Time,
+        broadcast: Broadcast | Relay,
+        alone: Callable[[tuple[Address, ...], Time], None],
     ) -> None:
+        """Have *alone* called, with those who are known to be dead, when this robot has lost its team."""
         self.me = me
         self.finished = False
         self.phase = Phase.INITIALISATION
@@ -48,10 +66,11 @@ class Application:
         self.records = Records(start)
         self.journal = Journal(parameters.trace_calls)
         self.messaging = Messaging(me, knowledge)
-        self.coordination = Coordination(knowledge, me, algorithm, stop_at=limits[1])
+        self.coordination = Coordination(knowledge, me, algorithm, limits[1], parameters.rounds)
+        self.reconciliation = Reconciliation(knowledge, parameters.map_bytes)
         self.steering = Steering(knowledge)
-        timeout, retries = knowledge.timing.poll_timeout, parameters.poll_retries
-        self.broadcast = Broadcast(me, timeout, retries, parameters.acknowledge, self._heard_from_below)
+        self.broadcast = broadcast
+        self._alone = alone
         self._knowledge = knowledge
         self._step_limit = limits[0]
         self._times = knowledge.timing
@@ -64,20 +83,27 @@ class Application:
 
     # ------------------------------------------------------------ inputs
 
-    def assemble(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
-        """As the master, call the team up: the piconet stands."""
-        self.broadcast.assemble(tuple(sorted((self.me, *slaves))), hop, now)
-
     def lost(self, peer: Address, now: Time) -> None:
         """Take notice that the link to *peer* is gone."""
-        if self.broadcast.find_master() == self.me:
-            self.broadcast.lost(peer, now)
-        elif peer == self.broadcast.find_master():
-            self.cut_off(now)
+        self.broadcast.lost(peer, now)
 
-    def cut_off(self, now: Time) -> None:
-        """Take notice that there is no team for this robot any more."""
-        self._input(Input.CUT_OFF, now)
+    def break_up(self, dead: tuple[Address, ...], now: Time) -> None:
+        """Take notice that there is no team for this robot any more; *dead* are known to be gone."""
+        if not self.finished:
+            self.stand_by(now)
+            self._alone(dead, now)
+
+    def stand_by(self, now: Time) -> None:
+        """Leave the team and wait to be called up again."""
+        if self.finished:
+            return
+        if self.broadcast.find_master() is not None:
+            self.journal.note(TeamLost(len(self.broadcast.members)))
+            self.records.broken(now)
+        self.begin_at = None
+        self.rest_until = None
+        self._input(Input.BROKEN, now)
+        self.broadcast.leave()
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Localize, or notice the progress of a drive."""
@@ -89,6 +115,9 @@ class Application:
                 self._input(Input.ARRIVED, now)
             case Progress.TURNED_BACK:
                 self.coordination.turned_back()
+            case Progress.STUCK:
+                self.coordination.stuck(self.coordination.localize(observation.x_m, observation.y_m))
+                self._input(Input.ARRIVED, now)
 
     def wake(self, now: Time) -> None:
         """Act on the deadlines that have come."""
@@ -101,33 +130,33 @@ class Application:
 
     # ------------------------------------------------------------ upcalls of the broadcast room
 
-    def _heard_from_below(self, upcall: Upcall, now: Time) -> None:
+    def hear(self, upcall: Upcall, now: Time) -> None:
+        """Take what *broadcast*, the room below, has to tell."""
         match upcall:
             case Exchanged(messages=messages):
                 self._exchanged(messages, now)
             case MessageWanted():
-                self._submit_unready()
+                self._submit_unready(now)
             case TeamChanged(members=members):
                 self._team_changed(members, now)
             case Answered(message=message):
                 self.coordination.directed(message)
             case Garbage(reason=reason):
                 self.journal.note(BadBytes(reason))
+            case Broken(dead=dead):
+                self.break_up(dead, now)
 
-    def _submit_unready(self) -> None:
-        if self.placed:
-            message = self.messaging.waiting(self.broadcast.exchange, self._cell(), busy=True)
+    def _submit_unready(self, now: Time) -> None:
+        if self.placed and not self.finished:
+            message = self.messaging.busy(self.broadcast.exchange, self._cell())
             self.journal.note(MessageSent(message.kind.name.lower()))
-            self.broadcast.submit(message)
+            self.broadcast.load(message, now)
 
     def _team_changed(self, members: tuple[Address, ...], now: Time) -> None:
         if self.finished:
             return
         for gone in sorted(set(self.coordination.view.members) - set(members)):
             self.journal.note(RobotDropped(gone))
-        if self.me not in members:
-            self.cut_off(now)
-            return
         self.records.team(now)
         self.journal.note(TeamFormed(len(members)))
         self.coordination.team_changed(members)
@@ -185,7 +214,9 @@ class Application:
         if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
             self.records.busy()
             self._talk_on(now, self._times.retry)
-        elif self.coordination.complete():
+        elif self.coordination.plan_due and not self._reconciled(messages):
+            self._talk_on(now)
+        elif self.coordination.complete() and not self.coordination.try_again():
             self._input(Input.DONE, now)
         elif self.coordination.plan_due:
             self.coordination.plan()
@@ -197,6 +228,17 @@ class Application:
             self._answer_those_in_trouble(messages)
             self._say(self.coordination.negotiate(messages))
             self._talk_on(now)
+
+    def _reconciled(self, messages: Mapping[Address, Message]) -> bool:
+        """Return whether all know the same, so that a plan is due; or else say next what is wanted for that."""
+        match self.reconciliation.take(self.coordination.view, messages):
+            case Equality.EQUAL:
+                return True
+            case Equality.ROLL_WANTED:
+                self._form = self._waiting
+            case Equality.MAP_WANTED:
+                self._form = self._map
+        return False
 
     def _say(self, stance: Stance) -> None:
         """Speak with this *stance* about the present evaluation from now on."""
@@ -216,10 +258,10 @@ class Application:
 
     def _talk_on(self, now: Time, pause: Time = 0) -> None:
         self._input(Input.DISAGREED, now)
-        master = self.me == self.broadcast.find_master()
-        if master and pause:
+        leads = self.broadcast.leads()
+        if leads and pause:
             self.begin_at = now + pause
-        elif master or not self.steering.under_way:
+        elif leads or not self.steering.under_way:
             self._load(now)
 
     def _agreed(self, messages: Mapping[Address, Message], now: Time) -> None:
@@ -235,7 +277,7 @@ class Application:
         self._input(Input.AGREED, now)
         if cell != before:
             self.steering.go(cell, before)
-        elif self.me == self.broadcast.find_master():
+        elif self.broadcast.leads():
             self.rest_until = now + self._times.step
         else:
             self._input(Input.ARRIVED, now)
@@ -247,14 +289,21 @@ class Application:
         return self.coordination.view.cells[self.me]
 
     def _waiting(self, exchange: int) -> Message:
-        busy, verdicts = self.steering.under_way, self.coordination.obstruction()
-        return self.messaging.waiting(exchange, self._cell(), busy, verdicts)
+        verdicts = self.coordination.obstruction()
+        if self.steering.under_way:
+            return self.messaging.busy(exchange, self._cell(), verdicts)
+        digest = self.reconciliation.digest(self.coordination.view)
+        return self.messaging.roll(exchange, self._cell(), verdicts, digest)
+
+    def _map(self, exchange: int) -> Message:
+        marks = self.reconciliation.marks(self.coordination.view)
+        return self.messaging.map(exchange, self._cell(), self.reconciliation.chunk, marks)
 
     def _load(self, now: Time) -> None:
         """The service communicate of Fig. 12: hand the message of the present exchange to the room below."""
         self.begin_at = None
         self.rest_until = None
-        if not self.placed:
+        if not self.placed or (self.steering.under_way and not self.broadcast.polled):
             return
         form = self._waiting if self.steering.under_way else self._form
         message = form(self.broadcast.exchange)
@@ -262,10 +311,9 @@ class Application:
         self.journal.call(1, "coordination", "communicate")
         self.journal.call(2, "messaging", message.kind.name.lower(), message)
         self.journal.call(3, "broadcast", "find_master", self.broadcast.find_master())
-        if self.me == self.broadcast.find_master():
+        if self.broadcast.leads():
             self.journal.call(3, "broadcast", "broadcast_to_robots", f"exchange {message.exchange}")
             self.records.began(now)
-            self.broadcast.begin(message, now)
         else:
             self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
-            self.broadcast.submit(message)
+        self.broadcast.load(message, now)

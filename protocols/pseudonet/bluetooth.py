@@ -4,16 +4,24 @@ The initiating robot looks for its neighbours by inquiry, then pages one after t
 others scan. The calls on the way down are those of a Bluetooth host: a connection request of L2CAP becomes an HCI
 command, that a procedure of the link manager, that a state of the link controller; from HCI on they happen in the
 device, which is the channel's.
+
+The paper appoints the initiator and says nothing of its death. Here robots stand in for it in the order of their
+numbers: each waits to be found for as many times the stagger as robots of the last team with a lower number may be
+alive, then looks for others itself. So the first of those who are left forms the next team, and who is found by nobody,
+or finds nobody, goes on alone. Every wait has a deadline, also those for answers of the own device, as a host is not
+told that its radio is dead. A robot that works alone can be found and joins the team of who pages it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import Enum, auto
 from typing import Final
 
 from cosim.machine import (
     Address,
     Connected,
+    Disconnect,
     Discovered,
+    Fate,
     Inquire,
     InquiryComplete,
     LinkCommand,
@@ -27,16 +35,22 @@ from cosim.machine import (
     next_state,
 )
 from cosim.units import Time
+from protocols.pseudonet.parameters import Parameters, Timing
 
 
 class Setup(Enum):
     """Where a robot's radio is in the set-up."""
 
     OFF = auto()
+    SCANNING = auto()
     INQUIRING = auto()
     PAGING = auto()
-    SCANNING = auto()
-    CONNECTED = auto()
+    JOINED = auto()
+    """A slave."""
+    LEADING = auto()
+    """The master, maybe of nobody."""
+    CLOSING = auto()
+    """About to leave all piconets, once the last words are said."""
 
 
 class Input(Enum):
@@ -49,101 +63,243 @@ class Input(Enum):
     ALONE = auto()
     NEXT = auto()
     ALL_PAGED = auto()
-    JOINED = auto()
+    PAGED = auto()
+    """Another robot has become the master of this one."""
+    ASSIGNED = auto()
+    """The coordinator has told this robot whose master it is to be."""
+    BREAK_UP = auto()
 
 
 TABLE: Final = {
+    **{(state, Input.WAIT): ("scan", Setup.SCANNING) for state in Setup},
+    **{(state, Input.BREAK_UP): ("linger", Setup.CLOSING) for state in Setup},
     (Setup.OFF, Input.INITIATE): ("inquire", Setup.INQUIRING),
-    (Setup.OFF, Input.WAIT): ("scan", Setup.SCANNING),
+    (Setup.SCANNING, Input.INITIATE): ("inquire", Setup.INQUIRING),
+    (Setup.SCANNING, Input.ALONE): ("ready", Setup.LEADING),
     (Setup.INQUIRING, Input.TOO_FEW): ("inquire", Setup.INQUIRING),
     (Setup.INQUIRING, Input.ENOUGH): ("page", Setup.PAGING),
-    (Setup.INQUIRING, Input.ALONE): ("ready", Setup.CONNECTED),
+    (Setup.INQUIRING, Input.ALONE): ("ready", Setup.LEADING),
     (Setup.PAGING, Input.NEXT): ("page", Setup.PAGING),
-    (Setup.PAGING, Input.ALL_PAGED): ("ready", Setup.CONNECTED),
-    (Setup.SCANNING, Input.JOINED): ("joined", Setup.CONNECTED),
-    (Setup.CONNECTED, Input.JOINED): ("joined", Setup.CONNECTED),
+    (Setup.PAGING, Input.ALL_PAGED): ("ready", Setup.LEADING),
+    (Setup.OFF, Input.PAGED): ("refuse", Setup.OFF),
+    (Setup.SCANNING, Input.PAGED): ("join", Setup.JOINED),
+    (Setup.INQUIRING, Input.PAGED): ("refuse", Setup.INQUIRING),
+    (Setup.PAGING, Input.PAGED): ("refuse", Setup.PAGING),
+    (Setup.JOINED, Input.PAGED): ("refuse", Setup.JOINED),
+    (Setup.LEADING, Input.PAGED): ("change_sides", Setup.JOINED),
+    (Setup.CLOSING, Input.PAGED): ("refuse", Setup.CLOSING),
+    (Setup.JOINED, Input.ASSIGNED): ("page", Setup.PAGING),
 }
 
 
 class Bluetooth:
-    """One robot's share of the set-up. *ready* is called on the master when paging is over, with its slaves."""
+    """One robot's share of the set-up.
+
+    *ready* is called on the master when paging is over, with its slaves; *taken* on a robot that has worked alone when
+    another has become its master.
+    """
 
     def __init__(
         self,
+        me: Address,
         size: int,
-        inquiry: tuple[Time, int],
-        page_attempts: int,
+        links: dict[Address, Role],
+        times: Timing,
+        parameters: Parameters,
         ready: Callable[[tuple[Address, ...], tuple[int, int], Time], None],
+        taken: Callable[[Time], None],
     ) -> None:
+        self.me = me
         self.state = Setup.OFF
         self.out: list[Outgoing | LinkCommand] = []
+        self.deadline: Time | None = None
         self.hop = (0, 0)
         self.inquiry_time: Time = 0
         self.page_time: Time = 0
+        self.links = links
+        """The own role in the link to each neighbour."""
         self.found: list[Address] = []
-        self.slaves: list[Address] = []
-        self._wanted = size - 1
-        self._inquiry_length, self._inquiries_left = inquiry
-        self._page_attempts = page_attempts
+        self._others: tuple[Address, ...] = tuple(other for other in range(size) if other != me)
+        """Those who may be alive."""
+        self._times = times
+        self._patience = times.stagger
+        """How long a robot that was found waits to be called up."""
+        self._inquiries = parameters.inquiries
+        self._page_attempts = parameters.page_attempts
         self._ready = ready
+        self._taken = taken
+        self._left = False
+        self._inquiries_left = 0
+        self._found_before = 0
         self._since: Time = 0
         self._to_page: list[tuple[Address, int]] = []
 
-    def start(self, initiate: bool, now: Time) -> None:
-        """Begin the set-up, as the initiating robot or as one that waits to be found."""
-        self._move(Input.INITIATE if initiate else Input.WAIT, now)
+    @property
+    def _wanted(self) -> int:
+        return len(self._others)
+
+    @property
+    def _rank(self) -> int:
+        return sum(other < self.me for other in self._others)
+
+    def start(self, now: Time) -> None:
+        """Begin the set-up: look for the others, or wait to be found."""
+        if self._wanted == 0:
+            self._move(Input.WAIT, now)
+            self._move(Input.ALONE, now)
+        elif self._rank == 0:
+            self._initiate(now)
+        else:
+            self._wait(now)
+
+    def reform(self, dead: Iterable[Address], now: Time) -> None:
+        """Leave all piconets and begin anew, without those who are known to be *dead*."""
+        self._others = tuple(other for other in self._others if other not in set(dead))
+        self._close(now)
+
+    def _close(self, now: Time) -> None:
+        for peer in sorted(self.links):
+            self.out.append(Disconnect(peer))
+        self.links.clear()
+        self._wait(now + self._times.settle)
+
+    def called_up(self, members: tuple[Address, ...]) -> None:
+        """Take notice that this robot is in a team of *members*."""
+        self._others = tuple(member for member in members if member != self.me)
+        self.deadline = None
+
+    def leave(self) -> None:
+        """Be found by nobody any more: the task is done."""
+        self.deadline = None
+        if not self._left:
+            self._left = True
+            self.out.append(Scan(enabled=False))
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links."""
         match event:
-            case Discovered(peer=peer) if peer not in self.found:
+            case Discovered(peer=peer) if peer not in self.found and self.state is Setup.INQUIRING:
                 self.found.append(peer)
             case InquiryComplete() if self.state is Setup.INQUIRING:
                 self._inquired(now)
-            case Connected(peer=peer, role=Role.MASTER) if self.state is Setup.PAGING:
+            case Connected(peer=peer, role=Role.SLAVE):
+                self._paged_by(peer, now)
+            case Connected(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
                 self.hop = (event.hop_address, event.hop_clock)
-                self.slaves.append(peer)
+                self.links[peer] = Role.MASTER
                 self._paged(now)
-            case PageFailed(peer=peer) if self.state is Setup.PAGING:
-                self._page_failed(peer, now)
-            case Connected(role=Role.SLAVE) if self.state in (Setup.SCANNING, Setup.CONNECTED):
-                self._move(Input.JOINED, now)
-            case Lost(peer=peer) if peer in self.slaves:
-                self.slaves.remove(peer)
+            case Connected(peer=peer):  # the answer to a page that I have given up
+                self.out.append(Disconnect(peer))
+            case PageFailed(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
+                self._page_failed(now)
+            case Lost(peer=peer) if peer in self.links:
+                self._lost(peer, now)
 
-    def _move(self, event: Input, now: Time) -> None:
+    def wake(self, now: Time) -> None:
+        """Act on the deadline: nobody has come, or the device does not answer."""
+        if self.deadline is None or now < self.deadline:
+            return
+        self.deadline = None
+        match self.state:
+            case Setup.SCANNING if self._wanted == 0:
+                self._move(Input.ALONE, now)
+            case Setup.SCANNING:
+                self._initiate(now)
+            case Setup.INQUIRING:
+                self._inquired(now)
+            case Setup.PAGING:
+                self._page_failed(now)
+            case Setup.CLOSING:
+                self._close(now)
+            case Setup.JOINED | Setup.LEADING:  # found, but never called up
+                self.reform(tuple(self.links), now)
+
+    # ------------------------------------------------------------ waiting and being found
+
+    def _wait(self, now: Time) -> None:
+        self._move(Input.WAIT, now)
+        self.deadline = now + self._rank * self._times.stagger
+
+    def _paged_by(self, peer: Address, now: Time) -> None:
+        if self._left or (self.state is Setup.LEADING and self.links):
+            self.out.append(Disconnect(peer))
+            return
+        self._move(Input.PAGED, now, peer)
+
+    def _lost(self, peer: Address, now: Time) -> None:
+        del self.links[peer]
+        if self.links or self._left:
+            return
+        if self.state is Setup.LEADING:
+            self.out.append(Scan(enabled=True))
+        elif self.state is Setup.JOINED and self.deadline is not None:
+            self.reform((peer,), now)
+
+    def _move(self, event: Input, now: Time, peer: Address | None = None) -> None:
         action, self.state = next_state(TABLE, self.state, event)
         match action:
+            case "scan":
+                self.out.append(Scan(enabled=True))
             case "inquire":
                 self._since = now
                 self._inquiries_left -= 1
-                self.out.append(Inquire(self._inquiry_length, self._wanted))
-            case "scan":
-                self.out.append(Scan(enabled=True))
+                self.deadline = now + self._times.inquiry + self._times.page
+                self.out.append(Inquire(self._times.inquiry, self._wanted))
             case "page":
                 self._since = now
-                self.out.append(Page(self._to_page[0][0]))
+                self.deadline = now + self._times.page
+                self._page()
             case "ready":
-                self._ready(tuple(sorted(self.slaves)), self.hop, now)
+                self.deadline = None
+                if not self.links:
+                    self.out.append(Scan(enabled=True))
+                slaves = (peer for peer, role in self.links.items() if role is Role.MASTER)
+                self._ready(tuple(sorted(slaves)), self.hop, now)
+            case "join" | "change_sides" if peer is not None:
+                if action == "change_sides":
+                    self._taken(now)
+                self.links[peer] = Role.SLAVE
+                self.deadline = now + self._patience
+                self.out.append(Scan(enabled=False))
+            case "refuse" if peer is not None:
+                self.out.append(Disconnect(peer))
+
+    def fate(self, fate: Fate, now: Time) -> None:
+        """Nothing that this room sends has a token."""
+
+    # ------------------------------------------------------------ looking for others
+
+    def _page(self) -> None:
+        self.out.append(Page(self._to_page[0][0]))
+
+    def _initiate(self, now: Time) -> None:
+        self.found = []
+        self._found_before = 0
+        self._inquiries_left = self._inquiries
+        self.out.append(Scan(enabled=False))
+        self._move(Input.INITIATE, now)
+
+    def _look_again(self) -> bool:
+        """Return whether another inquiry is worth its time: robots are missing, and the last one was not in vain."""
+        fruitful = len(self.found) > self._found_before or not self.found
+        self._found_before = len(self.found)
+        return len(self.found) < self._wanted and self._inquiries_left > 0 and fruitful
 
     def _inquired(self, now: Time) -> None:
         self.inquiry_time += now - self._since
-        if len(self.found) < self._wanted and self._inquiries_left > 0:
+        if self._look_again():
             self._move(Input.TOO_FEW, now)
             return
         self._to_page = [(peer, self._page_attempts) for peer in self.found]
         self._move(Input.ENOUGH if self._to_page else Input.ALONE, now)
 
-    def _page_failed(self, peer: Address, now: Time) -> None:
-        attempts = self._to_page[0][1] - 1
-        if attempts > 0:  # try the others first: a robot that cannot be reached now may be later
-            self._to_page.append((peer, attempts))
+    def _page_failed(self, now: Time) -> None:
+        peer, attempts = self._to_page[0]
+        if attempts > 1:  # try the others first: a robot that cannot be reached now may be later
+            self._to_page.append((peer, attempts - 1))
         self._paged(now)
 
     def _paged(self, now: Time) -> None:
         self.page_time += now - self._since
         self._to_page.pop(0)
-        self._go_on(now)
-
-    def _go_on(self, now: Time) -> None:
         self._move(Input.NEXT if self._to_page else Input.ALL_PAGED, now)

@@ -5,99 +5,104 @@ broadcasts its own message, then for each slave polls it, takes its message and 
 has LT_ADDR 0 and is answered by nobody, so that the poll is a frame of its own (the paper puts both into one slot).
 
 Exchanges are numbered modulo 256. A robot has one message in an exchange: it is loaded before the poll, as a link
-controller can only answer with what it holds. The exchange is complete for a robot once it has heard all others.
-A slave that falls out of step (it hears of an exchange that it has nothing for) sends a message that says "busy", which
-makes the team repeat itself. A polled slave that does not answer within the poll time-out is dropped, and a roll call
-tells the others the new team.
+controller can only answer with what it holds. The exchange is complete for a robot once it has heard all others. A
+slave that is asked while it has nothing to say yet says "busy", which makes the team repeat itself. A polled slave that
+does not answer within the poll time-out is dropped, and a roll call tells the others the new team.
+
+Broadcasts are acknowledged by nobody, so that a slave may miss some. It asks the master for those that it lacks when it
+hears of the next exchange, or when nothing has come for the repair time; the master keeps the messages of two exchanges
+and sends them to that slave alone, by acknowledged packets. The master cannot complete the next exchange before it has
+the slave's message of it, which the slave loads only after it has completed this one: so all robots of a team see the
+same exchanges, one after the other, and no robot is ever behind by more than one.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable
 
 from cosim.errors import WireError
-from cosim.machine import BROADCAST, Address, Disconnect, Fate, LinkCommand, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, LinkCommand, Outgoing, Reception
 from cosim.units import Time
-from protocols.pseudonet.messages import Acknowledgement, Kind, Message, Packet, Sync, decode, encode
-
-EXCHANGES = 256
-
-
-@dataclass(frozen=True, slots=True)
-class Exchanged:
-    """An exchange is complete; *messages* holds one of each member, by source."""
-
-    messages: dict[Address, Message]
-    roll_call: bool
-    """It was the first one of this team."""
-
-
-@dataclass(frozen=True, slots=True)
-class TeamChanged:
-    """A roll call has begun: the first message of this team is wanted."""
-
-    members: tuple[Address, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class MessageWanted:
-    """The master has begun an exchange for which this slave has not loaded a message yet."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answered:
-    """An answer to this robot alone has come in."""
-
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class Garbage:
-    """Bytes came in that are no packet."""
-
-    reason: str
-
-
-Upcall: TypeAlias = Exchanged | TeamChanged | MessageWanted | Answered | Garbage
+from protocols.pseudonet.messages import Acknowledgement, Kind, Message, Missing, Packet, Sync, decode, encode
+from protocols.pseudonet.polls import Polls
+from protocols.pseudonet.upcalls import (
+    EXCHANGES,
+    Answered,
+    Broken,
+    Exchanged,
+    Garbage,
+    MessageWanted,
+    TeamChanged,
+    Upcall,
+    ahead_of,
+)
 
 
 class Broadcast:
     """The exchanges as one robot sees them, master or slave. What it has to say to the room above goes to *tell*."""
 
+    polled = True
+    """Messages are asked for, whether they are ready or not."""
+
     def __init__(
         self,
         me: Address,
-        poll_timeout: Time,
+        times: tuple[Time, Time],
         poll_retries: int,
         acknowledge: bool,
         tell: Callable[[Upcall, Time], None],
     ) -> None:
+        """Take the poll time-out and the repair time as *times*."""
         self.me = me
         self.master: Address | None = None
         self.members: tuple[Address, ...] = (me,)
         self.exchange = 0
-        self.deadline: Time | None = None
         self.out: list[Outgoing | LinkCommand] = []
         self.hop = (0, 0)
-        self._poll_timeout = poll_timeout
-        self._poll_retries = poll_retries
+        self.polls = Polls(times[0], poll_retries, self.out)
+        self._repair = times[1]
+        self._repair_at: Time | None = None
+        self._asked = False
         self._acknowledge = acknowledge
         self._tell = tell
         self._heard: dict[Address, Message] = {}
-        self._early: dict[tuple[Address, int], Message] = {}
-        self._submitted: Message | None = None
+        self._before: dict[Address, Message] = {}
+        self._early: dict[Address, Message] = {}
+        self._submitted = False
         self._last: bytes | None = None
         self._roll_call = False
-        self._pending: list[Address] = []
-        self._token = 0
-        self._retries = 0
-        self._poll_answered = False
 
-    # ------------------------------------------------------------ the master's side
+    @property
+    def deadline(self) -> Time | None:
+        """When this room is to be woken."""
+        return self.polls.deadline if self.leads() else self._repair_at
 
     def find_master(self) -> Address | None:
         """Return the master's address, or None before there is one (Fig. 12)."""
         return self.master
+
+    def leads(self) -> bool:
+        """Return whether this robot begins the exchanges."""
+        return self.master == self.me
+
+    def load(self, message: Message, now: Time) -> None:
+        """Hand over my *message* of the present exchange: the master begins it, a slave waits for its poll."""
+        if self.leads():
+            self._begin(message, now)
+        else:
+            self._submit(message, now)
+
+    def loaded(self) -> bool:
+        """Return whether the present exchange has my message already, or, for the master, is under way."""
+        return bool(self.polls.pending) if self.leads() else self._submitted
+
+    def leave(self) -> None:
+        """Forget the team: there is none until the next roll call."""
+        self.master = None
+        self.members = (self.me,)
+        self._before = {}
+        self._join((self.exchange + 2) % EXCHANGES)
+        self.polls.stop()
+
+    # ------------------------------------------------------------ the master's side
 
     def assemble(self, members: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         """As the master, announce a team of *members* (myself included) and begin its roll call."""
@@ -105,22 +110,19 @@ class Broadcast:
         self.hop = hop
         self._announce(members, now)
 
-    def begin(self, message: Message, now: Time) -> None:
-        """As the master, run one exchange, beginning with my own *message*."""
-        self._heard = {self.me: message}
-        self._pending = [member for member in self.members if member != self.me]
-        if self._pending:
+    def _begin(self, message: Message, now: Time) -> None:
+        self._heard[self.me] = message
+        self.polls.pending = [member for member in self.members if member != self.me]
+        if self.polls.pending:
             self._send_to_all(encode(message))
         self._poll_next(now)
 
     def _announce(self, members: tuple[Address, ...], now: Time) -> None:
         self.members = members
-        self.exchange = (self.exchange + 1) % EXCHANGES
-        self._early = {}
-        self._heard = {}
+        self._before = {}
+        self._join((self.exchange + 1) % EXCHANGES)
         self._roll_call = True
-        self._pending = []
-        self.deadline = None
+        self.polls.stop()
         if len(members) > 1:
             self._send_to_all(encode(self._sync()))
         self._tell(TeamChanged(members), now)
@@ -133,72 +135,60 @@ class Broadcast:
         self.out.append(Outgoing(BROADCAST, data))
 
     def _poll_next(self, now: Time) -> None:
-        self._retries = 0
-        if self._pending:
-            self._poll(now)
+        if self.polls.pending:
+            self.polls.begin(encode(self._sync()), now)
         else:
-            self.deadline = None
+            self.polls.stop()
             self._complete(now)
-
-    def _poll(self, now: Time) -> None:
-        self._token += 1
-        self._poll_answered = False
-        self.deadline = now + self._poll_timeout
-        self.out.append(Outgoing(self._pending[0], encode(self._sync()), self._token))
 
     def _proceed(self, now: Time) -> None:
         """Go on if the polled slave has answered; poll it again if its answer was empty, but not for ever."""
-        slave = self._pending[0]
-        message = self._early.pop((slave, self.exchange), None)
+        slave = self.polls.pending[0]
+        message = self._heard.get(slave)
         if message is not None:
-            self._heard[slave] = message
-            self._pending.pop(0)
+            self.polls.pending.pop(0)
             self._send_to_all(encode(message))
             self._poll_next(now)
-        elif self._retries < self._poll_retries:
-            self._retries += 1
-            self._poll(now)
-        else:
+        elif not self.polls.again(encode(self._sync()), now):
             self._drop(slave, now)
 
     def _drop(self, slave: Address, now: Time) -> None:
         """A robot that misses its poll is unlikely to come back (section IV.A): the others learn the new team."""
-        self._early = {key: message for key, message in self._early.items() if key[0] != slave}
-        self.out.append(Disconnect(slave))
+        self.polls.dismiss(slave)
         self._announce(tuple(member for member in self.members if member != slave), now)
 
     def fate(self, fate: Fate, now: Time) -> None:
         """Take the fate of a poll."""
-        if not self._pending or fate.token != self._token or self._poll_answered:
-            return
-        if fate.outcome == Outcome.DELIVERED:
-            self._poll_answered = True
+        delivered = self.polls.fate(fate)
+        if delivered:
             self._proceed(now)
-        else:
-            self._drop(self._pending[0], now)
+        elif delivered is not None:
+            self._drop(self.polls.pending[0], now)
 
     def wake(self, now: Time) -> None:
-        """Give up the polled slave when its time is over."""
-        if self.deadline is not None and now >= self.deadline and self._pending:
-            self._drop(self._pending[0], now)
+        """Give up the polled slave when its time is over; as a slave, ask for what is missing."""
+        if self.leads():
+            if self.polls.deadline is not None and now >= self.polls.deadline:
+                self._drop(self.polls.pending[0], now)
+        elif self._repair_at is not None and now >= self._repair_at:
+            self._ask(now)
 
-    def lost(self, slave: Address, now: Time) -> None:
-        """As the master, take notice that a link is gone."""
-        if slave in self.members and slave != self.me:
-            self._drop(slave, now)
+    def lost(self, peer: Address, now: Time) -> None:
+        """Take notice that a link is gone."""
+        if self.leads():
+            if peer in self.members and peer != self.me:
+                self._drop(peer, now)
+        elif peer == self.master:
+            self._tell(Broken((peer,)), now)
 
     # ------------------------------------------------------------ the slaves' side
 
-    def submit(self, message: Message) -> None:
-        """As a slave, load the message of the present exchange; the next poll takes it."""
-        self._submitted = message
+    def _submit(self, message: Message, now: Time) -> None:
+        self._submitted = True
         self._last = encode(message)
         self._heard[self.me] = message
         self._send_to_master(self._last)
-
-    def loaded(self) -> bool:
-        """Return whether the present exchange has my message already, or, for the master, is under way."""
-        return bool(self._pending) if self.me == self.master else self._submitted is not None
+        self._complete(now)
 
     def _send_to_master(self, data: bytes) -> None:
         if self.master is not None:
@@ -207,13 +197,23 @@ class Broadcast:
     def answer(self, message: Message) -> None:
         """Send an answer to one robot alone, through the master."""
         data = encode(message)
-        if self.me == self.master:
-            self.out.append(Outgoing(self._addressee(message), data))
+        if self.leads():
+            self.out.append(Outgoing(self.me if message.addressee is None else message.addressee, data))
         else:
             self._send_to_master(data)
 
-    def _addressee(self, message: Message) -> Address:
-        return self.me if message.addressee is None else message.addressee
+    def _ask_once(self, now: Time) -> None:
+        """The others are one exchange further: I have missed something."""
+        if not self._asked:
+            self._ask(now)
+
+    def _ask(self, now: Time) -> None:
+        """Ask the master for the messages of this exchange that I have not heard."""
+        missing = tuple(member for member in self.members if member not in self._heard)
+        self._asked = True
+        self._repair_at = now + self._repair if missing else None
+        if missing:
+            self._send_to_master(encode(Missing(self.me, self.exchange, missing)))
 
     # ------------------------------------------------------------ both
 
@@ -226,33 +226,49 @@ class Broadcast:
             return
         if packet.source == self.me:
             return  # a piconet's broadcasts return to their author
-        if self.me == self.master:
+        if self.leads():
             self._receive_as_master(packet, data, reception, now)
         else:
             self._receive_as_slave(packet, reception, now)
 
+    def overhear(self, data: bytes, now: Time) -> None:
+        """Take bytes of somebody without a link to this robot: they only matter if they are no packet."""
+        try:
+            decode(data)
+        except WireError as error:
+            self._tell(Garbage(str(error)), now)
+
     def _refuse(self, reason: str, reception: Reception, now: Time) -> None:
         self._tell(Garbage(reason), now)
-        if self._acknowledge and self.me == self.master and reception.source in self.members:
+        if self._acknowledge and self.leads() and reception.source in self.members:
             negative = encode(Acknowledgement(self.me, self.exchange, negative=True))
             self.out.append(Outgoing(reception.source, negative))
 
     def _receive_as_master(self, packet: Packet, data: bytes, reception: Reception, now: Time) -> None:
-        if not isinstance(packet, Message) or packet.source not in self.members or reception.source != packet.source:
+        if packet.source not in self.members or reception.source != packet.source:
             return
-        self._retries = 0
+        if isinstance(packet, Missing):
+            self._send_again(packet)
+        if not isinstance(packet, Message):
+            return
+        self.polls.retries = 0
         if packet.kind == Kind.ANSWER and packet.addressee is not None:
             self._forward(packet, data, now)
             return
-        # it may be ahead of its poll: a slave loads its next message once it has heard all others
-        if (packet.exchange - self.exchange) % EXCHANGES <= 1 and packet.source not in self._taken(packet.exchange):
-            self._early[packet.source, packet.exchange] = packet
+        ahead = ahead_of(self.exchange, packet.exchange)
+        if ahead == 0:
+            self._heard.setdefault(packet.source, packet)
+        elif ahead == 1:  # a slave loads its next message once it has heard all others
+            self._early.setdefault(packet.source, packet)
         if self._acknowledge and packet.kind in (Kind.HELP, Kind.TRAP):
             self.out.append(Outgoing(packet.source, encode(Acknowledgement(self.me, packet.exchange))))
 
-    def _taken(self, exchange: int) -> Iterable[Address]:
-        """Return whose messages of *exchange* are in already: a repetition must not be kept for 256 exchanges."""
-        return self._heard if exchange == self.exchange else ()
+    def _send_again(self, missing: Missing) -> None:
+        behind = ahead_of(missing.exchange, self.exchange)
+        known = self._before if behind == 1 else {} if behind else self._heard
+        for robot in missing.robots:
+            if robot in known and robot != missing.source:
+                self.out.append(Outgoing(missing.source, encode(known[robot])))
 
     def _forward(self, message: Message, data: bytes, now: Time) -> None:
         if message.addressee == self.me:
@@ -261,11 +277,13 @@ class Broadcast:
             self.out.append(Outgoing(message.addressee, data))
 
     def _receive_as_slave(self, packet: Packet, reception: Reception, now: Time) -> None:
-        if self.master is not None and reception.source != self.master:
+        if self.master is None and isinstance(packet, Sync) and packet.roll_call:
+            self._enlist(packet, reception.source, now)
+        if reception.source != self.master:
             return
         match packet:
             case Sync():
-                self._synchronise(packet, reception, now)
+                self._synchronise(packet, now)
             case Message(kind=Kind.ANSWER, addressee=addressee) if addressee is not None:
                 if addressee == self.me:
                     self._tell(Answered(packet), now)
@@ -274,40 +292,68 @@ class Broadcast:
             case Acknowledgement(negative=True) if self._last is not None:
                 self._send_to_master(self._last)
 
-    def _synchronise(self, sync: Sync, reception: Reception, now: Time) -> None:
-        self.master = reception.source
+    def _enlist(self, sync: Sync, master: Address, now: Time) -> None:
+        """Take the first roll call of a team."""
+        self.master = master
         self.hop = (sync.hop_address, sync.hop_clock)
-        ahead = (sync.exchange - self.exchange) % EXCHANGES
+        self._begin_roll_call(sync, now)
+
+    def _synchronise(self, sync: Sync, now: Time) -> None:
+        ahead = ahead_of(self.exchange, sync.exchange)
         # a poll of a roll call that this robot has already completed is one behind, that is 255 ahead
         if sync.roll_call and (ahead < EXCHANGES // 2 if ahead else sync.members != self.members):
-            self.members = sync.members
-            self._join(sync.exchange)
-            self._roll_call = True
-            self._tell(TeamChanged(sync.members), now)
+            self._begin_roll_call(sync, now)
+        elif ahead == 1:
+            self._ask_once(now)
+        elif ahead == 0:
+            self._repair_at = now + self._repair
+            if not self._submitted:
+                self._tell(MessageWanted(), now)
+
+    def _begin_roll_call(self, sync: Sync, now: Time) -> None:
+        self._join(sync.exchange)
+        if self.me not in sync.members:
+            self._tell(Broken(), now)
+            return
+        self.members = sync.members
+        self._roll_call = True
+        self._tell(TeamChanged(sync.members), now)
 
     def _join(self, exchange: int) -> None:
         self.exchange = exchange
         self._heard = {}
-        self._submitted = None
+        self._early = {}
+        self._submitted = False
         self._roll_call = False
+        self._repair_at = None
+        self._asked = False
 
     def _hear(self, message: Message, now: Time) -> None:
-        if message.source not in self.members or self.me not in self.members:
+        if message.source not in self.members:
             return
-        ahead = (message.exchange - self.exchange) % EXCHANGES
-        if ahead == 1:  # the team is one exchange further than this robot: it has missed something
-            self._join(message.exchange)
-        elif ahead:
-            return
-        self._heard.setdefault(message.source, message)
-        if self._submitted is None:
-            self._tell(MessageWanted(), now)
-        self._complete(now)
+        match ahead_of(self.exchange, message.exchange):
+            case 0:
+                self._heard.setdefault(message.source, message)
+                self._repair_at = now + self._repair
+                self._asked = False
+                if not self._submitted:
+                    self._tell(MessageWanted(), now)
+                self._complete(now)
+            case 1:
+                self._early.setdefault(message.source, message)
+                self._ask_once(now)
 
     def _complete(self, now: Time) -> None:
         if len(self._heard) < len(self.members):
             return
         messages = {member: self._heard[member] for member in self.members}
         roll_call = self._roll_call
+        early = self._early
+        self._before = messages
         self._join((self.exchange + 1) % EXCHANGES)
+        if self.leads():
+            self._heard = early
         self._tell(Exchanged(messages, roll_call), now)
+        if not self.leads():
+            for message in early.values():
+                self._hear(message, now)

@@ -7,7 +7,8 @@ next cell is somebody's present one always gives way: a body stands there. When 
 *accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
 
 Where a robot stands that was never found, or was dropped, nobody knows: it may have made its last step or not. A robot
-that cannot enter a cell turns back and reports that step as a wall; everybody hears it and goes around that cell.
+that cannot enter a cell turns back and reports that step as a wall; everybody hears it and goes around that cell. It
+may have been a robot that only passed by: before the team takes what it cannot reach for unreachable, it tries again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -82,7 +83,9 @@ def helper(asker: Address, messages: Mapping[Address, Message]) -> Address | Non
 class Coordination:
     """One robot's picture of the team and its coverage algorithm."""
 
-    def __init__(self, knowledge: Knowledge, me: Address, algorithm: Algorithm, stop_at: int | None) -> None:
+    def __init__(
+        self, knowledge: Knowledge, me: Address, algorithm: Algorithm, stop_at: int | None, rounds: int = 0
+    ) -> None:
         self.view = View(knowledge, me)
         self.evaluation = Evaluation(Action.STAY, UNJUDGED)
         self.own_cells = 0
@@ -90,6 +93,8 @@ class Coordination:
         self.plan_due = False
         self.obstructed: Action | None = None
         """The step that I had to turn back from, until the team has heard of it."""
+        self._rounds = rounds
+        self._rounds_left = rounds
         self._stopped: set[Address] = set()
         self._algorithm = algorithm
         self._stop_at = stop_at
@@ -120,6 +125,11 @@ class Coordination:
             return Stance.CLAIM
         return Stance.ACCEPT if outcome.settled() else Stance.REPEAT
 
+    def stuck(self, cell: Cell) -> None:
+        """Take notice that I stand in *cell*, in its middle or not, and cannot go on to where I meant to go."""
+        if cell in self._knowledge.cells:
+            self.view.cells[self.view.me] = cell
+
     def turned_back(self) -> None:
         """Take notice that my last action cannot be carried out: I am on the way back."""
         self.obstructed = self.evaluation.action
@@ -137,14 +147,31 @@ class Coordination:
 
     def complete(self) -> bool:
         """Return whether nothing is left to do: all is covered, or everybody has covered its programmed ratio."""
-        return self.view.complete() or (self._stop_at is not None and self._stopped.issuperset(self.view.members))
+        return self.view.complete() or self._all_stopped()
+
+    def _all_stopped(self) -> bool:
+        return self._stop_at is not None and self._stopped.issuperset(self.view.members)
+
+    def try_again(self) -> bool:
+        """Forget what stood in the way of cells that are left, and return True; not more often than *rounds* a team."""
+        left = len(self._knowledge.cells) > len(self.view.covered)
+        if not (self.view.obstacles and left and self._rounds_left) or self._all_stopped():
+            return False
+        self._rounds_left -= 1
+        self.view.obstacles = frozenset()
+        self.plan_due = True
+        return True
 
     def team_changed(self, members: tuple[Address, ...]) -> None:
-        """Take a new team; who is gone is believed nowhere."""
-        for gone in set(self.view.members) - set(members):
-            self.view.cells.pop(gone, None)
+        """Take a new team; who is gone is believed nowhere, and what was meant or said in the old one is void."""
+        for gone in set(self.view.cells) - set(members) - {self.view.me}:
+            self.view.cells.pop(gone)
         self.view.members = members
+        self.view.omitted.clear()
         self.plan_due = True
+        self.dormant = False
+        self._stopped.clear()
+        self._rounds_left = self._rounds
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
         """Take where everybody stands; a cell is covered once its robot has reported from it at rest."""
@@ -156,10 +183,12 @@ class Coordination:
                 self.view.cells[robot] = cell
             if message.kind == Kind.STOP:
                 self._stopped.add(robot)
+            self.plan_due = self.plan_due or message.kind in (Kind.ROLL, Kind.MAP)
             self._go_around(robot, cell, message)
-            if not message.busy and cell not in self.view.covered:
+            if not message.busy:
+                self.view.obstacles -= {cell}  # whatever stood there, it is the robot that is heard now
+                self.own_cells += robot == self.view.me and cell not in self.view.covered
                 self.view.covered.add(cell)
-                self.own_cells += robot == self.view.me
 
     def _go_around(self, robot: Address, cell: Cell, message: Message) -> None:
         """Take the cells that a robot could not enter, though there is no wall on the plan, for obstacles."""

@@ -13,6 +13,13 @@ class TeamFormed:
 
 
 @dataclass(frozen=True, slots=True)
+class TeamLost:
+    """A robot has no team any more: its master is gone, or it was left out."""
+
+    size: int = field(metadata={"meaning": "number of robots in the team"})
+
+
+@dataclass(frozen=True, slots=True)
 class Stepped:
     """The team has agreed on a step."""
 
@@ -50,7 +57,7 @@ class Finished:
     reason: str = field(metadata={"meaning": "what is wrong, or why it ended"})
 
 
-EVENTS = (TeamFormed, Stepped, MessageSent, RobotDropped, BadBytes, Finished)
+EVENTS = (TeamFormed, TeamLost, Stepped, MessageSent, RobotDropped, BadBytes, Finished)
 
 
 class Journal:

@@ -1,20 +1,39 @@
 """The machine of one robot: the application with its rooms, the Bluetooth room, and the deadlines of both."""
 
-from cosim.machine import Address, Command, Event, Fate, LinkCommand, LinkEvent, Lost, Observation, Outgoing, Reception
+from functools import partial
+
+from cosim.machine import (
+    Address,
+    Command,
+    Event,
+    Fate,
+    LinkCommand,
+    LinkEvent,
+    Lost,
+    Observation,
+    Outgoing,
+    Reception,
+    Role,
+)
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth
+from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.parameters import Parameters
+from protocols.pseudonet.relay import Relay
+from protocols.pseudonet.scatternet import Scatternet
+from protocols.pseudonet.upcalls import Upcall
+from protocols.pseudonet.wide import Assignment, Welcome
 
 
 class Pseudonet:
     """What cosim drives: bytes, news of links, observations and time in; payloads, link commands and motion out.
 
-    The set-up begins at *start*, but not before the first observation tells the robot where it is. A robot that waits
-    for a team, or is a slave in one, gives up when it has heard nothing for ``silence_s``: a host is not told that its
-    own radio is dead.
+    The set-up begins at *start*, but not before the first observation tells the robot where it is. A slave that has
+    heard nothing for long takes its team for lost: a host is not told that its own radio is dead, and a master's radio
+    may keep a link alive though its host is dead.
     """
 
     def __init__(
@@ -27,10 +46,22 @@ class Pseudonet:
         start: Time,
     ) -> None:
         self.me = me
-        self.application = Application(parameters, knowledge, me, algorithm, limits, start)
-        inquiry = (knowledge.timing.inquiry, parameters.inquiries)
-        self.bluetooth = Bluetooth(knowledge.size, inquiry, parameters.page_attempts, self.application.assemble)
-        self._alone = knowledge.size == 1
+        times = knowledge.timing
+        links: dict[Address, Role] = {}
+        self.scatternet: Scatternet | None = None
+        self.bluetooth: Bluetooth
+        room: Broadcast | Relay
+        if knowledge.size <= parameters.piconet_size:
+            waits = (times.poll_timeout, times.repair)
+            room = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._tell)
+            self.bluetooth = Bluetooth(
+                me, knowledge.size, links, times, parameters, partial(_assemble, room), self._taken
+            )
+        else:
+            room = Relay(me, (2 * times.repair, times.silence), links, self._tell, self._instruct)
+            self.scatternet = Scatternet(me, knowledge.size, links, times, parameters, room, self._taken)
+            self.bluetooth = self.scatternet
+        self.application = Application(parameters, knowledge, me, algorithm, limits, start, room, self._left_alone)
         self._silence = knowledge.timing.silence
         self._start: Time | None = start
         self._set_up_due = False
@@ -38,31 +69,38 @@ class Pseudonet:
 
     @property
     def finished(self) -> bool:
-        """Whether the task is done, or no team is left to do it with."""
+        """Whether the task is done."""
         return self.application.finished
 
     # ------------------------------------------------------------ inputs
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload off the air."""
-        if reception.source != self.me:
+        """Take a payload off the air; those of robots without a link to this one are not for it."""
+        if reception.source in self.bluetooth.links:
             self._silent_at = now + self._silence
-        self.application.broadcast.receive(data, reception, now)
+            self.application.broadcast.receive(data, reception, now)
+        elif reception.source != self.me:
+            self.application.broadcast.overhear(data, now)
+        self._follow(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links."""
         if isinstance(event, Fate):
             self.application.broadcast.fate(event, now)
-            return
-        self._silent_at = now + self._silence
-        self.bluetooth.link(event, now)
-        if isinstance(event, Lost):
-            self.application.lost(event.peer, now)
+            self.bluetooth.fate(event, now)
+        else:
+            self._silent_at = now + self._silence
+            held = isinstance(event, Lost) and event.peer in self.bluetooth.links
+            self.bluetooth.link(event, now)
+            if held and isinstance(event, Lost):
+                self.application.lost(event.peer, now)
+        self._follow(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Take what the robot senses."""
         self.application.observe(observation, now)
         self._set_up(now)
+        self._follow(now)
 
     def wake(self, now: Time) -> None:
         """Act on the deadlines that have come."""
@@ -71,8 +109,10 @@ class Pseudonet:
             self._set_up_due = True
         self._set_up(now)
         if self._watching() and now >= self._silent_at:
-            self.application.cut_off(now)
+            self.application.break_up((), now)
+        self.bluetooth.wake(now)
         self.application.wake(now)
+        self._follow(now)
 
     def wake_at(self) -> Time | None:
         """Return the earliest deadline."""
@@ -80,6 +120,7 @@ class Pseudonet:
         deadlines = (
             self._start,
             self._silent_at if self._watching() else None,
+            self.bluetooth.deadline,
             application.begin_at,
             application.rest_until,
             application.broadcast.deadline,
@@ -87,17 +128,35 @@ class Pseudonet:
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def _watching(self) -> bool:
-        return not self.finished and self.application.broadcast.find_master() != self.me
+        room = self.application.broadcast
+        return room.polled and room.find_master() not in (None, self.me) and not self.finished
 
     def _set_up(self, now: Time) -> None:
         if not (self._set_up_due and self.application.placed):
             return
         self._set_up_due = False
         self.application.journal.call(0, "application", "initialise", f"robot {self.me}")
-        if self._alone:
-            self.application.assemble((), (0, 0), now)
-        else:
-            self.bluetooth.start(initiate=self.me == 0, now=now)
+        self.bluetooth.start(now)
+
+    def _tell(self, upcall: Upcall, now: Time) -> None:
+        self.application.hear(upcall, now)
+
+    def _instruct(self, packet: Assignment | Welcome, source: Address, now: Time) -> None:
+        if self.scatternet is not None:
+            self.scatternet.instruct(packet, source, now)
+
+    def _taken(self, now: Time) -> None:
+        self.application.stand_by(now)
+
+    def _left_alone(self, dead: tuple[Address, ...], now: Time) -> None:
+        self.bluetooth.reform(dead, now)
+
+    def _follow(self, now: Time) -> None:
+        """Let the Bluetooth room know what has become of the team."""
+        if self.finished:
+            self.bluetooth.leave()
+        elif self.application.broadcast.find_master() is not None:
+            self.bluetooth.called_up(self.application.broadcast.members)
 
     # ------------------------------------------------------------ outputs
 
@@ -107,8 +166,8 @@ class Pseudonet:
         if not self.bluetooth.out and not broadcast.out:
             return []
         out = self.bluetooth.out + broadcast.out
-        self.bluetooth.out = []
-        broadcast.out = []
+        self.bluetooth.out.clear()
+        broadcast.out.clear()
         return out
 
     def commands(self) -> list[Command]:
@@ -120,3 +179,8 @@ class Pseudonet:
     def events(self) -> list[Event]:
         """Drain the journal."""
         return self.application.journal.drain()
+
+
+def _assemble(room: Broadcast, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+    """Call the team up: the piconet stands."""
+    room.assemble(tuple(sorted((room.me, *slaves))), hop, now)

@@ -13,6 +13,13 @@ The "accept" of Fig. 10 is sent as an answer (to all, ``Reply.ACCEPT``): it answ
 
 A *synchronisation* packet carries the team (a bit for each member, the number of bits set being the team size) and the
 hop information, and serves as the poll.
+
+Three things are added to the paper's. A *roll* message is the state with which a robot answers the roll call of a new
+team: it ends with a digest of what the robot knows to be covered. Where digests differ, *map* messages follow, which
+carry that knowledge piece by piece. A *negative acknowledgement* of a slave names the robots whose messages it has
+missed, as broadcasts are acknowledged by nobody.
+
+These are the bytes of teams of up to eight robots; beyond, all packets take the wide form (module ``wide``).
 """
 
 from dataclasses import dataclass, replace
@@ -34,13 +41,15 @@ class PacketType(IntEnum):
 
 
 class Kind(IntEnum):
-    """The message types of section III.A; NONE in packets that carry no message."""
+    """The message types of section III.A, and two for new teams; NONE in packets that carry no message."""
 
     STATE = 0
     HELP = 1
     ANSWER = 2
     TRAP = 3
     STOP = 4
+    ROLL = 5
+    MAP = 6
     NONE = 7
 
 
@@ -84,8 +93,7 @@ TRAIL_LIMIT: Final = 12
 """The longest trail that a trap message carries, in steps."""
 
 _HEAD: Final[wire.Layout] = (("source", 3), ("type", 2), ("kind", 3), ("exchange", 8))
-_STATE: Final[wire.Layout] = (
-    *_HEAD,
+BODY: Final[wire.Layout] = (
     ("x", 12),
     ("y", 12),
     ("action", 3),
@@ -95,23 +103,30 @@ _STATE: Final[wire.Layout] = (
     ("west", 3),
     ("busy", 1),
 )
-_ANSWER: Final[wire.Layout] = (
-    *_STATE,
-    ("to_all", 1),
-    ("addressee", 3),
-    ("reply", 2),
-    ("target_x", 12),
-    ("target_y", 12),
-)
-_TRAP: Final[wire.Layout] = (*_STATE, ("length", 4), ("trail", 2 * TRAIL_LIMIT))
+"""What every message carries behind its head."""
+
+
+def message_layout(head: wire.Layout, kind: Kind, name_bits: int, marks: int = 0) -> wire.Layout:
+    """Return the layout of a message of *kind* behind *head*: addressees of *name_bits*, *marks* bytes of map."""
+    more: dict[Kind, wire.Layout] = {
+        Kind.ANSWER: (
+            ("to_all", 1),
+            ("addressee", name_bits),
+            ("reply", 2),
+            ("target_x", 12),
+            ("target_y", 12),
+        ),
+        Kind.TRAP: (("length", 4), ("trail", 2 * TRAIL_LIMIT)),
+        Kind.ROLL: (("digest", 32),),
+        Kind.MAP: (("chunk", 12), ("marks", 8 * marks)),
+    }
+    return (*head, *BODY, *more.get(kind, ()))
+
+
+MESSAGE_KINDS: Final = tuple(kind for kind in Kind if kind != Kind.NONE)
+_MESSAGES: Final[dict[Kind, wire.Layout]] = {kind: message_layout(_HEAD, kind, 3) for kind in MESSAGE_KINDS}
 _SYNC: Final[wire.Layout] = (*_HEAD, ("members", 8), ("roll_call", 1), ("hop_address", 32), ("hop_clock", 28))
-_MESSAGES: Final = {
-    Kind.STATE: _STATE,
-    Kind.HELP: _STATE,
-    Kind.ANSWER: _ANSWER,
-    Kind.TRAP: _TRAP,
-    Kind.STOP: _STATE,
-}
+_MISSING: Final[wire.Layout] = (*_HEAD, ("robots", 8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +149,12 @@ class Message:
     """Column and row of the cell that an answer directs to."""
     trail: tuple[Action, ...] = ()
     """The last steps of a robot that is trapped, oldest first."""
+    digest: int = 0
+    """32 bits that stand for all that the robot knows, in a roll message."""
+    chunk: int = 0
+    """Which piece of its knowledge a map message carries."""
+    marks: bytes = b""
+    """That piece: a bit for each cell that is covered."""
 
     def __str__(self) -> str:
         """Say what the trace of calls shows of a message."""
@@ -173,31 +194,41 @@ class Acknowledgement:
     negative: bool = False
 
 
-Packet = Message | Sync | Acknowledgement
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """The content of a negative acknowledgement that asks for messages again."""
+
+    source: int
+    exchange: int
+    robots: tuple[int, ...]
+    """Those whose messages of that exchange were not heard, in increasing order."""
+
+
+Packet = Message | Sync | Acknowledgement | Missing
 
 
 def encode(packet: Packet) -> bytes:
     """Return the bytes of *packet*; raise :exc:`WireError` for a value that its field cannot hold."""
+    head = {"source": packet.source, "exchange": packet.exchange, "kind": Kind.NONE}
     match packet:
         case Message():
-            return _encode_message(packet)
+            values = message_values(packet) | {"source": packet.source, "addressee": packet.addressee or 0}
+            return wire.pack(_layout(packet.kind, len(packet.marks)), values)
         case Sync():
-            return wire.pack(
-                _SYNC,
-                {
-                    "source": packet.source,
-                    "type": PacketType.SYNCHRONISATION,
-                    "kind": Kind.NONE,
-                    "exchange": packet.exchange,
-                    "members": sum(1 << member for member in packet.members),
-                    "roll_call": packet.roll_call,
-                    "hop_address": packet.hop_address,
-                    "hop_clock": packet.hop_clock,
-                },
-            )
+            head |= {
+                "type": PacketType.SYNCHRONISATION,
+                "members": mask(packet.members),
+                "roll_call": packet.roll_call,
+                "hop_address": packet.hop_address,
+                "hop_clock": packet.hop_clock,
+            }
+            return wire.pack(_SYNC, head)
+        case Missing():
+            head |= {"type": PacketType.NEGATIVE_ACKNOWLEDGEMENT, "kind": Kind.STATE, "robots": mask(packet.robots)}
+            return wire.pack(_MISSING, head)
         case Acknowledgement():
-            kind = PacketType.NEGATIVE_ACKNOWLEDGEMENT if packet.negative else PacketType.ACKNOWLEDGEMENT
-            head = {"source": packet.source, "type": kind, "kind": Kind.NONE, "exchange": packet.exchange}
+            negative = packet.negative
+            head["type"] = PacketType.NEGATIVE_ACKNOWLEDGEMENT if negative else PacketType.ACKNOWLEDGEMENT
             return wire.pack(_HEAD, head)
 
 
@@ -214,10 +245,24 @@ def decode(data: bytes) -> Packet:
     return packet
 
 
-def _encode_message(message: Message) -> bytes:
+def mask(robots: tuple[int, ...]) -> int:
+    """Return a word with the bits of *robots* set."""
+    return sum(1 << robot for robot in robots)
+
+
+def robots_of(word: int) -> tuple[int, ...]:
+    """Return the robots whose bits are set in *word*, in increasing order."""
+    return tuple(robot for robot in range(word.bit_length()) if word >> robot & 1)
+
+
+def _layout(kind: Kind, marks: int) -> wire.Layout:
+    return message_layout(_HEAD, kind, 3, marks) if kind == Kind.MAP else _MESSAGES[kind]
+
+
+def message_values(message: Message) -> dict[str, int]:
+    """Return the fields of *message* but its source and addressee, which depend on the form."""
     north, east, south, west = message.verdicts
-    values = {
-        "source": message.source,
+    values: dict[str, int] = {
         "type": PacketType.INFORMATION,
         "kind": message.kind,
         "exchange": message.exchange,
@@ -230,17 +275,21 @@ def _encode_message(message: Message) -> bytes:
         "west": west,
         "busy": message.busy,
     }
-    if message.kind == Kind.ANSWER:
-        values |= {
-            "to_all": message.addressee is None,
-            "addressee": message.addressee or 0,
-            "reply": message.reply,
-            "target_x": message.target[0],
-            "target_y": message.target[1],
-        }
-    elif message.kind == Kind.TRAP:
-        values |= {"length": len(message.trail), "trail": _trail_word(message.trail)}
-    return wire.pack(_MESSAGES[message.kind], values)
+    match message.kind:
+        case Kind.ANSWER:
+            values |= {
+                "to_all": message.addressee is None,
+                "reply": message.reply,
+                "target_x": message.target[0],
+                "target_y": message.target[1],
+            }
+        case Kind.TRAP:
+            values |= {"length": len(message.trail), "trail": _trail_word(message.trail)}
+        case Kind.ROLL:
+            values["digest"] = message.digest
+        case Kind.MAP:
+            values |= {"chunk": message.chunk, "marks": int.from_bytes(message.marks, "big")}
+    return values
 
 
 def _trail_word(trail: tuple[Action, ...]) -> int:
@@ -249,22 +298,33 @@ def _trail_word(trail: tuple[Action, ...]) -> int:
     return sum(action << 2 * index for index, action in enumerate(trail))
 
 
+def marks_in(data: bytes, layout: wire.Layout) -> int:
+    """Return how many bytes of map follow what *layout*, which has none, holds; raise WireError if it is cut short."""
+    if len(data) < wire.size(layout):
+        raise WireError(f"{len(data)} bytes where at least {wire.size(layout)} were expected")
+    return len(data) - wire.size(layout)
+
+
 def _decode(data: bytes) -> Packet:
     kind = Kind(data[0] & 7)
     match PacketType(data[0] >> 3 & 3):
         case PacketType.INFORMATION if kind in _MESSAGES:
-            return _decode_message(kind, wire.unpack(_MESSAGES[kind], data))
+            marks = marks_in(data, _MESSAGES[kind]) if kind == Kind.MAP else 0
+            values = wire.unpack(_layout(kind, marks), data)
+            return message_of(values, values["source"], values.get("addressee"), marks)
         case PacketType.SYNCHRONISATION:
             values = wire.unpack(_SYNC, data)
-            members = tuple(member for member in range(8) if values["members"] >> member & 1)
             return Sync(
                 values["source"],
                 values["exchange"],
-                members,
+                robots_of(values["members"]),
                 bool(values["roll_call"]),
                 values["hop_address"],
                 values["hop_clock"],
             )
+        case PacketType.NEGATIVE_ACKNOWLEDGEMENT if kind == Kind.STATE:
+            values = wire.unpack(_MISSING, data)
+            return Missing(values["source"], values["exchange"], robots_of(values["robots"]))
         case PacketType.ACKNOWLEDGEMENT | PacketType.NEGATIVE_ACKNOWLEDGEMENT as packet_type:
             values = wire.unpack(_HEAD, data)
             return Acknowledgement(
@@ -273,11 +333,12 @@ def _decode(data: bytes) -> Packet:
     raise WireError(f"no packet has type {data[0] >> 3 & 3} with message kind {kind}")
 
 
-def _decode_message(kind: Kind, values: dict[str, int]) -> Message:
+def message_of(values: dict[str, int], source: int, addressee: int | None, marks: int) -> Message:
+    """Return the message with these fields; raise ValueError for a number that names nothing."""
     verdicts = tuple(Verdict(values[name]) for name in ("north", "east", "south", "west"))
     message = Message(
-        source=values["source"],
-        kind=kind,
+        source=source,
+        kind=Kind(values["kind"]),
         exchange=values["exchange"],
         x=values["x"],
         y=values["y"],
@@ -285,15 +346,19 @@ def _decode_message(kind: Kind, values: dict[str, int]) -> Message:
         verdicts=verdicts,  # type: ignore[arg-type]  # four names give four verdicts
         busy=bool(values["busy"]),
     )
-    if kind == Kind.ANSWER:
-        return replace(
-            message,
-            addressee=None if values["to_all"] else values["addressee"],
-            reply=Reply(values["reply"]),
-            target=(values["target_x"], values["target_y"]),
-        )
-    if kind == Kind.TRAP:
-        length = min(values["length"], TRAIL_LIMIT)
-        trail = tuple(Action(values["trail"] >> 2 * index & 3) for index in range(length))
-        return replace(message, trail=trail)
+    match message.kind:
+        case Kind.ANSWER:
+            return replace(
+                message,
+                addressee=None if values["to_all"] else addressee,
+                reply=Reply(values["reply"]),
+                target=(values["target_x"], values["target_y"]),
+            )
+        case Kind.TRAP:
+            length = min(values["length"], TRAIL_LIMIT)
+            return replace(message, trail=tuple(Action(values["trail"] >> 2 * index & 3) for index in range(length)))
+        case Kind.ROLL:
+            return replace(message, digest=values["digest"])
+        case Kind.MAP:
+            return replace(message, chunk=values["chunk"], marks=values["marks"].to_bytes(marks, "big"))
     return message

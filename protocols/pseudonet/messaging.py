@@ -1,12 +1,13 @@
 """The messaging room: forms the message that fits a robot's state, and counts them (paper 003, section III.A)."""
 
 from enum import Enum, auto
+from typing import Any
 
 from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import UNJUDGED, Evaluation, Verdicts
 from protocols.pseudonet.knowledge import Knowledge
-from protocols.pseudonet.messages import Action, Kind, Message, Reply
+from protocols.pseudonet.messages import MESSAGE_KINDS, Action, Kind, Message, Reply
 
 
 class Stance(Enum):
@@ -28,7 +29,7 @@ class Messaging:
     """One robot's messages."""
 
     def __init__(self, me: Address, knowledge: Knowledge) -> None:
-        self.sent: dict[Kind, int] = dict.fromkeys((Kind.STATE, Kind.HELP, Kind.ANSWER, Kind.TRAP, Kind.STOP), 0)
+        self.sent: dict[Kind, int] = dict.fromkeys(MESSAGE_KINDS, 0)
         self._me = me
         self._knowledge = knowledge
 
@@ -51,9 +52,17 @@ class Messaging:
             case Stance.ACCEPT:
                 return self._form(Kind.ANSWER, exchange, cell, action, verdicts, reply=Reply.ACCEPT)
 
-    def waiting(self, exchange: int, cell: Cell, busy: bool, verdicts: Verdicts = UNJUDGED) -> Message:
-        """Return a state message without intentions: of a robot that is driving, or at a roll call."""
-        return self._form(Kind.STATE, exchange, cell, Action.STAY, verdicts, busy=busy)
+    def busy(self, exchange: int, cell: Cell, verdicts: Verdicts = UNJUDGED) -> Message:
+        """Return a state message without intentions, of a robot that is driving."""
+        return self._form(Kind.STATE, exchange, cell, Action.STAY, verdicts, busy=True)
+
+    def roll(self, exchange: int, cell: Cell, verdicts: Verdicts, digest: int) -> Message:
+        """Return the message of a robot that stands and waits for a plan."""
+        return self._form(Kind.ROLL, exchange, cell, Action.STAY, verdicts, digest=digest)
+
+    def map(self, exchange: int, cell: Cell, chunk: int, marks: bytes) -> Message:
+        """Return the message that carries a piece of what I know to be covered."""
+        return self._form(Kind.MAP, exchange, cell, Action.STAY, UNJUDGED, chunk=chunk, marks=marks)
 
     def direct(self, exchange: int, cell: Cell, to: Address, target: Cell) -> Message:
         """Return the answer that directs robot *to* to an uncovered cell."""
@@ -75,13 +84,8 @@ class Messaging:
         cell: Cell,
         action: Action,
         verdicts: Verdicts,
-        *,
-        busy: bool = False,
-        addressee: Address | None = None,
-        reply: Reply = Reply.NONE,
-        target: tuple[int, int] = (0, 0),
-        trail: tuple[Action, ...] = (),
+        **more: Any,
     ) -> Message:
         self.sent[kind] += 1
         x, y = self._knowledge.place(cell)
-        return Message(self._me, kind, exchange, x, y, action, verdicts, busy, addressee, reply, target, trail)
+        return Message(self._me, kind, exchange, x, y, action, verdicts, **more)

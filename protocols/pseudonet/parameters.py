@@ -14,6 +14,13 @@ class Parameters(Settings):
     """Parameters of Pseudonet and its coverage algorithms."""
 
     algorithm: Literal["oscard", "random_walk", "boustrophedon", "spanning_tree"] = "boustrophedon"
+    topology: Literal["ring", "tree", "bridged"] = Field(
+        default="ring", description="shape of the scatternet of a team that does not fit into one piconet"
+    )
+    piconet_size: int = Field(default=8, ge=3, le=8, description="devices in a piconet, the master included")
+    share_slots: int = Field(
+        default=32, ge=4, multiple_of=2, description="slots on end that a bridge spends in each of its piconets"
+    )
     cell_m: float = Field(default=0.5, gt=0, description="side of a coverage cell, the footprint of a robot")
     step_limit: int | None = Field(
         default=None,
@@ -31,13 +38,34 @@ class Parameters(Settings):
     history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
     revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
     k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")
+    rounds: int = Field(
+        default=2, ge=0, description="how often a team tries the cells again that it could not enter, before it ends"
+    )
     inquiry_s: float = Field(default=10.24, gt=0, description="length of an inquiry, unless all are found before")
-    inquiries: int = Field(default=3, gt=0, description="inquiries that are made while robots are missing")
+    inquiries: int = Field(
+        default=3, gt=0, description="most inquiries that are made, while robots are missing and the last found some"
+    )
     page_attempts: int = Field(default=2, gt=0, description="pages of a robot before the team does without it")
-    poll_timeout_s: float = Field(default=0.05, gt=0, description="time in which a poll must be answered")
+    page_s: float = Field(default=10.0, gt=0, description="time after which the host gives up a page by itself")
+    settle_s: float = Field(
+        default=1.0, gt=0, description="time that all have to notice that their team is gone, before one looks for them"
+    )
+    stagger_s: float = Field(
+        default=60.0,
+        gt=0,
+        description="time that a robot waits, for each robot of a lower number, to be found before it looks for "
+        "others; and that a robot which was found waits to be called up",
+    )
+    poll_timeout_s: float = Field(default=0.5, gt=0, description="time in which a poll must be answered")
     poll_retries: int = Field(default=8, ge=0, description="empty answers to a poll before a robot counts as missing")
+    repair_s: float = Field(
+        default=0.2, gt=0, description="time without news in an exchange after which missed messages are asked for"
+    )
     silence_s: float = Field(
-        default=120.0, gt=0, description="time without a frame after which a robot, unless it is the master, gives up"
+        default=30.0, gt=0, description="time without a message, steps not counted, after which a team counts as lost"
+    )
+    map_bytes: int = Field(
+        default=96, gt=0, le=512, description="bytes of coverage map in a message; DM1 packets carry 5"
     )
     acknowledge: bool = Field(default=True, description="the master acknowledges help and trap messages")
     trace_calls: bool = Field(default=False, description="report the calls from room to room")
@@ -51,7 +79,11 @@ class Timing(NamedTuple):
     retry: Time
     """Between two exchanges while robots are still driving."""
     poll_timeout: Time
+    repair: Time
     inquiry: Time
+    page: Time
+    settle: Time
+    stagger: Time
     silence: Time
 
 
@@ -63,10 +95,15 @@ def timing(parameters: Parameters, surroundings: Surroundings) -> Timing:
     else:
         travel_s = 2 * math.sqrt(distance / acceleration)
     tick = surroundings.tick
+    step = -(-from_seconds(travel_s) // tick) * tick + 2 * tick
     return Timing(
-        step=-(-from_seconds(travel_s) // tick) * tick + 2 * tick,
+        step=step,
         retry=tick,
         poll_timeout=from_seconds(parameters.poll_timeout_s),
+        repair=from_seconds(parameters.repair_s),
         inquiry=from_seconds(parameters.inquiry_s),
-        silence=from_seconds(parameters.silence_s),
+        page=from_seconds(parameters.page_s),
+        settle=from_seconds(parameters.settle_s),
+        stagger=from_seconds(parameters.stagger_s),
+        silence=from_seconds(parameters.silence_s) + 2 * step,
     )

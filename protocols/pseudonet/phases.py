@@ -1,4 +1,7 @@
-"""The state diagram of the application (paper 003, Figs 4 and 5) as a table."""
+"""The state diagram of the application (paper 003, Figs 4 and 5) as a table.
+
+A robot that loses its team goes back to the initialisation phase, until it is called up again.
+"""
 
 from enum import Enum, auto
 from typing import Final
@@ -25,23 +28,23 @@ class Input(Enum):
     AGREED = auto()
     DONE = auto()
     """Everything is covered, or the step limit is reached."""
-    CUT_OFF = auto()
-    """This robot is not in the team any more."""
+    BROKEN = auto()
+    """The team is no more, or goes on without this robot."""
 
 
 TABLE: Final = {
     (Phase.INITIALISATION, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
     (Phase.INITIALISATION, Input.ARRIVED): ("stand", Phase.INITIALISATION),
-    (Phase.INITIALISATION, Input.CUT_OFF): ("finish", Phase.TERMINATION),
+    (Phase.INITIALISATION, Input.BROKEN): ("stand", Phase.INITIALISATION),
     (Phase.STATE_EXCHANGE, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
     (Phase.STATE_EXCHANGE, Input.ARRIVED): ("move_next_step", Phase.STATE_EXCHANGE),
     (Phase.STATE_EXCHANGE, Input.EXCHANGED): ("decide", Phase.DECISION),
-    (Phase.STATE_EXCHANGE, Input.CUT_OFF): ("finish", Phase.TERMINATION),
+    (Phase.STATE_EXCHANGE, Input.BROKEN): ("stand_by", Phase.INITIALISATION),
     (Phase.DECISION, Input.DISAGREED): ("talk_on", Phase.STATE_EXCHANGE),
     (Phase.DECISION, Input.AGREED): ("drive", Phase.STATE_EXCHANGE),
     (Phase.DECISION, Input.DONE): ("finish", Phase.TERMINATION),
     (Phase.TERMINATION, Input.TEAM): ("stand", Phase.TERMINATION),
     (Phase.TERMINATION, Input.ARRIVED): ("stand", Phase.TERMINATION),
     (Phase.TERMINATION, Input.EXCHANGED): ("stand", Phase.TERMINATION),
-    (Phase.TERMINATION, Input.CUT_OFF): ("stand", Phase.TERMINATION),
+    (Phase.TERMINATION, Input.BROKEN): ("stand", Phase.TERMINATION),
 }

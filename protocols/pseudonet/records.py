@@ -10,8 +10,14 @@ class Records:
         self.start = start
         self.setup: Time | None = None
         self.exchanges = 0
+        self.led = 0
+        """Exchanges that this robot has begun."""
         self.exchange_time: Time = 0
         self.radio_wait: Time = 0
+        self.breaks = 0
+        self.resumed = 0
+        self.reform_time: Time = 0
+        self._broken_at: Time | None = None
         self._began: Time | None = None
         self._step_began: Time | None = None
 
@@ -20,6 +26,14 @@ class Records:
         if self.setup is None:
             self.setup = now - self.start
         self._step_began = None
+
+    def broken(self, now: Time) -> None:
+        """The team is lost; until the team after it makes a step, time is lost as well."""
+        self.breaks += 1
+        self._began = None
+        self._step_began = None
+        if self._broken_at is None:
+            self._broken_at = now
 
     def began(self, now: Time) -> None:
         """The master begins an exchange; the first one of a step begins the wait."""
@@ -31,6 +45,7 @@ class Records:
         """An exchange is complete."""
         self.exchanges += 1
         if self._began is not None:
+            self.led += 1
             self.exchange_time += now - self._began
             self._began = None
 
@@ -40,6 +55,10 @@ class Records:
 
     def agreed(self, now: Time) -> None:
         """The team drives on."""
+        if self._broken_at is not None:
+            self.resumed += 1
+            self.reform_time += now - self._broken_at
+            self._broken_at = None
         if self._step_began is not None:
             self.radio_wait += now - self._step_began
             self._step_began = None

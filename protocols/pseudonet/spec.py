@@ -17,34 +17,38 @@ from protocols.pseudonet.coverage import CoverageReferee
 from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.machine import Pseudonet
-from protocols.pseudonet.messages import Kind
+from protocols.pseudonet.messages import MESSAGE_KINDS
 from protocols.pseudonet.parameters import Parameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
+from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
+from protocols.pseudonet.wide import ROBOTS
 
-TEAM_LIMIT = 8
-"""The 3-bit source address, and one master with at most seven active slaves."""
+TEAM_LIMIT = ROBOTS
+"""The 5-bit numbers of robots in the wide form of packets."""
 COLUMN_LIMIT = 4096
 """The 12-bit columns and rows of messages."""
-MESSAGES = (Kind.STATE, Kind.HELP, Kind.ANSWER, Kind.TRAP, Kind.STOP)
+MESSAGES = MESSAGE_KINDS
 PLANNERS = {"boustrophedon": boustrophedon, "spanning_tree": spanning_tree}
 FREE_STEPS = 4
 """Default step limit of the algorithms that need not end: so many times each robot's share of the cells."""
 
 METRICS = (
-    Metric("coverage", "1", "share of the reachable cells that robots have been in"),
+    Metric("coverage", "1", "share of the cells that living robots can reach around the dead that were entered"),
     Metric("time_to_cover_s", "s", "when all were covered; NaN if never"),
     Metric("overlap_ratio", "1", "entries of cells that were covered already, over the cells covered"),
-    Metric("cells", "1", "cells that can be reached"),
+    Metric("cells", "1", "cells that could be reached in the beginning"),
     Metric("steps", "1", "steps that the team agreed on"),
     *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in MESSAGES),
-    Metric("exchanges", "1", "exchanges completed"),
-    Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by the master"),
+    Metric("exchanges", "1", "exchanges completed, by the robot that has completed most"),
+    Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by masters"),
     Metric("radio_wait_s", "s", "time in which the team stood still while messages were exchanged"),
     Metric("setup_s", "s", "from the start until the team was called up, mean over robots"),
-    Metric("inquiry_s", "s", "from asking for an inquiry to its end, as the host of the master sees it, all inquiries"),
-    Metric("page_s", "s", "from asking for a link to the answer, as the host of the master sees it, all pages"),
-    Metric("robots_dropped", "1", "robots that were never found, or that the team went on without"),
+    Metric("inquiry_s", "s", "from asking for an inquiry to its end, as the hosts that ask see it, all inquiries"),
+    Metric("page_s", "s", "from asking for a link to the answer, as the hosts that ask see it, all pages"),
+    Metric("reform_s", "s", "from the loss of a team until the next one makes a step, mean over robots and losses"),
+    Metric("teams_lost", "1", "how often a robot has lost its team, summed over robots"),
+    Metric("robots_dropped", "1", "robots that are not in the largest team at the end"),
 )
 
 
@@ -99,7 +103,14 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
         if cell in taken:
             raise UserError(f"team.starts[{robot}]: ({x_m}, {y_m}) is in the same cell as team.starts[{taken[cell]}]")
         taken[cell] = robot
-    return Knowledge(grid, len(surroundings.starts_m), timing(parameters, surroundings))
+    size = len(surroundings.starts_m)
+    count = piconets_needed(size, parameters.topology, parameters.piconet_size)
+    if count > MOST_MASTERS:
+        raise UserError(
+            f"protocol.parameters.piconet_size: {parameters.piconet_size} makes {count} piconets of {size} robots, "
+            f"expected at most {MOST_MASTERS}"
+        )
+    return Knowledge(grid, size, timing(parameters, surroundings))
 
 
 def make(
@@ -126,22 +137,26 @@ def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
 def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     """Return what the machines have counted."""
     rooms = [machine.application for machine in machines]
-    master = rooms[0]  # the robot that initiates is the master of all others
-    records = master.records
-    setups = [room.records.setup for room in rooms if room.records.setup is not None]
+    records = [room.records for room in rooms]
+    led = sum(record.led for record in records)
+    setups = [record.setup for record in records if record.setup is not None]
+    resumed = sum(record.resumed for record in records)
+    finished = [room for room in rooms if room.finished] or rooms
     sums = {
         f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms)) for kind in MESSAGES
     }
     return sums | {
-        "cells": float(len(master.coordination.view.knowledge.cells)),
+        "cells": float(len(rooms[0].coordination.view.knowledge.cells)),
         "steps": float(max(room.steps for room in rooms)),
-        "exchanges": float(records.exchanges),
-        "exchange_s": to_seconds(records.exchange_time) / records.exchanges if records.exchanges else math.nan,
-        "radio_wait_s": to_seconds(records.radio_wait),
+        "exchanges": float(max(record.exchanges for record in records)),
+        "exchange_s": to_seconds(sum(record.exchange_time for record in records)) / led if led else math.nan,
+        "radio_wait_s": to_seconds(sum(record.radio_wait for record in records)),
         "setup_s": to_seconds(sum(setups)) / len(setups) if setups else math.nan,
-        "inquiry_s": to_seconds(machines[0].bluetooth.inquiry_time),
-        "page_s": to_seconds(machines[0].bluetooth.page_time),
-        "robots_dropped": float(len(machines) - len(master.broadcast.members)),
+        "reform_s": to_seconds(sum(record.reform_time for record in records)) / resumed if resumed else math.nan,
+        "teams_lost": float(sum(record.breaks for record in records)),
+        "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
+        "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
+        "robots_dropped": float(len(machines) - max(len(room.broadcast.members) for room in finished)),
     }
 
 

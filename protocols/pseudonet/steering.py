@@ -19,6 +19,8 @@ class Progress(Enum):
     ARRIVED = auto()
     TURNED_BACK = auto()
     """Something that the team does not know of stands in the way: the robot drives back."""
+    STUCK = auto()
+    """The way back, or to the middle of its cell, is obstructed as well: the robot stays where it is."""
 
 
 class Steering:
@@ -59,7 +61,11 @@ class Steering:
             return Progress.ARRIVED
         if observation.blocked:
             self._pushed += 1
-        if self._pushed > PATIENCE_TICKS and self._origin != self._cell:
+        if self._pushed <= PATIENCE_TICKS:
+            return Progress.NONE
+        if self._origin != self._cell:
             self.go(self._origin, self._origin)
             return Progress.TURNED_BACK
-        return Progress.NONE
+        self._goal = None
+        self.motion.append(GoTo(observation.x_m, observation.y_m))
+        return Progress.STUCK

@@ -1,5 +1,7 @@
 """Polling schedulers, slot by slot: who is addressed in which slot, and that T_poll is kept and nobody starves."""
 
+import itertools
+
 import pytest
 
 from cosim.machine import BROADCAST, Outcome
@@ -80,7 +82,7 @@ def test_t_poll_is_kept_while_one_link_has_far_more_to_send(scheduler: str) -> N
     for k in (1, 3):
         ticks = [tick for tick, kind, lt_addr in bench.on_air("POLL") if lt_addr == k]
         assert len(ticks) >= 9
-        assert max(b - a for a, b in zip(ticks, ticks[1:], strict=False)) <= 2 * 16 + 4
+        assert max(b - a for a, b in itertools.pairwise(ticks)) <= 2 * 16 + 4
 
 
 @pytest.mark.parametrize("scheduler", EAGER)
@@ -105,7 +107,7 @@ def test_broadcasts_keep_their_place_in_the_queue_and_do_not_starve(scheduler: s
 
 @pytest.mark.parametrize("scheduler", EAGER)
 def test_what_is_sent_does_not_depend_on_who_looks(scheduler: str) -> None:
-    """Decided in bulk or looked at every slot, the frames are the same: queues that fill later change nothing before."""
+    """Decided in bulk or looked at in every slot, frames are the same: what is queued later changes nothing before."""
     runs = []
     for looks in (False, True):
         bench = Bench(4, first_due=76, scheduler=scheduler, t_poll_slots=16)

@@ -11,7 +11,7 @@ from functools import partial
 from tests.oracles.band_piconets import Piconet
 from tests.oracles.band_scene import Book, Flush, Input, Inquire, Join, PageFor, Scan, Scene, Send, Share, Suspend
 from tests.oracles.band_searches import Inquiry, Page
-from tests.oracles.band_stage import HOST, Device, Link, Stage
+from tests.oracles.band_stage import DELIVER, HOST, Device, Link, Stage
 
 
 def live(scene: Scene, draw: Callable[[int, int, int], int]) -> Book:
@@ -50,16 +50,34 @@ def act(stage: Stage, wish: Input) -> None:
             stage.update_scan(stage.devices[device])
         case Inquire(_, device, duration, enough):
             search(stage, stage.devices[device], Inquiry(stage, stage.devices[device], duration, enough))
-        case PageFor(_, device, peer, offset, lt_addr):
-            search(
-                stage, stage.devices[device], Page(stage, stage.devices[device], stage.devices[peer], offset, lt_addr)
-            )
+        case PageFor(_, device, peer, offset):
+            search(stage, stage.devices[device], Page(stage, stage.devices[device], stage.devices[peer], offset))
 
 
 def search(stage: Stage, device: Device, procedure: Inquiry | Page) -> None:
+    """Begin a procedure now, or when the piconets of *device* can be left alone."""
     if device.procedure is not None:
         stage.doubt("a device has two procedures at once")
+        return
+    pauses = [pause_of(stage, device, link) for link in device.alive()]
+    again = max((pause for pause in pauses if pause is not None), default=None)
+    if again is not None:
+        stage.at(again, DELIVER, device.address, partial(search, stage, device, procedure))
         return
     device.procedure = procedure
     stage.update_scan(device)
     procedure.begin()
+
+
+def pause_of(stage: Stage, device: Device, link: Link) -> int | None:
+    """Return when to ask again because of the piconet of *link*, or None if it can do without *device*.
+
+    A slot pair that reaches beyond the next TX slot is waited for; a master also serves the links that are due first.
+    """
+    master = stage.devices[link.master]
+    tick = master.clock.first_transmit_tick(stage.now)
+    if master.free > tick:
+        return master.clock.start(master.free)
+    if master is device and any(own.due <= tick for own in master.own()):
+        return master.clock.start(tick + 4)
+    return None

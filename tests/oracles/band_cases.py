@@ -7,14 +7,14 @@ radios go off and on within a nanosecond of frames.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf
 
 import numpy as np
 
 from cosim.channels.bluetooth.hopping import basic_channel
 from cosim.randomness import Draws
 from tests.oracles.band import live
-from tests.oracles.band_air import Jammer, Matrix, Radio
+from tests.oracles.band_air import Radio
+from tests.oracles.band_powers import draw_radio, near_frames
 from tests.oracles.band_scene import (
     ALL,
     KINDS,
@@ -28,7 +28,6 @@ from tests.oracles.band_scene import (
     Scan,
     ScanWindows,
     Scene,
-    Seen,
     Send,
     Share,
     Suspend,
@@ -39,10 +38,6 @@ from tests.oracles.medium import SLOT, TICK, US, Clock
 PAIR = 4 * TICK
 EDGES = (0, 68 * US, 72 * US, 126 * US, 366 * US, SLOT, SLOT - 366 * US)
 """By how much slot pairs may be apart for something to happen at the same time."""
-STEPS_DB = (0.0, 0.0, 0.0, -11.0, -10.999, -11.001, 0.001, -0.001, 30.0, 29.999, 30.001, 40.0, 40.001, 60.0, -8.0)
-"""By how much one power differs from another, so that C/I is at a threshold."""
-ES_N0_DB = (9.0, 10.5, 12.0, 13.5, 16.0, 30.0, 30.0, 100.0, 100.0)
-FAINT_DB = (0.0, -0.001, 0.001, 4.0)
 WORDS = (0x2A96EF25, 0x6587CBA9, 0x00000000, 0x9E8B33)
 
 
@@ -87,6 +82,8 @@ def draw_any_case(choice: Choice) -> Case:
     """Draw a case, then what happens near the frames that it has without it."""
     kinds = pick(choice, (tuple(KINDS), ("DM1", "DH1"), ("DM1", "DM3", "DM5"), ("DH5",), ("DH1", "DH3")))
     end = pick(choice, (choice.integer(16, 40), choice.integer(40, 120), choice.integer(60, 240))) * SLOT
+    if chance(choice, 20):
+        end = choice.integer(240, 1_200) * SLOT
     roles = _Roles(choice)
     bodies = _draw_bodies(choice, roles, end)
     supervision = 20_000_000_000
@@ -108,10 +105,10 @@ def draw_any_case(choice: Choice) -> Case:
     )
     scene = replace(scene, inputs=_draw_inputs(choice, scene, roles))
     jammers = chance(choice, 3) * choice.integer(1, 2)
-    scene = replace(scene, radio=_draw_radio(choice, len(bodies), jammers, roles))
+    scene = replace(scene, radio=draw_radio(choice, len(bodies), jammers, 2 if len(roles.slaves) == 1 else 5))
     case = Case(scene, pick(choice, (1, 4, 32, 1024)))
     book = case.book()
-    return replace(case, scene=_near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
+    return replace(case, scene=near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
 
 
 # ---------------------------------------------------------------- who is who
@@ -140,8 +137,12 @@ class _Roles:
         linked = [slave for slaves in self.slaves.values() for slave in slaves]
         self.asking = [pick(choice, linked)] if self.pagers and not self.bridged and chance(choice, 3) else []
         """Slaves that can be paged, too."""
-        if self.pagers and chance(choice, 4):  # a slave that pages
-            self.pagers[0] = pick(choice, [slave for slave in linked if slave not in self.asking] or self.pagers)
+        if self.pagers and chance(choice, 3):  # a slave that pages, or a master that has slaves already
+            masters = [] if self.bridged else [master for master, slaves in self.slaves.items() if len(slaves) < 7]
+            slaves = [slave for slave in linked if slave not in (*self.asking, *self.slaves)]
+            self.pagers[0] = pick(choice, [*masters, *slaves] or self.pagers)
+        if self.inquirers and not self.bridged and chance(choice, 3):
+            self.inquirers[0] = pick(choice, list(self.slaves))
 
     def _new(self) -> int:
         self.size += 1
@@ -225,9 +226,10 @@ def _draw_inputs(choice: Choice, scene: Scene, roles: _Roles) -> tuple[Input, ..
         master, slave = pick(choice, roles.links)
         pairs = ((master, ALL), (master, slave), (slave, master), (slave, master))
         inputs.append(Flush(when(), *pick(choice, pairs)))
-    if not roles.bridged and chance(choice, 4):
+    idle = [master for master in roles.slaves if master not in (*roles.inquirers, *roles.pagers)]
+    if idle and not roles.bridged and chance(choice, 4):
         begin, until = sorted((when(), when()))
-        inputs.append(Suspend(begin, pick(choice, list(roles.slaves)), until + 1))
+        inputs.append(Suspend(begin, pick(choice, idle), until + 1))
     if roles.bridged and not chance(choice, 4):
         inputs += _draw_shares(choice, scene, roles, when)
     inputs += [Scan(when(), slave, True) for slave in roles.asking]
@@ -243,6 +245,8 @@ def _draw_joins(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Cl
         for number, slave in enumerate(slaves):
             lt_addr = lt_addrs.pop(choice.integer(0, len(lt_addrs) - 1))
             time = pick(choice, (0, 0, 0, choice.integer(0, scene.end // 3)))
+            if master in roles.pagers:  # a page has chosen its LT_ADDR already
+                time = 0
             ahead = pick(choice, (0, 8, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
             if roles.twins and chance(choice, 2):
                 time, ahead = 0, same + 8 * number
@@ -280,20 +284,30 @@ def _draw_shares(choice: Choice, scene: Scene, roles: _Roles, when: Callable[[],
     period = 2 * pick(choice, (choice.integer(8, 20), choice.integer(20, 64)))
     reference = choice.integer(0, roles.size - 1)
     count = len(roles.slaves)
-    parts = {}
+    parts = []
     for number, master in enumerate(roles.slaves):
-        first = period * number // count + pick(choice, (0, 0, choice.integer(0, 4)))
-        parts[master] = (master, first, period // count + pick(choice, (0, 0, -1, choice.integer(-8, 8))))
+        first = period * number // count + pick(choice, (0, 0, choice.integer(0, 3)))
+        parts.append((master, first, max(1, period // count + pick(choice, (0, 0, -1, choice.integer(-8, 8))))))
     shares = []
     for device in range(roles.size):
-        own = [parts[m] for m, slaves in roles.slaves.items() if device == m or device in slaves]
+        own = [part for part in parts if device == part[0] or device in roles.slaves[part[0]]]
         if len(own) > 1 or (own and chance(choice, 4)):
             time = pick(choice, (0, 0, when()))
-            given = tuple(own) if not chance(choice, 8) else tuple(own[1:])
-            shares.append(Share(time, device, period, given, reference))
+            given = own[1:] if chance(choice, 8) else own
+            shares.append(Share(time, device, period, _apart(given, period), reference))
             if chance(choice, 6):
                 shares.append(Share(when(), device, period, (), reference))
     return shares
+
+
+def _apart(parts: Sequence[tuple[int, int, int]], period: int) -> tuple[tuple[int, int, int], ...]:
+    """Return *parts*, in the order of their first slots, cut so that none reaches into the next one."""
+    if not parts:
+        return ()
+    later = [*(first for _, first, _ in parts[1:]), parts[0][1] + period]
+    return tuple(
+        (master, first, min(slots, after - first)) for (master, first, slots), after in zip(parts, later, strict=True)
+    )
 
 
 def _draw_searches(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Clock]) -> list[Input]:
@@ -303,164 +317,9 @@ def _draw_searches(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence
         duration = 4 * pick(choice, (choice.integer(1, 20), scene.end // PAIR))
         searches.append(Inquire(time, device, duration, choice.integer(1, 3)))
     for device in roles.pagers:
-        peer = pick(choice, [*roles.found, *roles.asking])
+        peer = pick(choice, [*roles.found, *(slave for slave in roles.asking if (device, slave) not in roles.links)])
         time = pick(choice, (0, choice.integer(0, scene.end // 4), choice.integer(0, scene.end // 2)))
         exact = (clocks[peer].tick(time) - clocks[device].tick(time)) // 4 * 4
         offset = exact + pick(choice, (0, 0, 0, 4, -4, 4096, -4096, 4 * choice.integer(-40_000, 40_000)))
         searches.append(PageFor(time, device, peer, offset))
     return searches
-
-
-# ---------------------------------------------------------------- powers
-
-
-def _draw_radio(choice: Choice, devices: int, jammers: int, roles: _Roles) -> Radio:
-    key = (choice.integer(0, (1 << 32) - 1), choice.integer(0, (1 << 32) - 1))
-    mode = pick(choice, ("none", "co_channel", "neighbouring", "neighbouring"))
-    if chance(choice, 2 if len(roles.slaves) == 1 else 5):
-        powers = _discs(choice, devices, jammers)
-        return Radio(((0, powers),), mode=mode, key=key, jammers=_draw_jammers(choice, jammers))
-    base = float(pick(choice, (-60, -53, choice.integer(-80, -30))))
-    powers = _draw_matrix(choice, base, devices, jammers)
-    noise = base - pick(choice, FAINT_DB if chance(choice, 10) else ES_N0_DB)
-    return Radio(((0, powers),), (), noise, mode, _draw_jammers(choice, jammers), key)
-
-
-def _discs(choice: Choice, devices: int, jammers: int) -> Matrix:
-    gaps = pick(choice, (10, 1_000))
-    return tuple(
-        tuple(-inf if a == b or chance(choice, gaps) else 0.0 for b in range(devices)) for a in range(devices + jammers)
-    )
-
-
-def _draw_matrix(choice: Choice, base: float, devices: int, jammers: int) -> Matrix:
-    """Draw powers that differ from *base* by thresholds; in half of the cases both ways equally."""
-    steps = pick(choice, (STEPS_DB, (0.0,), (0.0, 0.0, 0.0, 0.0, 3.0, -3.0, -11.0)))
-    rows = [[base + pick(choice, steps) for _ in range(devices)] for _ in range(devices + jammers)]
-    if chance(choice, 2):
-        for a in range(devices):
-            for b in range(a):
-                rows[a][b] = rows[b][a]
-    for a in range(devices):
-        rows[a][a] = -inf
-    return tuple(tuple(row) for row in rows)
-
-
-def _draw_jammers(choice: Choice, count: int) -> tuple[Jammer, ...]:
-    jammers = []
-    for _ in range(count):
-        first = choice.integer(0, 78)
-        channels = pick(choice, (tuple(range(79)), tuple(range(first, 79)), (first,)))
-        start = choice.integer(0, 10_000_000)
-        until = start + choice.integer(1, 100_000_000)
-        mode = pick(choice, ("constant", "sweeping", "sweeping", "pulsed"))
-        on = choice.integer(1, 2_000_000)
-        dwell = pick(choice, (TICK, SLOT, choice.integer(50_000, 3_000_000)))
-        period = on + choice.integer(50_000, 5_000_000)
-        jammers.append(Jammer(mode, start, until, channels, dwell, on, period))
-    return tuple(jammers)
-
-
-class _Near:
-    """Instants near frames of a scene; every kind of frame is as likely as any other."""
-
-    def __init__(self, choice: Choice, frames: Sequence[Seen]) -> None:
-        self.choice = choice
-        self.frames = frames
-        self.kinds = sorted({frame.kind for frame in frames})
-
-    def frame(self) -> Seen:
-        kind = pick(self.choice, self.kinds)
-        return pick(self.choice, [frame for frame in self.frames if frame.kind == kind])
-
-    def instant(self) -> int:
-        """Return an instant within a nanosecond of an edge of a frame, or one within the frame."""
-        frame = self.frame()
-        inside = self.choice.integer(0, frame.duration)
-        edges = (0, 0, 68_000, 72_000, 126_000, frame.duration, frame.duration, inside)
-        return max(1, frame.start + pick(self.choice, edges) + pick(self.choice, (-1, 0, 1)))
-
-
-def _near_frames(choice: Choice, scene: Scene, frames: Sequence[Seen]) -> Scene:
-    """Let powers change, jammers come and hosts act within a nanosecond of frames, and links time out there."""
-    near, radio = _Near(choice, frames), scene.radio
-    powers = list(radio.powers)
-    for time in sorted({near.instant() for _ in range(choice.integer(0, 3))}):
-        powers.append((time, _changed(choice, powers[-1][1], len(scene.bodies))))
-    jammers = tuple(_jammer_at(choice, jammer, near) if chance(choice, 2) else jammer for jammer in radio.jammers)
-    radio = replace(radio, powers=tuple(powers), switches=_draw_switches(choice, scene, near), jammers=jammers)
-    inputs: list[Input] = [*scene.inputs, *_draw_late_wishes(choice, scene, near)]
-    return replace(
-        scene,
-        radio=radio,
-        inputs=tuple(sorted(inputs, key=lambda wish: wish.time)),
-        supervision=_draw_supervision(choice, scene, near),
-    )
-
-
-def _jammer_at(choice: Choice, jammer: Jammer, near: _Near) -> Jammer:
-    """Return a jammer that just hits or just misses a frame."""
-    frame = near.frame()
-    length = choice.integer(1, frame.duration)
-    start = frame.start + pick(choice, (-length, -length, frame.duration, 72_000, 126_000)) + pick(choice, (-1, 0, 1))
-    until = start + length
-    edge = choice.integer(0, length)
-    turn = max(1, pick(choice, (length, edge, length // 3)))
-    return replace(
-        jammer, start=max(0, start), until=max(1, until), channels=(frame.channel,), on=turn, period=turn + 50_000
-    )
-
-
-def _draw_switches(choice: Choice, scene: Scene, near: _Near) -> tuple[tuple[int, int, bool], ...]:
-    switches: list[tuple[int, int, bool]] = []
-    for _ in range(choice.integer(1, 2) if chance(choice, 4) else 0):
-        device, off = choice.integer(0, len(scene.bodies) - 1), near.instant()
-        again = max(off + 1, pick(choice, (near.instant(), off + choice.integer(1, 2_000_000))))
-        if all(device != other for _, other, _ in switches):
-            switches += [(off, device, False), (again, device, True)]
-    return tuple(sorted(switches))
-
-
-def _draw_late_wishes(choice: Choice, scene: Scene, near: _Near) -> list[Input]:
-    """Let hosts send or flush near frames."""
-    wishes: list[Input] = []
-    token = sum(isinstance(wish, Send) for wish in scene.inputs)
-    for _ in range(choice.integer(0, 2)):
-        frame, time = near.frame(), near.instant()
-        if frame.kind in ("ID", "FHS") or time >= scene.end:
-            continue
-        ends = pick(choice, ((frame.source, frame.destination), (frame.destination, frame.source)))
-        wishes.append(Flush(time, *ends) if chance(choice, 2) else Send(time, *ends, 17, token + len(wishes)))
-    return wishes
-
-
-def _draw_supervision(choice: Choice, scene: Scene, near: _Near) -> int:
-    """Return a time-out that ends with a frame, or within a nanosecond of that, or the one there is."""
-    if not chance(choice, 4):
-        return scene.supervision
-    first = near.frame()
-    later = [
-        frame
-        for frame in near.frames
-        if (frame.source, frame.destination) == (first.source, first.destination) and frame.start > first.start
-    ]
-    if not later:
-        return scene.supervision
-    last = pick(choice, later)
-    return last.start + last.duration - first.start - first.duration + pick(choice, (-1, 0, 0, 1, -last.duration))
-
-
-def _changed(choice: Choice, matrix: Matrix, devices: int) -> Matrix:
-    """Return other powers: some links a few decibels or a threshold more or less, or one gone."""
-    rows = [list(row) for row in matrix]
-    for _ in range(choice.integer(1, 4)):
-        a, b = choice.integer(0, len(rows) - 1), choice.integer(0, devices - 1)
-        if a == b:
-            continue
-        if rows[a][b] == -inf:
-            rows[a][b] = max(max(row) for row in rows)
-        else:
-            rows[a][b] = pick(choice, (rows[a][b] + pick(choice, STEPS_DB), -inf, rows[a][b] - 3.0))
-        if chance(choice, 2) and a < devices:
-            rows[b][a] = rows[a][b]
-    return tuple(tuple(row) for row in rows)

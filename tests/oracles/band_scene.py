@@ -93,7 +93,6 @@ class PageFor(NamedTuple):
     device: int
     peer: int
     offset: int
-    lt_addr: int = 1
 
 
 class Scan(NamedTuple):

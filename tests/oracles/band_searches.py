@@ -195,13 +195,15 @@ class Page:
     device: Device
     peer: Device
     offset: int
-    lt_addr: int
     paging: bool = True
     resume: int = 0
     ended: bool = False
     link: Link | None = None
 
     def begin(self) -> None:
+        mine = [link for link in self.device.links if link.master == self.device.address]
+        taken = {link.lt_addr for link in mine if link.above.alive or link.below.alive}
+        self.lt_addr = min(set(range(1, 8)) - taken)
         self.first = self.device.clock.first_transmit_tick(self.stage.now)
         self.give_up = self.first + self.stage.scene.page_timeout
         self.visit_at(self.first)

@@ -4,10 +4,12 @@ A case is drawn from a ``Choice``, of hypothesis (which shrinks what it finds) o
 (which is quick).
 """
 
+import ast
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -121,22 +123,53 @@ def soak_count(full: int) -> int:
     return max(1, round(full * float(os.environ.get("SOAK_SHARE", "1"))))
 
 
-def plant(monkeypatch: pytest.MonkeyPatch, chain: Sequence[str], module: str, old: str, new: str) -> ModuleType:
-    """Load *chain*, modules of the Bluetooth channel, afresh with *old* replaced by *new* in the source of *module*.
+def plant(monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> ModuleType:
+    """Load *module* of the Bluetooth channel afresh with *old* replaced by *new* in its source, and all that import it.
 
-    Return the last one of the chain. Compiled functions become plain Python.
+    Return the one with the channel. Compiled functions of these modules become plain Python.
     """
-    loaded = ModuleType("")
     package: Any = import_module(PACKAGE)
-    for name in chain:
+    for name in _importers(module):
         original = import_module(f"{PACKAGE}.{name}")
         source = Path(str(original.__file__)).read_text(encoding="utf-8")
         if name == module:
-            assert source.count(old) == 1, f"{name}.py has no single {old!r} to plant a fault at"
+            assert source.count(old) == 1, f"{name}.py has {source.count(old)} of {old!r}, to plant a fault at"
             source = source.replace(old, new)
         loaded = ModuleType(original.__name__)
         monkeypatch.setitem(sys.modules, original.__name__, loaded)
         monkeypatch.setattr(package, name, loaded)
         code = compile(source.replace("@njit(cache=True)\n", ""), str(original.__file__), "exec")
         exec(code, loaded.__dict__)
-    return loaded
+    return sys.modules[f"{PACKAGE}.device"]
+
+
+@cache
+def _importers(module: str) -> list[str]:
+    """Return *module* and all modules of its package that import it, at first hand or not, in an order to load them."""
+    folder = Path(str(import_module(f"{PACKAGE}.device").__file__)).parent
+    imports = {path.stem: _imports(path) for path in folder.glob("*.py")}
+    order: list[str] = []
+
+    def visit(name: str) -> None:
+        if name not in order:
+            for other in sorted(imports[name] & imports.keys()):
+                visit(other)
+            order.append(name)
+
+    visit("device")
+    concerned = {module}
+    for name in order:
+        if imports[name] & concerned:
+            concerned.add(name)
+    return [name for name in order if name in concerned]
+
+
+def _imports(path: Path) -> set[str]:
+    """Return the modules of the package that the file at *path* imports from, or imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module == PACKAGE:
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(f"{PACKAGE}."):
+            found.add(node.module.removeprefix(f"{PACKAGE}."))
+    return found

@@ -7,6 +7,8 @@ with nothing. What a robot's upper rooms would do is a script: state after state
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
+
 from cosim.machine import BROADCAST, Address, Disconnect, Fate, Outcome, Outgoing, Reception
 from cosim.units import Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
@@ -65,12 +67,15 @@ class PaperAir:
 
     def __init__(self, size: int, exchanges: int = 1, acknowledge: bool = False) -> None:
         self.robots = [Robot(me, exchanges, acknowledge) for me in range(size)]
+        self.exchanges = exchanges
         self.now: Time = 0
         self.air: list[tuple[Address, Address, Packet | None]] = []
         self.deaf: set[tuple[Address, int]] = set()
         """(receiver, number of the frame on the air) that is not heard."""
         self.empty: dict[Address, int] = {}
         """How many polls of a slave are answered with nothing, though it may have loaded a message."""
+        self._loss = 0.0
+        self._rng = np.random.default_rng(0)
 
     def run(self, frames: int | None = None) -> None:
         """Carry frames, and let time-outs come, until so many were carried or nobody has anything more to say."""
@@ -88,6 +93,27 @@ class PaperAir:
             else:
                 return
 
+    def lose(self, chance: float, seed: int) -> None:
+        """Let each slave miss each broadcast with this *chance*."""
+        self._loss, self._rng = chance, np.random.default_rng(seed)
+
+    def run_to_the_end(self) -> None:
+        """Run, and let slaves wake, until nobody lacks anything."""
+        self.run()
+        while deadlines := [robot.room.deadline for robot in self.robots[1:] if robot.room.deadline is not None]:
+            self.now = max(self.now, min(deadlines))
+            for robot in self.robots[1:]:
+                robot.room.wake(self.now)
+                robot.fill()
+            for robot in self.robots[1:]:
+                self.answer_of(robot.room.me)
+            self.run()
+
+    def answer_of(self, slave: Address) -> None:
+        """Poll *slave* as a link controller does, without its host, until it has nothing more to say."""
+        while self.robots[slave].queue:
+            self._answer(self.robots[slave], None)
+
     def assemble(self) -> None:
         self.robots[0].room.assemble(tuple(range(len(self.robots))), HOP, self.now)
 
@@ -100,6 +126,8 @@ class PaperAir:
         self.air.append((0, item.destination, decode(item.payload)))
         meant = [robot for robot in self.robots[1:] if item.destination in (BROADCAST, robot.room.me)]
         hearing = [robot for robot in meant if robot.alive and (robot.room.me, frame) not in self.deaf]
+        if item.destination == BROADCAST and self._loss:
+            hearing = [robot for robot in hearing if self._rng.random() >= self._loss]
         for robot in hearing:
             robot.room.receive(item.payload, Reception(0, item.destination == BROADCAST), self.now)
             robot.fill()

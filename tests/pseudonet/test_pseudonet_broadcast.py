@@ -6,9 +6,9 @@ import pytest
 
 from cosim.machine import BROADCAST, Fate, Outcome, Outgoing, Reception
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.messages import Acknowledgement, Action, Kind, Message, Reply, Sync, encode
-from protocols.pseudonet.upcalls import EXCHANGES, Answered, Broken, Garbage, MessageWanted, TeamChanged
-from tests.pseudonet.paper_air import HOP, RETRIES, TIMEOUT, PaperAir
+from protocols.pseudonet.messages import Acknowledgement, Action, Kind, Message, Missing, Reply, Sync, encode
+from protocols.pseudonet.upcalls import EXCHANGES, Answered, Broken, Garbage, TeamChanged
+from tests.pseudonet.paper_air import HOP, REPAIR, RETRIES, TIMEOUT, PaperAir
 
 SIZES = range(2, 9)
 
@@ -189,16 +189,54 @@ def test_a_slave_that_is_dropped_learns_so_from_the_roll_call() -> None:
     assert air.robots[2].heard[-1] == Broken()
 
 
-def test_a_slave_that_has_missed_a_broadcast_answers_the_next_exchange_busy() -> None:
+def test_a_slave_that_has_missed_a_broadcast_is_sent_it_again_and_nobody_falls_out_of_step() -> None:
     air = PaperAir(3, exchanges=3)
     air.deaf.add((1, 7))  # robot 2's message of the roll call, the last of its eight frames
     air.assemble()
     air.run()
-    deaf = air.robots[1]
-    assert [upcall for upcall in deaf.heard if isinstance(upcall, MessageWanted)] == [MessageWanted()]
-    busy = [upcall.messages[1].busy for upcall in air.robots[2].exchanged]
-    assert busy == [False, True, False]
-    assert [upcall.messages[0].exchange for upcall in deaf.exchanged] == [2, 3]
+    assert [(source, packet) for source, _, packet in air.air if isinstance(packet, Missing)] == [
+        (1, Missing(1, 1, (2,)))
+    ]
+    again = next(packet for source, to, packet in air.air if (source, to) == (0, 1) and isinstance(packet, Message))
+    assert again == air.robots[2].exchanged[0].messages[2]
+    assert not any(message.busy for robot in air.robots for e in robot.exchanged for message in e.messages.values())
+    check_equal_exchanges(air)
+
+
+def test_a_slave_asks_by_itself_for_the_end_of_the_last_exchange() -> None:
+    air = PaperAir(3)
+    air.deaf.add((1, 7))
+    air.assemble()
+    air.run()
+    assert air.robots[1].exchanged == []
+    asks_at = air.robots[1].room.deadline
+    assert asks_at is not None
+    assert air.now < asks_at <= air.now + REPAIR
+    air.robots[1].room.wake(asks_at)
+    air.robots[1].fill()
+    air.answer_of(1)
+    air.run()
+    check_equal_exchanges(air)
+    assert air.robots[1].room.deadline is None
+
+
+@pytest.mark.parametrize("loss", [0.2, 0.5])
+@pytest.mark.parametrize("size", [2, 5, 8])
+def test_however_many_broadcasts_are_lost_all_see_the_same_exchanges(size: int, loss: float) -> None:
+    for seed in range(20):
+        air = PaperAir(size, exchanges=30)
+        air.lose(loss, seed)
+        air.assemble()
+        air.run_to_the_end()
+        check_equal_exchanges(air)
+        assert all(robot.room.members == tuple(range(size)) for robot in air.robots)
+
+
+def check_equal_exchanges(air: PaperAir) -> None:
+    """Fail unless all robots have completed the same exchanges, all that there were to be."""
+    master = air.robots[0].exchanged
+    assert len(master) == air.exchanges
+    assert all(robot.exchanged == master for robot in air.robots)
 
 
 def test_a_slave_that_has_missed_the_roll_call_joins_with_its_poll() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cosim.errors import UserError
 from cosim.machine import (
     Connected,
+    Disconnect,
     Discovered,
     Fate,
     GoTo,
@@ -127,15 +128,19 @@ def test_well_formed_frames_of_any_content_never_raise(
 ) -> None:
     machine = started(me, 3, algorithm=algorithm)
     if me == 0:
+        for peer in (1, 2):
+            machine.link(Discovered(peer), 1)
         machine.link(InquiryComplete((1, 2)), 1)
         for peer in (1, 2):
             machine.link(Connected(peer, Role.MASTER), 2)
+    else:
+        machine.link(Connected(0, Role.SLAVE), 2)
     for now, (packet, ahead) in enumerate(frames, 3):
         number = (machine.application.broadcast.exchange + ahead) % 256
         data = encode(replace(packet, exchange=number))
         machine.receive(data, Reception(packet.source if me == 0 else 0, False), now)
         if me == 0:  # the poll is answered
-            machine.link(Fate(machine.application.broadcast._token, Outcome.DELIVERED), now)
+            machine.link(Fate(machine.application.broadcast.polls.token, Outcome.DELIVERED), now)
         machine.wake(now)
         deadline = machine.wake_at()
         assert deadline is None or deadline > now
@@ -148,7 +153,7 @@ def test_well_formed_frames_of_any_content_never_raise(
 
 
 def test_the_first_robot_looks_for_the_others_and_the_others_wait_to_be_found() -> None:
-    assert started(0, 3).outbox() == [Inquire(10_240 * MS, 2)]
+    assert started(0, 3).outbox() == [Scan(enabled=False), Inquire(10_240 * MS, 2)]
     assert started(1, 3).outbox() == [Scan(enabled=True)]
 
 
@@ -158,7 +163,7 @@ def test_nobody_begins_before_it_knows_where_it_is() -> None:
     machine.wake(5 * S)
     assert machine.outbox() == []
     machine.observe(stands_at(0.5, 0.5), 5 * S + 1)
-    assert machine.outbox() == [Inquire(10_240 * MS, 2)]
+    assert machine.outbox() == [Scan(enabled=False), Inquire(10_240 * MS, 2)]
 
 
 def test_the_master_asks_again_while_robots_are_missing_then_pages_those_it_has_found() -> None:
@@ -209,14 +214,120 @@ def test_a_master_that_finds_nobody_goes_alone() -> None:
     assert [type(command) for command in machine.commands()] == [GoTo]
 
 
-def test_a_slave_gives_up_when_it_has_heard_nothing_for_long() -> None:
-    machine = started(1, 3, silence_s=30.0)
-    assert machine.wake_at() == 30 * S
-    machine.receive(encode(Sync(0, 1, (0, 1), True)), Reception(0, True), 20 * S)
-    assert machine.wake_at() == 50 * S
-    machine.wake(50 * S)
-    assert machine.finished
-    assert machine.wake_at() is None
+# ------------------------------------------------------------------ losing a team, and finding another
+
+
+def slave(me: int, size: int, members: tuple[int, ...], master: int = 0, **more: object) -> Pseudonet:
+    """Return a robot that has been called up by *master*."""
+    machine = started(me, size, **more)
+    machine.link(Connected(master, Role.SLAVE), 10)
+    machine.receive(encode(Sync(master, 1, members, True)), Reception(master, True), 11)
+    machine.outbox()
+    return machine
+
+
+def test_who_is_found_by_nobody_looks_for_others_after_those_with_lower_numbers() -> None:
+    machine = started(2, 4, stagger_s=30.0)
+    machine.outbox()
+    assert machine.wake_at() == 60 * S
+    machine.wake(60 * S)
+    assert machine.outbox() == [Scan(enabled=False), Inquire(10_240 * MS, 3)]
+
+
+def test_a_slave_that_loses_its_master_waits_for_those_before_it_who_are_left() -> None:
+    for me, rank in ((1, 0), (2, 1), (3, 2)):
+        machine = slave(me, 4, (0, 1, 2, 3), stagger_s=30.0, settle_s=2.0)
+        machine.link(Lost(0), 20 * S)
+        assert machine.outbox() == [Scan(enabled=True)]
+        assert machine.wake_at() == 22 * S + rank * 30 * S
+        machine.wake(22 * S + rank * 30 * S)
+        assert machine.outbox() == [Scan(enabled=False), Inquire(10_240 * MS, 2)]
+        assert not machine.finished
+
+
+def test_a_slave_whose_master_is_silent_takes_it_for_lost() -> None:
+    machine = slave(1, 2, (0, 1), silence_s=30.0)
+    step = timing(Parameters(cell_m=1.0), surroundings(2)).step
+    for now, lost in ((20 * S, False), (50 * S + 2 * step - 1, False), (50 * S + 2 * step, True)):
+        if now == 20 * S:
+            machine.receive(encode(Sync(0, 1, (0, 1), True)), Reception(0, True), now)
+        machine.outbox()
+        machine.wake(now)
+        assert (Disconnect(0) in machine.outbox()) == lost
+    assert machine.application.broadcast.find_master() is None
+
+
+def test_a_robot_that_was_found_but_is_never_called_up_looks_for_others() -> None:
+    machine = started(1, 3, stagger_s=30.0, settle_s=2.0)
+    machine.link(Connected(0, Role.SLAVE), 5 * S)
+    machine.outbox()
+    machine.wake(35 * S)
+    assert machine.outbox() == [Disconnect(0), Scan(enabled=True)]
+    machine.wake(37 * S)
+    assert machine.outbox() == [Scan(enabled=False), Inquire(10_240 * MS, 1)]  # robot 2: robot 0 does not answer
+
+
+@pytest.mark.parametrize("lost_at", [None, 20 * S])
+def test_a_robot_whose_device_answers_nothing_goes_on_alone(lost_at: int | None) -> None:
+    machine = started(0, 3, inquiries=2) if lost_at is None else slave(1, 3, (0, 1, 2), inquiries=2)
+    if lost_at is not None:
+        machine.link(Lost(0), lost_at)
+    for _ in range(6):
+        now = machine.wake_at()
+        if now is None or machine.application.steps:
+            break
+        machine.wake(now)
+    assert machine.application.steps == 1
+    assert machine.application.broadcast.members == (machine.me,)
+
+
+def test_a_page_that_the_device_does_not_answer_is_given_up() -> None:
+    machine = started(0, 3, page_attempts=1, page_s=12.0)
+    machine.link(Discovered(1), 1)
+    machine.link(Discovered(2), 1)
+    machine.link(InquiryComplete((1, 2)), 1)
+    assert machine.outbox()[-1] == Page(1)
+    machine.wake(12 * S + 1)
+    assert machine.outbox() == [Page(2)]
+    machine.link(Connected(1, Role.MASTER), 13 * S)  # too late
+    assert machine.outbox() == [Disconnect(1)]
+
+
+def test_a_robot_that_works_alone_joins_the_team_of_who_pages_it() -> None:
+    machine = started(0, 3, inquiries=1)
+    machine.link(InquiryComplete(()), 1)
+    assert machine.outbox()[-1] == Scan(enabled=True)
+    machine.link(Connected(2, Role.SLAVE), 2 * S)
+    machine.observe(stands_at(0.5, 1.5), 3 * S)
+    machine.receive(encode(Sync(2, 9, (0, 2), True)), Reception(2, True), 4 * S)
+    assert machine.application.broadcast.members == (0, 2)
+    (roll,) = [decode(item.payload) for item in machine.outbox() if isinstance(item, Outgoing)]
+    assert isinstance(roll, Message)
+    assert (roll.kind, roll.exchange, roll.x, roll.y) == (Kind.ROLL, 9, 0, 1)
+
+
+def test_masters_of_slaves_and_who_is_looking_for_others_refuse_another_master() -> None:
+    looking = started(0, 3, inquiries=1)
+    looking.outbox()
+    looking.link(Connected(2, Role.SLAVE), 1)
+    assert looking.outbox() == [Disconnect(2)]
+    looking.link(Discovered(1), 2)
+    looking.link(InquiryComplete((1,)), 2)
+    looking.link(Connected(1, Role.MASTER), 3)
+    looking.outbox()
+    looking.link(Connected(2, Role.SLAVE), 4)
+    assert looking.outbox() == [Disconnect(2)]
+    assert looking.application.broadcast.members == (0, 1)
+
+
+def test_payloads_of_robots_without_a_link_are_not_for_this_one() -> None:
+    machine = slave(1, 3, (0, 1))
+    machine.receive(encode(Sync(2, 2, (1, 2), True)), Reception(2, True), 20)
+    assert machine.application.broadcast.members == (0, 1)
+    assert machine.application.broadcast.find_master() == 0
+
+
+# ------------------------------------------------------------------ what is in the way
 
 
 def test_a_robot_that_meets_something_unknown_turns_back_and_says_so() -> None:

@@ -14,6 +14,7 @@ from protocols.pseudonet.messages import (
     Action,
     Kind,
     Message,
+    Missing,
     Packet,
     Reply,
     Sync,
@@ -75,6 +76,13 @@ GOLDEN: dict[str, tuple[Packet, str]] = {
     ),
     # 001 00 100 | 00 | 00C 022 | 100 and thirteen zeros
     "stop": (Message(1, Kind.STOP, 0, 12, 34, Action.STAY, FREE), "24 00 00C022 8000 1E64"),
+    # 100 00 101 | 03 | 001 002 | 100 and thirteen zeros | DEADBEEF
+    "roll": (Message(4, Kind.ROLL, 3, 1, 2, Action.STAY, FREE, digest=0xDEADBEEF), "85 03 001002 8000 DEADBEEF 2844"),
+    # 011 00 110 | 04 | 001 002 | 100 and thirteen zeros | 00A 5A F0 and four bits of padding
+    "map": (
+        Message(3, Kind.MAP, 4, 1, 2, Action.STAY, FREE, chunk=10, marks=b"\x5a\xf0"),
+        "66 04 001002 8000 00A5AF00 B43A",
+    ),
     # 000 01 111 | 01 | 1000 0101 | 1, 2A96EF25, 0ABCDEF (28 bits) and three bits of padding
     "synchronisation": (
         Sync(0, 1, (0, 2, 7), True, 0x2A96EF25, 0x0ABCDEF),
@@ -84,6 +92,8 @@ GOLDEN: dict[str, tuple[Packet, str]] = {
     "acknowledgement": (Acknowledgement(0, 9), "17 09 16C2"),
     # 000 11 111 | 09
     "negative acknowledgement": (Acknowledgement(0, 9, negative=True), "1F 09 9F6B"),
+    # 110 11 000 | 09 | 0010 0101
+    "missing": (Missing(6, 9, (0, 2, 5)), "D8 09 25 CEF6"),
 }
 
 
@@ -113,6 +123,10 @@ def messages(draw: st.DrawFn) -> Message:
     elif kind == Kind.TRAP:
         steps = st.sampled_from([action for action in Action if action != Action.STAY])
         more = {"trail": tuple(draw(st.lists(steps, max_size=TRAIL_LIMIT)))}
+    elif kind == Kind.ROLL:
+        more = {"digest": draw(st.integers(0, 2**32 - 1))}
+    elif kind == Kind.MAP:
+        more = {"chunk": draw(st.integers(0, 4095)), "marks": draw(st.binary(max_size=5))}
     return Message(
         draw(st.integers(0, 7)),
         kind,
@@ -136,7 +150,13 @@ _syncs = st.builds(
     st.integers(0, 2**28 - 1),
 )
 _acknowledgements = st.builds(Acknowledgement, st.integers(0, 7), st.integers(0, 255), st.booleans())
-packets = messages() | _syncs | _acknowledgements
+_missing = st.builds(
+    Missing,
+    st.integers(0, 7),
+    st.integers(0, 255),
+    st.sets(st.integers(0, 7)).map(lambda robots: tuple(sorted(robots))),
+)
+packets = messages() | _syncs | _acknowledgements | _missing
 
 
 @pytest.mark.parametrize("name", GOLDEN)
@@ -175,7 +195,8 @@ def test_bytes_with_a_right_crc_are_a_packet_or_are_refused(body: bytes) -> None
 @pytest.mark.parametrize(
     ("golden", "reason"),
     [
-        ("05 00 000000 8000", "5 is not a valid Kind"),
+        ("05 00 000000 8000", "9 bytes where 13 were expected"),
+        ("06 00 000000 8000", "9 bytes where at least 11 were expected"),
         ("07 00 000000 8000", "no packet has type 0 with message kind 7"),
         ("00 00 000000 A000", "5 is not a valid Action"),
         ("00 00 000000 9800", "6 is not a valid Verdict"),
@@ -184,7 +205,17 @@ def test_bytes_with_a_right_crc_are_a_packet_or_are_refused(body: bytes) -> None
         ("11 00", "nobody encodes so"),
         ("03 00 000000 8000 D0000000", "nobody encodes so"),
     ],
-    ids=["kind", "no message", "action", "verdict", "length", "sync with a kind", "ack with a kind", "long trail"],
+    ids=[
+        "no digest",
+        "no map",
+        "no message",
+        "action",
+        "verdict",
+        "length",
+        "sync with a kind",
+        "ack with a kind",
+        "long trail",
+    ],
 )
 def test_what_nobody_encodes_is_refused(golden: str, reason: str) -> None:
     body = bytes.fromhex(golden)

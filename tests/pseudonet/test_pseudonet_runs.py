@@ -194,11 +194,13 @@ def test_messages_are_counted_by_type() -> None:
     steps = metrics["steps"]
     # one exchange calls the roll, one finds completion; all others propose or accept
     assert metrics["exchanges"] == 2 * steps + 2
-    assert metrics["messages_state"] + metrics["messages_stop"] == 4 * (steps + 2)
+    assert metrics["messages_roll"] == 4
+    assert metrics["messages_map"] == 0
+    assert metrics["messages_state"] + metrics["messages_stop"] == 4 * (steps + 1)
     assert metrics["messages_answer"] == 4 * steps
     assert metrics["messages_help"] == metrics["messages_trap"] == 0
     sent = outcome.trace.columns("events")["event"].count("MessageSent")
-    assert sent == metrics["messages_state"] + metrics["messages_stop"] + metrics["messages_answer"]
+    assert sent == sum(metrics[f"messages_{kind}"] for kind in ("state", "stop", "answer", "roll"))
 
 
 @pytest.mark.slow
@@ -305,24 +307,30 @@ def test_a_robot_that_was_never_found_is_gone_around() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("what", ["radio", "host", "radio and host"])
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_without_their_master_all_others_give_up(channel: str) -> None:
-    losses = [(14 * S, 0, "radio and host")]
-    _, outcome = run_with_losses(scenario(size=4, channel=channel, duration_s=300), losses)
-    reasons = outcome.trace.columns("events")
-    ended = [
-        (int(source), reason)
-        for source, event, reason in zip(reasons["source"], reasons["event"], reasons["reason"], strict=True)
-        if event == "Finished"
-    ]
-    assert sorted(ended) == [(1, "cut_off"), (2, "cut_off"), (3, "cut_off")]
+def test_without_their_master_the_others_form_a_team_and_finish(channel: str, what: str) -> None:
+    losses = [(14 * S, 0, what)]
+    tracks, outcome = run_with_losses(scenario(size=4, channel=channel), losses)
+    if what == "radio":  # it goes on alone, and covers what it can by itself
+        assert tracks.reachable(range(4)) - tracks.visited == set()
+    else:
+        check_finished_without(tracks, outcome, [0])
+    formed = outcome.trace.columns("events")
+    sizes = {
+        (int(source), int(size))
+        for source, event, size in zip(formed["source"], formed["event"], formed["size"], strict=True)
+        if event == "TeamFormed"
+    }
+    assert {(1, 3), (2, 3), (3, 3)} <= sizes
 
 
 @pytest.mark.slow
-def test_a_host_whose_radio_is_dead_gives_up_by_itself() -> None:
-    chosen = scenario(size=2, channel="ideal", silence_s=30.0, duration_s=500)
+def test_a_host_whose_radio_is_dead_goes_on_by_itself() -> None:
+    chosen = scenario(size=2, channel="ideal", silence_s=30.0, stagger_s=20.0)
     tracks, outcome = run_with_losses(chosen, [(5 * S, 1, "radio")])
-    check_finished_without(tracks, outcome, [1])
+    assert outcome.metrics["robots_dropped"] == 1
+    assert tracks.reachable(range(2)) - tracks.visited == set()
 
 
 @pytest.mark.slow

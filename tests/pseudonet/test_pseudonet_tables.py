@@ -24,7 +24,7 @@ MISUSE = {
         (Phase.DECISION, phases.Input.TEAM),
         (Phase.DECISION, phases.Input.ARRIVED),
         (Phase.DECISION, phases.Input.EXCHANGED),
-        (Phase.DECISION, phases.Input.CUT_OFF),
+        (Phase.DECISION, phases.Input.BROKEN),
         (Phase.TERMINATION, phases.Input.DISAGREED),
         (Phase.TERMINATION, phases.Input.AGREED),
         (Phase.TERMINATION, phases.Input.DONE),
@@ -32,17 +32,18 @@ MISUSE = {
     bluetooth: {
         pair
         for pair in product(Setup, bluetooth.Input)
-        if pair
+        if pair[1] not in (bluetooth.Input.WAIT, bluetooth.Input.BREAK_UP, bluetooth.Input.PAGED)
+        and pair
         not in {
             (Setup.OFF, bluetooth.Input.INITIATE),
-            (Setup.OFF, bluetooth.Input.WAIT),
+            (Setup.SCANNING, bluetooth.Input.INITIATE),
+            (Setup.SCANNING, bluetooth.Input.ALONE),
             (Setup.INQUIRING, bluetooth.Input.TOO_FEW),
             (Setup.INQUIRING, bluetooth.Input.ENOUGH),
             (Setup.INQUIRING, bluetooth.Input.ALONE),
             (Setup.PAGING, bluetooth.Input.NEXT),
             (Setup.PAGING, bluetooth.Input.ALL_PAGED),
-            (Setup.SCANNING, bluetooth.Input.JOINED),
-            (Setup.CONNECTED, bluetooth.Input.JOINED),
+            (Setup.JOINED, bluetooth.Input.ASSIGNED),
         }
     },
 }

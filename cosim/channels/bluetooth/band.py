@@ -74,6 +74,8 @@ class Band(NamedTuple):
     """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
     used: Integers
     """(n, 79): the channels of adapted hop sets, ascending, even ones first."""
+    tallies: Integers
+    """(n, 2, 79): slot pairs that went well, and badly, by channel, where hop sets are adapted."""
 
 
 def new_band(medium: Medium) -> Band:
@@ -85,6 +87,7 @@ def new_band(medium: Medium) -> Band:
         np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64),
         np.zeros((size, 2)),
         np.zeros((size, 79), dtype=np.int64),
+        np.zeros((size, 2, 79), dtype=np.int64),
     )
 
 
@@ -97,6 +100,13 @@ def channel_of(band: Band, p: int, tick: int) -> int:
         return channel
     hop: int = basic_hop(piconet[WORD], tick)
     return hop
+
+
+@njit(cache=True)
+def _assess(band: Band, p: int, tick: int, well: bool) -> None:
+    """Count whether the idle pair of *tick* went well on its channel, if the hop set is adapted."""
+    if band.piconets[p, USED]:
+        band.tallies[p, 0 if well else 1, channel_of(band, p, tick)] += 1
 
 
 @njit(cache=True)
@@ -128,9 +138,28 @@ def _poll(band: Band, p: int) -> int:
     band.carriers_dbm[p, 0] = medium.power_dbm[master, slave]
     band.carriers_dbm[p, 1] = medium.power_dbm[slave, master]
     if not heard_of(medium, band.carriers_dbm[p, 0]):
+        _assess(band, p, tick, False)
         return OUT_OF_RANGE
     piconet[STAGE] = 1
     return RECEIVED
+
+
+@njit(cache=True)
+def _outcome(band: Band, p: int, up: bool) -> int:
+    """Return what becomes of the POLL, or, going *up*, of the NULL of the idle pair under way, at its end."""
+    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK] + (2 if up else 0)
+    source, receiver = piconet[MASTER], links[SLAVE, k]
+    if up:
+        source, receiver = receiver, source
+    carrier = band.carriers_dbm[p, 1 if up else 0]
+    if up and not heard_of(medium, carrier):
+        return OUT_OF_RANGE
+    if not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
+        return NOT_TUNED
+    start = time_of(piconet, tick)
+    fate: int = judge(medium, source, receiver, channel_of(band, p, tick), start, start + HEADER_AIR, carrier, 0, False)
+    return fate
 
 
 @njit(cache=True)
@@ -138,24 +167,18 @@ def _end(band: Band, p: int) -> int:
     """End the POLL or NULL under way in a piconet and return what became of it."""
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
     k, up = piconet[PAIR_LINK], piconet[STAGE] == 2
-    tick = piconet[PAIR_TICK] + (2 if up else 0)
-    start = time_of(piconet, tick)
-    source, receiver = piconet[MASTER], links[SLAVE, k]
-    if up:
-        source, receiver = receiver, source
     piconet[STAGE] = 0
-    carrier = band.carriers_dbm[p, 1 if up else 0]
-    if up and not heard_of(medium, carrier):
-        return OUT_OF_RANGE
-    if not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
-        return NOT_TUNED
-    fate: int = judge(medium, source, receiver, channel_of(band, p, tick), start, start + HEADER_AIR, carrier, 0, False)
+    fate: int = _outcome(band, p, up)
+    if up or fate != RECEIVED:
+        _assess(band, p, piconet[PAIR_TICK], fate == RECEIVED)
     if fate != RECEIVED:
         return fate
-    links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR
+    tick = piconet[PAIR_TICK] + (2 if up else 0)
+    links[HEARD_UP if up else HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
     if not up:
         answer = time_of(piconet, tick + 2)
-        put(medium.frames, medium.cursor, receiver, answer, answer + HEADER_AIR, channel_of(band, p, tick + 2))
+        channel = channel_of(band, p, tick + 2)
+        put(medium.frames, medium.cursor, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
         piconet[NULLS] += 1
         piconet[STAGE] = 2
     return RECEIVED

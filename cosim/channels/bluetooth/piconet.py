@@ -15,7 +15,9 @@ from functools import partial
 from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
+from cosim.channels.bluetooth.adaptation import Adaptation
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.fitting import BestFit
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.intake import Intake
 from cosim.channels.bluetooth.links import Links, Presence
@@ -62,6 +64,10 @@ class PiconetSettings(NamedTuple):
     """Slots from one beacon window for parked slaves to the next; even."""
     park_window_slots: int = 64
     """Slots of a beacon window; even."""
+    best_packets: bool = False
+    """Whether payloads go in the packet type of the best expected rate, or in the smallest that holds them."""
+    afh: tuple[Time, Time] | None = None
+    """How often the hop set is adapted, and after what time a bad channel is tried again; None for the basic one."""
 
 
 class Piconet:
@@ -100,10 +106,12 @@ class Piconet:
         own = (kernel, air, clock, self.links, self._queues, self._parking)
         longest_silence = settings.supervision - 2 * settings.t_poll_slots * SLOT
         self._modes = Modes(*own, longest_silence, self._tell, self._changed)
-        schedule = Schedule(self.links, self._queues)
+        fit = BestFit(air, self.links, settings.types) if settings.best_packets else None
+        schedule = Schedule(self.links, self._queues, fit)
         self._slots = Slots(*own, schedule, settings.n_bc, frames, deliver, self._modes.beacon_heard)
         hand_in = (settings.types, settings.queue, settings.flush, self._tell)
         self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)
+        self._adaptation = Adaptation(kernel, air, self.links, *settings.afh) if settings.afh else None
         self._supervision: Handle | None = None
 
     # ------------------------------------------------------------ links
@@ -141,6 +149,8 @@ class Piconet:
         self._air.changed(self._kernel.now)
         self._supervise()
         self._slots.arm()
+        if self._adaptation is not None:
+            self._adaptation.wake()
 
     def add_slave(self, slave: Address, lt_addr: int, due: int) -> None:
         """Bring both sides of a link up now, without a page."""

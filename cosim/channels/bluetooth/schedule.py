@@ -37,9 +37,9 @@ class Turn(NamedTuple):
 
 
 class Schedule:
-    """Decides for one piconet; *fit* is called with a payload before it is sent for the first time, to size it."""
+    """Decides for one piconet; *fit*, if there is one, gives payloads their packet type before they are first sent."""
 
-    def __init__(self, links: Links, queues: Queues, fit: Callable[[Payload], None] | None = None) -> None:
+    def __init__(self, links: Links, queues: Queues, fit: Callable[[Payload, bool], None] | None = None) -> None:
         self._piconet, self._table = links.piconet, links.table
         self._queues = queues
         self._fit = fit
@@ -100,11 +100,10 @@ class Schedule:
         return self._sized(self._queues.sendable())
 
     def _sized(self, payloads: Iterator[Payload]) -> Iterator[Payload]:
-        if self._fit is None:
-            return payloads
-        return map(self._resize, payloads)
+        return payloads if self._fit is None else map(self.sized, payloads)
 
-    def _resize(self, payload: Payload) -> Payload:
+    def sized(self, payload: Payload, up: bool = False) -> Payload:
+        """Return *payload*, which goes *up* to the master or down, in the packet type that it is to be sent in."""
         if self._fit is not None and not payload.tries:
-            self._fit(payload)
+            self._fit(payload, up)
         return payload

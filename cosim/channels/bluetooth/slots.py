@@ -128,7 +128,7 @@ class Slots:
         acknowledges = polling.begin_pair(links.piconet, links.table, tick, k, first, payload is not None, kind.slots)
         answer = waiting[acknowledges] if len(waiting) > acknowledges else None
         if answer is not None:
-            answer.chosen = True
+            self._schedule.sized(answer, up=True).chosen = True
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
         self._count(payload)
@@ -144,6 +144,7 @@ class Slots:
         if pair.answer is not None:
             pair.answer.chosen = False
         if not fate.header_heard:
+            self._assess(frame, False)
             self.arm()
             return
         links.table[HEARD_DOWN, k] = self._kernel.now
@@ -176,6 +177,7 @@ class Slots:
         held = bool(links.table[HELD, k])
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
         self._note(pair, frame, fate)
+        self._assess(frame, fate.heard is Heard.RECEIVED and (pair.question is None or pair.taken))
         if not fate.header_heard:
             self.arm()
             return
@@ -278,6 +280,11 @@ class Slots:
         if payload is None:
             return self._air.fate(frame, receiver, carrier_dbm, 0, False)
         return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
+
+    def _assess(self, frame: Frame, well: bool) -> None:
+        """Count whether the pair that ends with *frame* went well on its channel."""
+        if self.links.piconet[USED]:
+            self._air.band.tallies[self.address, 0 if well else 1, frame.channel] += 1
 
     def _note(self, pair: _Pair, frame: Frame, fate: Fate) -> None:
         if pair.noted:
