@@ -61,12 +61,12 @@ def payload_of(wish: Send) -> bytes:
     return (wish.token.to_bytes(2, "big") * wish.length)[: wish.length]
 
 
-def outcome_of(case: Case, idle: bool = True) -> Outcome:
-    """Return what the oracle says, with *idle* frames or without; one that is on the air at the end has no outcome."""
+def outcome_of(case: Case) -> Outcome:
+    """Return what the oracle says; a frame that is on the air at the end has no outcome."""
     scene, book = case.scene, case.book()
     payloads = {wish.token: payload_of(wish) for wish in scene.inputs if isinstance(wish, Send)}
     return Outcome(
-        [row for row in book.seen + idle * book.idle if row.start + row.duration < scene.end],
+        [row for row in book.seen + case.idle * book.idle if row.start + row.duration < scene.end],
         [(time, source, receiver, payloads[token], all_) for time, source, receiver, token, all_ in book.deliveries],
         [tuple(row) for row in book.verdicts],
         [tuple(row) for row in book.losses],
@@ -191,12 +191,12 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
     )
 
 
-def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel, idle: bool = True) -> Outcome:
-    """Run the channel, or a *model* of it, on the case; record *idle* frames or not."""
+def run_channel(case: Case, model: Callable[..., BluetoothChannel] = BluetoothChannel) -> Outcome:
+    """Run the channel, or a *model* of it, on the case."""
     scene = case.scene
     kernel, trace = Kernel(), Trace((FRAMES,))
     outcome = Outcome([], [], [], [], [], {})
-    channel = model(settings_of(scene, idle), kernel, trace, len(scene.bodies), Chosen(case))
+    channel = model(settings_of(scene, case.idle), kernel, trace, len(scene.bodies), Chosen(case))
     for address, body in enumerate(scene.bodies):
         channel.attach(address, Host(address, outcome))
         channel.devices[address].inquiry_scanner.n = body.inquiry_scan.n if body.inquiry_scan else 0

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
 
 import pytest
 from hypothesis import given, settings
@@ -19,25 +18,18 @@ from tests.oracles.medium import SLOT, TICK, US, Clock
 MASTER = 0
 
 
-class Polling(NamedTuple):
-    """A case, and whether idle polls are recorded, or else counted."""
-
-    case: Case
-    idle: bool
-
-
 # ---------------------------------------------------------------- drawing cases
 
 
-def draw_case(choice: Choice) -> Polling:
+def draw_case(choice: Choice) -> Case:
     """Draw cases until the readings settle one of them."""
     while True:
-        polling = _draw_any_case(choice)
-        if settled(polling.case):
-            return polling
+        case = _draw_any_case(choice)
+        if settled(case):
+            return case
 
 
-def _draw_any_case(choice: Choice) -> Polling:
+def _draw_any_case(choice: Choice) -> Case:
     """Draw a case; half of them with hosts that act at exact slot instants, outages at frames, time-outs at slots."""
     near = chance(choice, 2)
     ppm = choice.integer(-250, 250)
@@ -72,8 +64,8 @@ def _draw_any_case(choice: Choice) -> Polling:
     if chance(choice, 3):
         begin, until = sorted((when(), when()))
         inputs.append(Suspend(begin, MASTER, until + 1))
-    idle = chance(choice, 2)
-    case = Case(replace(scene, inputs=tuple(sorted(inputs, key=lambda wish: wish.time))), 1)
+    inputs.sort(key=lambda wish: wish.time)
+    case = Case(replace(scene, inputs=tuple(inputs)), 1, idle=chance(choice, 2))
     outages = CLEAR
     for _ in range(choice.integer(0, 3) if near or chance(choice, 2) else 0):
         book = case.book()
@@ -81,7 +73,7 @@ def _draw_any_case(choice: Choice) -> Polling:
             lengths = (1_250_000, min(scene.supervision, scene.end))
             outages = Outages(outages.rows + draw_outages(choice, book.seen + book.idle, lengths).rows)
             case = replace(case, scene=replace(case.scene, radio=outages.radio(1 + slaves)))
-    return Polling(case, idle)
+    return case
 
 
 def _draw_instant(choice: Choice, clock: Clock, end: int, near: bool) -> int:
@@ -102,7 +94,7 @@ def _draw_joins(choice: Choice, clock: Clock, scene: Scene, when: Callable[[], i
         lt_addr = lt_addrs.pop(choice.integer(0, len(lt_addrs) - 1))
         time = 0 if chance(choice, 2) else when() if chance(choice, 2) else choice.integer(0, 20_000_000)
         ahead = pick(choice, (same, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
-        joins.append(Join(time, MASTER, address, lt_addr, (clock.tick(time) + ahead) // 4 * 4))
+        joins.append(Join(time, MASTER, address, lt_addr, clock.first_transmit_tick(time) + ahead // 4 * 4))
     return joins
 
 
@@ -129,15 +121,7 @@ def _draw_sends(choice: Choice, scene: Scene, slaves: list[int], when: Callable[
 # ---------------------------------------------------------------- comparing
 
 
-def run_slowly(polling: Polling) -> Outcome:
-    return outcome_of(polling.case, polling.idle)
-
-
-def run_fast(polling: Polling) -> Outcome:
-    return run_channel(polling.case, idle=polling.idle)
-
-
-def seeded_cases(count: int, first: int = 0) -> Iterator[Polling]:
+def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(4, number)) for number in range(first, first + count))
 
 
@@ -145,9 +129,9 @@ DEFAULT = 300
 
 
 @cache
-def default_cases() -> list[tuple[Polling, Outcome]]:
+def default_cases() -> list[tuple[Case, Outcome]]:
     """Return the cases of the default run and what the oracle says of them."""
-    return [(case, run_slowly(case)) for case in seeded_cases(DEFAULT)]
+    return [(case, outcome_of(case)) for case in seeded_cases(DEFAULT)]
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
@@ -155,14 +139,14 @@ def default_cases() -> list[tuple[Polling, Outcome]]:
 @pytest.mark.slow
 def test_polling_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:
     case = draw_case(Drawn(data))
-    assert run_fast(case) == run_slowly(case)
+    assert run_channel(case) == outcome_of(case)
 
 
 @pytest.mark.slow
 def test_polling_equals_the_oracle_and_every_outcome_occurs() -> None:
     seen: Counter[str] = Counter()
     for case, slow in default_cases():
-        assert run_fast(case) == slow, case
+        assert run_channel(case) == slow, case
         seen.update(row.outcome for row in slow.frames)
         seen.update(row.kind for row in slow.frames)
         seen.update(outcome for *_, outcome in slow.fates)
@@ -180,6 +164,6 @@ def test_polling_equals_the_oracle_over_ten_thousand_cases(
 ) -> None:
     count = soak_count(2_500)
     for case in seeded_cases(count, 1_000_000 * (part + 1)):
-        assert run_fast(case) == run_slowly(case), case
+        assert run_channel(case) == outcome_of(case), case
     record_property("equal polling cases", count)
     print(f"{count} polling cases equal")

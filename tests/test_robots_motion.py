@@ -165,6 +165,38 @@ def test_time_counts_ticks_in_nanoseconds_from_the_start():
     assert fleet.time == 3 * S + 2 * TICK
 
 
+def test_a_step_tells_the_way_of_the_interval_that_it_ends():
+    fleet = Fleet([BodySettings(), BodySettings(speed_mps=0.3)], [(0, 0), (0, 5)], OPEN, TICK)
+    fleet.apply([(0, GoTo(3, 4)), (1, GoTo(0, 6))])
+    ways = [fleet.step() for _ in range(120)]
+    assert ways[0] == 0.0  # they set out
+    assert ways[1] == pytest.approx(2 * 0.01)  # h = a T^2 each
+    assert sum(ways) == pytest.approx(5 + 1)
+    assert ways[-1] == 0.0
+
+
+def test_a_body_rests_when_it_stays_until_the_next_tick():
+    fleet = alone()
+    assert fleet.rests(0)
+    fleet.apply([(0, GoTo(0.02, 0))])  # h, then h: it lands at the second tick after the one at which it sets out
+    rests = []
+    for _ in range(4):
+        fleet.step()
+        rests.append(fleet.rests(0))
+    assert rests == [False, False, True, True]
+
+
+def test_positions_outlive_the_next_step():
+    fleet = alone()
+    fleet.apply([(0, GoTo(9, 0))])
+    for _ in range(10):
+        fleet.step()
+        before, x = fleet.positions_m, fleet.observations()[0].x_m
+        fleet.step()
+        assert before[0, 0] == x
+        assert fleet.positions_m[0, 0] == fleet.observations()[0].x_m > x
+
+
 def test_a_body_that_has_nowhere_to_go_has_arrived():
     fleet = alone()
     assert fleet.observations()[0].arrived

@@ -20,20 +20,28 @@ from cosim.machine import (
     Discovered,
     Fate,
     Flush,
+    Hold,
     Inquire,
     InquiryComplete,
     LinkCommand,
     LinkEvent,
     Lost,
     Metric,
+    Mode,
+    ModeChanged,
     Outcome,
     Outgoing,
     Page,
     PageFailed,
+    Park,
     Reception,
     Role,
+    RoleChanged,
     Scan,
     Share,
+    Sniff,
+    SwitchRole,
+    Unpark,
 )
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
@@ -61,6 +69,7 @@ class IdealChannel(Channel):
         self.sent = 0
         self._on = [True] * size
         self._scanning = [True] * size
+        self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
         self._batch: list[_Sent] = []
         self._batch_time: Time | None = None
         self._news: list[tuple[Address, LinkEvent]] = []
@@ -91,6 +100,8 @@ class IdealChannel(Channel):
                 found = tuple(a for a in self.in_reach(source) if self._scanning[a])[:enough]
                 self._tell(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
             case Page(peer=peer) if self._hears(source, peer) and self._scanning[peer]:
+                self._paged.discard((peer, source))
+                self._paged.add((source, peer))
                 self._tell((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
             case Page(peer=peer):
                 self._tell((source, PageFailed(peer)))
@@ -98,8 +109,26 @@ class IdealChannel(Channel):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._hears(source, peer):
                 self._tell((source, Lost(peer)), (peer, Lost(source)))
+            case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
+                mode = Mode.ACTIVE if self._hears(source, peer) else Mode.NONE  # links are never at rest
+                self._tell((source, ModeChanged(peer, mode)))
+            case SwitchRole(peer=peer) if self._hears(source, peer):
+                self._switch(source, peer)
+            case SwitchRole(peer=peer):
+                self._tell((source, ModeChanged(peer, Mode.NONE)))
             case Disconnect() | Flush() | Share():
                 pass  # there is no such link; nothing ever waits in a queue, and time is not divided
+
+    def _switch(self, source: Address, peer: Address) -> None:
+        """Exchange the roles that the last page between two devices has given them."""
+        for pair in ((source, peer), (peer, source)):
+            if pair in self._paged:
+                self._paged.remove(pair)
+                self._paged.add(pair[::-1])
+                roles = (Role.SLAVE, Role.MASTER) if pair[0] == source else (Role.MASTER, Role.SLAVE)
+                self._tell((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
+                return
+        self._tell((source, RoleChanged(peer, Role.PEER)))
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices that are switched on, if this one is."""

@@ -37,6 +37,9 @@ from cosim.machine import (
 from cosim.units import Time
 from protocols.pseudonet.parameters import Parameters, Timing
 
+FULL_WAITS: Final = 2
+"""Robots that may be dead for which the whole stagger is waited; for any others a quarter of it."""
+
 
 class Setup(Enum):
     """Where a robot's radio is in the set-up."""
@@ -218,7 +221,8 @@ class Bluetooth:
 
     def _wait(self, now: Time) -> None:
         self._move(Input.WAIT, now)
-        self.deadline = now + self._rank * self._times.stagger
+        waits, more = min(self._rank, FULL_WAITS), max(0, self._rank - FULL_WAITS)
+        self.deadline = now + waits * self._times.stagger + more * self._times.stagger // 4
 
     def _paged_by(self, peer: Address, now: Time) -> None:
         if self._left or (self.state is Setup.LEADING and self.links):

@@ -70,7 +70,7 @@ class Scatternet(Bluetooth):
         taken: Callable[[Time], None],
     ) -> None:
         super().__init__(me, size, links, times, parameters, self._report, taken)
-        self._patience = 2 * times.stagger
+        self._patience = times.stagger + times.stagger // 4  # the root gives up after the stagger, and says so
         self._relay = relay
         self._topology = parameters.topology
         self._most = parameters.piconet_size
@@ -99,6 +99,9 @@ class Scatternet(Bluetooth):
 
     def _report(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         """Report that all slaves are paged, and wait for the roll call."""
+        if self._root is None:  # nobody else may be alive
+            self._coordinate()
+            self._finish_design(now)
         self.deadline = None if self._root == self.me else now + self._patience
         own = Piconet(self.me, slaves)
         census = Census(False, 0, 0, self._number, self._count, self._root or 0, self._formation, own)
@@ -114,14 +117,18 @@ class Scatternet(Bluetooth):
 
     def _close(self, now: Time) -> None:
         self._relay.leave()
+        self._forget()
+        self.out.append(Share(2 * self._slots, (), self.me))
+        super()._close(now)
+
+    def _forget(self) -> None:
+        """Be in no formation."""
         self._called = self._pausing = False
         self._root = None
         self._piconets.clear()
         self._assigned.clear()
         self._untold.clear()
         self._leaving.clear()
-        self.out.append(Share(2 * self._slots, (), self.me))
-        super()._close(now)
 
     def reform(self, dead: Iterable[Address], now: Time) -> None:
         """Leave the scatternet, when there was time to pass on that it is dissolved, and begin anew."""
@@ -188,7 +195,7 @@ class Scatternet(Bluetooth):
             return
         super()._paged_by(peer, now)
         if self.state is Setup.JOINED and peer in self.links:
-            self._called = False
+            self._forget()
 
     def _attend(self, master: Address) -> None:
         """Be there for the welcome of a new master: without parts a device is where its last link came up."""
@@ -219,6 +226,8 @@ class Scatternet(Bluetooth):
         self._formation = packet.formation
         self._count = packet.piconets
         self._relay.enter()
+        if self.state is Setup.JOINED:
+            self.deadline = now + self._patience
         match packet:
             case Welcome():
                 self._piconets[packet.piconet] = source
@@ -306,10 +315,7 @@ class Scatternet(Bluetooth):
         if self._look_again():
             self._move(Input.TOO_FEW, now)
             return
-        self._root = self.me
-        self._formations = self._formation = (self._formations + 1) % 256
-        self._number = 0
-        self._piconets = {0: self.me}
+        self._coordinate()
         self._count = piconets_needed(1 + len(self.found), self._topology, self._most)
         self._connecting = True
         self._jobs = [Job(peer, self._page_attempts) for peer in self.found] if self._count > 1 else []
@@ -321,6 +327,13 @@ class Scatternet(Bluetooth):
         else:
             self._finish_design(now)
             self._move(Input.ENOUGH, now)
+
+    def _coordinate(self) -> None:
+        """Begin a new formation as its coordinator."""
+        self._root = self.me
+        self._formations = self._formation = (self._formations + 1) % 256
+        self._number = 0
+        self._piconets = {0: self.me}
 
     def _finish_design(self, now: Time) -> None:
         """Design the topology of all that were found, with those as masters that are connected."""

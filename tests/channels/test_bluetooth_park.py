@@ -14,7 +14,7 @@ WINDOW = 32
 
 
 def ask(bench: Bench, at: Time, side: Address, command: ModeCommand) -> None:
-    bench.kernel.at(at, lambda: bench.piconet.command(side, command))
+    bench.kernel.at(at, lambda: bench.piconet.modes.command(side, command))
 
 
 def changes(bench: Bench) -> list[tuple[Time, Address, Address, Mode]]:
@@ -158,3 +158,10 @@ def test_a_master_that_was_away_sends_its_beacon_in_the_next_window() -> None:
     beacons = [tick for tick, kind, k in bench.on_air("NULL") if k == 0]
     assert beacons == [2 * INTERVAL * i for i in range(2, 7)]
     assert (600, "POLL", 2) in bench.on_air("POLL")
+
+
+def test_nobody_is_parked_where_beacons_are_too_rare_for_supervision() -> None:
+    bench = Bench(1, supervision=1 * S, park_interval_slots=1522)
+    ask(bench, 0, 0, Park(1))
+    bench.run(10 * MS)
+    assert changes(bench) == [(0, 0, 1, Mode.ACTIVE)]

@@ -49,6 +49,8 @@ class Case:
     longest_backoff: int
     coarse: bool = False
     """Whether back-offs are 0 or 1 more than multiples of 16 slots, which bring the same ID again."""
+    idle: bool = True
+    """Whether idle frames are recorded, or else counted: a piconet that is alone may take its shortcut then."""
 
     def draw(self, device: int, bound: int, tick: int) -> int:
         return self.backoff(device, bound, tick, 0, 1)
@@ -106,7 +108,7 @@ def draw_any_case(choice: Choice) -> Case:
     scene = replace(scene, inputs=_draw_inputs(choice, scene, roles))
     jammers = chance(choice, 3) * choice.integer(1, 2)
     scene = replace(scene, radio=draw_radio(choice, len(bodies), jammers, 2 if len(roles.slaves) == 1 else 5))
-    case = Case(scene, pick(choice, (1, 4, 32, 1024)))
+    case = Case(scene, pick(choice, (1, 4, 32, 1024)), idle=chance(choice, 2))
     book = case.book()
     return replace(case, scene=near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
 
@@ -250,7 +252,7 @@ def _draw_joins(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Cl
             ahead = pick(choice, (0, 8, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
             if roles.twins and chance(choice, 2):
                 time, ahead = 0, same + 8 * number
-            joins.append(Join(time, master, slave, lt_addr, (clocks[master].tick(time) + ahead + 3) // 4 * 4))
+            joins.append(Join(time, master, slave, lt_addr, clocks[master].first_transmit_tick(time) + ahead // 4 * 4))
     return joins
 
 

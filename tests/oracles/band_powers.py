@@ -69,8 +69,11 @@ class Near:
         self.choice = choice
         self.frames = frames
         self.kinds = sorted({frame.kind for frame in frames})
+        self.hit = [frame for frame in frames if frame.outcome == "collided"]
 
     def frame(self) -> Seen:
+        if self.hit and chance(self.choice, 2):
+            return pick(self.choice, self.hit)
         kind = pick(self.choice, self.kinds)
         return pick(self.choice, [frame for frame in self.frames if frame.kind == kind])
 
@@ -154,6 +157,10 @@ def _draw_supervision(choice: Choice, scene: Scene, near: Near) -> int:
 def _changed(choice: Choice, matrix: Matrix, devices: int) -> Matrix:
     """Return other powers: some links a few decibels or a threshold more or less, or one gone."""
     rows = [list(row) for row in matrix]
+    if chance(choice, 2):  # one device is louder than before, or silent
+        source, step = choice.integer(0, len(rows) - 1), pick(choice, (-inf, 12.0, 42.0, -12.0))
+        rows[source] = [power + step if power > -inf else power for power in rows[source]]
+        return tuple(tuple(row) for row in rows)
     for _ in range(choice.integer(1, 4)):
         a, b = choice.integer(0, len(rows) - 1), choice.integer(0, devices - 1)
         if a == b:

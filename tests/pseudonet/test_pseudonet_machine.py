@@ -84,6 +84,13 @@ def test_masters_and_slaves_of_every_algorithm_keep_the_laws(algorithm: str, siz
     check_machine(maker(size, algorithm), surroundings(size).starts_m)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("topology", ["ring", "tree", "bridged"])
+@pytest.mark.parametrize("algorithm", ["oscard", "spanning_tree"])
+def test_robots_of_scatternets_keep_the_laws(algorithm: str, topology: str) -> None:
+    check_machine(maker(6, algorithm, piconet_size=3, topology=topology), surroundings(6).starts_m, duration=5 * S)
+
+
 # ------------------------------------------------------------------ frames that are well formed and make no sense
 
 _small = st.integers(0, 12) | st.sampled_from([4094, 4095])

@@ -102,9 +102,11 @@ def test_names_are_the_piconet_and_the_place_in_it_own_piconets_first() -> None:
 
 @pytest.mark.parametrize(
     ("size", "topology", "most", "count"),
-    [(8, "ring", 8, 1), (9, "ring", 8, 3), (21, "ring", 8, 3), (22, "ring", 8, 4), (32, "ring", 8, 5)]
-    + [(9, "tree", 8, 2), (15, "tree", 8, 2), (16, "tree", 8, 3), (32, "tree", 8, 5)]
-    + [(9, "bridged", 8, 2), (15, "bridged", 8, 2), (32, "bridged", 8, 5)],
+    [
+        *((8, "ring", 8, 1), (9, "ring", 8, 3), (21, "ring", 8, 3), (22, "ring", 8, 4), (32, "ring", 8, 5)),
+        *((9, "tree", 8, 2), (15, "tree", 8, 2), (16, "tree", 8, 3), (32, "tree", 8, 5)),
+        *((9, "bridged", 8, 2), (15, "bridged", 8, 2), (32, "bridged", 8, 5)),
+    ],
 )
 def test_as_few_piconets_as_will_do(size: int, topology: str, most: int, count: int) -> None:
     assert piconets_needed(size, topology, most) == count  # type: ignore[arg-type]

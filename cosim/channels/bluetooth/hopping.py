@@ -10,6 +10,10 @@ Outside of a connection the parts are constants of the address and F = 0, so all
 of 64 entries, indexed by 32 * Y1 + X. At Y1 = 0 the table is injective, so devices meet exactly when their X are
 equal, and the entries of Y1 = 1 are other channels than those of Y1 = 0. X alone is ``scan_phase``, ``train_phase``.
 
+The 23-channel system of v1.0B and v1.1, for countries with a narrower band, is asked for by the bit ``NARROW`` of an
+address. No sample data of it is public, so what is here claims statistical properties only: a hop segment of 16
+distinct channels, the same in both trains, the scan phase CLKN15-12, and channels that a connection uses alike often.
+
 An address is the 32-bit word UAP/LAP of the specification's sample data, of which the kernel reads 28 bits. Clocks
 are in ticks of 312.5 us and may be unwrapped: 28 bits are read. Every public function takes an int, or a NumPy array
 of integers and then returns an array.
@@ -29,7 +33,10 @@ Clock = TypeVar("Clock", int, NDArray[Any])
 
 GIAC: Final = 0x9E8B33
 """The word of the general inquiry access code: its LAP, with the default check initialisation 0 as UAP."""
+NARROW: Final = 1 << 32
+"""Added to an address, beyond its 32 bits: it hops over 23 channels."""
 CHANNELS: Final = 79
+NARROW_CHANNELS: Final = 23
 KOFFSET: Final[dict[str, int]] = {"A": 24, "B": 8}
 """Offset of X on each train."""
 
@@ -65,10 +72,39 @@ def _select(address: int, x: int, y1: int, mix: int) -> int:
 
 
 @njit(cache=True)
+def _perm4(z: int, control: int) -> int:
+    """Return what is left of PERM5 for four bits: the exchanges with the fifth are left out."""
+    for i in range(13, -1, -1):
+        first, second = _EXCHANGED[i, 0], _EXCHANGED[i, 1]
+        if second < 4:
+            differ = (control >> i) & ((z >> first) ^ (z >> second)) & 1
+            z ^= (differ << first) | (differ << second)
+    return z
+
+
+@njit(cache=True)
+def _narrow_hop(address: int, x: int, y1: int, mix: int, f: int) -> int:
+    """Return the channel of the 23-channel system: the kernel with 4 bits where it has 5, and 23 for 79."""
+    a = ((address >> 23) ^ (mix >> 21)) & 15
+    b = (address >> 19) & 15
+    c = e = 0
+    for i in range(5):
+        c |= ((address >> 2 * i) & 1) << i
+    for i in range(7):
+        e |= ((address >> (2 * i + 1)) & 1) << i
+    control = (((address >> 10) ^ (mix >> 7)) & 511) | ((((c ^ (mix >> 16)) & 31) ^ (31 * y1)) << 9)
+    index = _perm4(((x + a) & 15) ^ b, control) + e + f + 16 * y1
+    return 2 * (index % 23) % 23
+
+
+@njit(cache=True)
 def basic_hop(address: int, clk: int) -> int:
     """Return :func:`basic_channel` of one clock, for other compiled kernels."""
     clk &= 0xFFFFFFF
     y1 = (clk >> 1) & 1
+    if address & NARROW:
+        narrow: int = _narrow_hop(address, (clk >> 2) & 15, y1, clk, 8 * (clk >> 6))
+        return narrow
     index = _select(address, (clk >> 2) & 31, y1, clk) + 16 * (clk >> 7) + 32 * y1
     return 2 * (index % 79) % 79
 
@@ -101,6 +137,8 @@ def _adapted_hops(address: int, clks: NDArray[np.int64], bank: NDArray[np.int64]
 @lru_cache(maxsize=4096)
 def _channels(address: int) -> tuple[int, ...]:
     """Return the channels of *address* outside of a connection, at 32 * Y1 + X."""
+    if address & NARROW:
+        return tuple(_narrow_hop(address, x & 15, y1, 0, 0) for y1 in (0, 1) for x in range(32))
     return tuple(2 * ((_select(address, x, y1, 0) + 32 * y1) % CHANNELS) % CHANNELS for y1 in (0, 1) for x in range(32))
 
 

@@ -73,9 +73,10 @@ class Intake:
         elif self._limit is not None and self._queues.length(queue) >= self._limit:
             self._tell(fate(source, outgoing, Outcome.QUEUE_FULL))
         else:
-            self._push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
+            self.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
 
-    def _push(self, queue: int, payload: Payload) -> None:
+    def push(self, queue: int, payload: Payload) -> None:
+        """Append *payload* to a queue."""
         piconet, now = self._links.piconet, self._kernel.now
         # whether a payload that is not the head may change what is sent next
         overtaking = piconet[polling.SHARED] or piconet[polling.SCHEDULER] != polling.LAZY
@@ -85,7 +86,7 @@ class Intake:
             self._air.advance(now)
             self._slots.arm()
         if self._timeout is not None and self._expiry is None:
-            self._expiry = self._kernel.after(self._timeout, self._expire)
+            self._expiry = self._kernel.at(max(now, payload.queued + self._timeout), self._expire)
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""

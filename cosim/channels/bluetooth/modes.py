@@ -61,13 +61,18 @@ class Modes:
         self._changed = changed
 
     def command(self, side: Address, command: ModeCommand) -> None:
-        """Do what the host of *side*, the master or a slave, asks for; all slots before now are decided."""
+        """Do what the host of *side*, the master or a slave, asks for."""
+        self._air.advance(self._kernel.now)
         slave = command.peer if side == self._links.master else side
-        done = self._links.master in (side, command.peer) and self._obey(slave, command)
-        if not done:
-            self._tell([(side, ModeChanged(command.peer, self.mode(slave)))])
-        else:
+        known = self._links.master in (side, command.peer)
+        if known and self._obey(slave, command):
             self._changed()
+        else:
+            self._tell([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
+
+    def members(self) -> list[Address]:
+        """Return all whom either side takes for members, parked or not."""
+        return [*self._links.lt_addr, *(member.slave for member in self._parking.members.values())]
 
     def mode(self, slave: Address) -> Mode:
         """Return the mode of the link to *slave*."""
@@ -81,23 +86,27 @@ class Modes:
             return Mode.HOLD
         return Mode.SNIFF if table[SNIFF_PERIOD, k] else Mode.ACTIVE
 
+    def both_hear(self, slave: Address) -> bool:
+        """Return whether the link to *slave* is up on both sides, each in reach of the other."""
+        air, links = self._air, self._links
+        k = links.lt_addr.get(slave, 0)
+        ways = ((links.master, slave), (slave, links.master))
+        return links.up(k, HELD) and links.up(k, JOINED) and all(air.reaches(air.carrier(*way)) for way in ways)
+
     def _obey(self, slave: Address, command: ModeCommand) -> bool:
         """Return whether the command is carried out."""
-        air, master = self._air, self._links.master
         if isinstance(command, Unpark):
             return self._wake(slave)
-        k = self._links.lt_addr.get(slave, 0)
-        both = self._links.up(k, HELD) and self._links.up(k, JOINED)
-        if not both or not air.reaches(air.carrier(master, slave)) or not air.reaches(air.carrier(slave, master)):
+        if not self.both_hear(slave):
             return False
+        k = self._links.lt_addr[slave]
         match command:
             case Hold():
                 return self._hold(k, command.slots)
             case Sniff():
                 return self._sniff(k, command)
             case Park():
-                self._park(k)
-                return True
+                return self._park(k)
 
     # ------------------------------------------------------------ hold and sniff
 
@@ -141,7 +150,9 @@ class Modes:
 
     # ------------------------------------------------------------ park
 
-    def _park(self, k: int) -> None:
+    def _park(self, k: int) -> bool:
+        if self._parking.interval > self._longest:
+            return False
         links, now = self._links, self._kernel.now
         slave = links.slaves[k]
         news = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
@@ -151,6 +162,7 @@ class Modes:
         self._parking.add(member)
         self._tell(news)
         self._report(slave)
+        return True
 
     def _wake(self, slave: Address) -> bool:
         number = self._parking.number(slave)

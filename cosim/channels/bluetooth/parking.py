@@ -25,7 +25,7 @@ from cosim.channels.bluetooth.polling import (
     SNIFF_PERIOD,
 )
 from cosim.machine import Address
-from cosim.units import Time
+from cosim.units import SLOT, Time
 
 
 @dataclass(slots=True)
@@ -51,6 +51,7 @@ class Parking:
 
     def __init__(self, links: Links, interval_slots: int, window_slots: int) -> None:
         self.members: dict[int, Member] = {}
+        self.interval: Time = interval_slots * SLOT
         self._links = links
         self._period = 2 * interval_slots
         self._window = 2 * window_slots

@@ -25,21 +25,25 @@ from cosim.channels.bluetooth.modes import Modes
 from cosim.channels.bluetooth.packets import ACL, PacketType
 from cosim.channels.bluetooth.parking import Parking
 from cosim.channels.bluetooth.polling import (
-    HEARD_DOWN,
-    HEARD_UP,
+    EVERYONE,
     HELD,
     JOINED,
     NEXT,
     NOTHING,
     RUNNING,
+    SEEN_DOWN,
+    SEEN_UP,
+    SEQ_DOWN,
+    SEQ_UP,
 )
-from cosim.channels.bluetooth.queues import News, Queues
+from cosim.channels.bluetooth.queues import News, Payload, Queues
 from cosim.channels.bluetooth.radio import Air
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.schedule import SCHEDULERS, Schedule, Scheduler
 from cosim.channels.bluetooth.slots import Deliver, Slots
-from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import Address, Lost, ModeCommand, Outgoing
+from cosim.channels.bluetooth.supervision import Supervision
+from cosim.kernel import WAKE, Kernel
+from cosim.machine import Address, Lost, Outgoing
 from cosim.units import SLOT, S, Time
 
 
@@ -96,7 +100,6 @@ class Piconet:
         frames.attach(self.links)
         self._kernel = kernel
         self._air = air
-        self._settings = settings
         self._frames = frames
         self._deliver = deliver
         self._on_lost = on_lost
@@ -105,14 +108,15 @@ class Piconet:
         self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
         own = (kernel, air, clock, self.links, self._queues, self._parking)
         longest_silence = settings.supervision - 2 * settings.t_poll_slots * SLOT
-        self._modes = Modes(*own, longest_silence, self._tell, self._changed)
+        self.modes = Modes(*own, longest_silence, self._tell, self._changed)
         fit = BestFit(air, self.links, settings.types) if settings.best_packets else None
         schedule = Schedule(self.links, self._queues, fit)
-        self._slots = Slots(*own, schedule, settings.n_bc, frames, deliver, self._modes.beacon_heard)
+        self._slots = Slots(*own, schedule, settings.n_bc, frames, deliver, self.modes.beacon_heard)
         hand_in = (settings.types, settings.queue, settings.flush, self._tell)
         self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)
         self._adaptation = Adaptation(kernel, air, self.links, *settings.afh) if settings.afh else None
-        self._supervision: Handle | None = None
+        timeout = settings.supervision
+        self._supervision = Supervision(kernel, timeout, self.links, self._parking, self.advance, self._expire)
 
     # ------------------------------------------------------------ links
 
@@ -128,11 +132,6 @@ class Piconet:
         """Return whether either side takes *slave* for a member, parked or not."""
         return slave in self.links.lt_addr or self._parking.number(slave) is not None
 
-    def command(self, side: Address, command: ModeCommand) -> None:
-        """Change the mode of a link as the host of *side* asks for; the answer comes as a new event."""
-        self.advance(self._kernel.now)
-        self._modes.command(side, command)
-
     def join(self, slave: Address, lt_addr: int) -> None:
         """Bring the side of *slave* up: it has received the first POLL now."""
         self.advance(self._kernel.now)
@@ -147,10 +146,35 @@ class Piconet:
 
     def _changed(self) -> None:
         self._air.changed(self._kernel.now)
-        self._supervise()
+        self._supervision.watch()
         self._slots.arm()
         if self._adaptation is not None:
             self._adaptation.wake()
+
+    def hand_over(self, slave: Address, other: "Piconet") -> News:
+        """Turn the link to *slave* round: from now on *other*, its piconet, has it, with all that waits on either side.
+
+        Return the fates of broadcasts, which are flushed. To be called between two slot pairs.
+        """
+        k = self.links.lt_addr[slave]
+        bits = [int(self.links.table[row, k]) for row in (SEQ_UP, SEEN_UP, SEQ_DOWN, SEEN_DOWN)]
+        down, up = self._queues.take(EVERYONE), self._queues.take(k)
+        for side in (HELD, JOINED):
+            self.links.take_down(k, side)
+        self._changed()
+        other.resume()
+        other.add_slave(self.address, 1, int(other.links.piconet[NEXT]))
+        other.links.table[[SEQ_DOWN, SEEN_DOWN, SEQ_UP, SEEN_UP], 1] = bits
+        other._take_over([payload for payload in down if payload.lt_addr != EVERYONE], up)
+        return self._queues.fates([payload for payload in down if payload.lt_addr == EVERYONE], self.address)
+
+    def _take_over(self, up: list[Payload], down: list[Payload]) -> None:
+        """Queue what waits on a link that has been turned round to LT_ADDR 1, in its slave (*up*) and here (*down*)."""
+        for payload in (*up, *down):
+            payload.lt_addr = 1
+        for queue, payloads in ((1, up), (EVERYONE, down)):
+            for payload in payloads:
+                self._intake.push(queue, payload)
 
     def add_slave(self, slave: Address, lt_addr: int, due: int) -> None:
         """Bring both sides of a link up now, without a page."""
@@ -260,32 +284,10 @@ class Piconet:
 
     # ------------------------------------------------------------ ends
 
-    def _supervise(self) -> None:
-        """Wait for the earliest time-out; that a deadline has moved later is found when its event fires."""
-        sides = [heard for heard in (self.links.last_heard(), self._parking.last_heard()) if heard is not None]
-        if not sides:
-            return
-        heard = min(sides)
-        deadline = heard + self._settings.supervision
-        if self._supervision is not None:
-            if self._supervision.time <= deadline:
-                return
-            self._supervision.cancel()
-        self._supervision = self._kernel.at(deadline, self._expire, WAKE)
-
-    def _expire(self) -> None:
-        self._supervision = None
-        now = self._kernel.now
-        self.advance(now)
-        limit = now - self._settings.supervision
+    def _expire(self, silent: list[tuple[int, int]]) -> None:
         news: News = []
-        for k in sorted(self.links.slaves):
-            for side, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN)):
-                if self.links.table[heard, k] <= limit:
-                    news += self._drop(k, side)
-        for number, side in self._parking.silent(limit):
-            news += self._drop(number, side)
-        self._supervise()
+        for k, side in silent:
+            news += self._drop(k, side)
         self._slots.arm()
         if news:
             self._deliver((), news)

@@ -100,6 +100,12 @@ class Queues:
         self._links[QUEUED, queue] = len(self._waiting[queue])
         return payload
 
+    def take(self, queue: int) -> list[Payload]:
+        """Empty a queue and return what was in it."""
+        payloads = list(self._waiting[queue])
+        self.flush(queue, 0)
+        return payloads
+
     def remove(self, payload: Payload) -> None:
         """Remove a payload from the master's queue."""
         self._waiting[EVERYONE].remove(payload)
@@ -112,6 +118,10 @@ class Queues:
         self._waiting[queue] = deque(payload for payload in waiting if not which(payload))
         self._links[QUEUED, queue] = len(self._waiting[queue])
         self._count(queue)
+        return self.fates(gone, source)
+
+    def fates(self, gone: list[Payload], source: Address) -> News:
+        """Return the news for *source* that payloads have been flushed."""
         return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
 
     def _count(self, queue: int) -> None:

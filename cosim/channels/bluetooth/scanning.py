@@ -8,7 +8,8 @@ X of the transmitter is a function of the tick's bits 4, 3, 2, 0 and of its bloc
 scanner of its block alone. So between changes of a block or a train the equation X = X has at most one solution in
 every 32 ticks, and it is written down: with b the block of the transmitter, k the train's offset and
 d = (X - b - k) mod 32, there is none if d >= 16, and else bits 4, 3, 2, 0 of the tick are (b + d) mod 16 and bit 1
-is 0. The search steps over windows and such segments only.
+is 0. The search steps over windows and such segments only. In the 23-channel system X counts mod 16, and so does d:
+both trains are the same, and there is always a solution.
 """
 
 from dataclasses import dataclass
@@ -64,6 +65,7 @@ class IdTrain:
 
     *first* and *end* are multiples of 4. The train changes after every *repetitions* * 32 ticks. The hop phase is read
     from c + *estimate*, a multiple of 4: 0 for an inquirer, the distance to the paged device's clock for a pager.
+    *narrow* is the 23-channel system, in which there are 16 phases instead of 32.
     """
 
     clock: NativeClock
@@ -72,6 +74,7 @@ class IdTrain:
     repetitions: int
     first_train: Train = "A"
     estimate: int = 0
+    narrow: bool = False
 
     def train(self, tick: int) -> Train:
         """Return the train in use at *tick*."""
@@ -146,9 +149,9 @@ def next_meeting_between(
     return _as_meeting(_next_meeting(*_numbers(ids, clock), -1, WINDOW, 0, n, tick, since, until))
 
 
-def _numbers(ids: IdTrain, scanner: NativeClock) -> tuple[int, int, int, int, int, int, int, int, int]:
-    clock, switch, koffset = ids.clock, 32 * ids.repetitions, KOFFSET[ids.first_train]
-    return clock.phase, clock.ppm, ids.first, ids.end, switch, koffset, ids.estimate, scanner.phase, scanner.ppm
+def _numbers(ids: IdTrain, scanner: NativeClock) -> tuple[int, int, int, int, int, int, int, int, int, int]:
+    clock, switch, koffset, mask = ids.clock, 32 * ids.repetitions, KOFFSET[ids.first_train], 15 if ids.narrow else 31
+    return clock.phase, clock.ppm, ids.first, ids.end, switch, koffset, ids.estimate, mask, scanner.phase, scanner.ppm
 
 
 def _as_meeting(found: int) -> Meeting | None:
@@ -171,9 +174,12 @@ def _time_of(phase: int, ppm: int, tick: int) -> int:
 
 
 @njit(cache=True)
-def _solve(x: int, block: int, koffset: int, tick: int, estimate: int) -> int:
-    """Return the first c >= *tick* at which a train in *block* with *koffset* has the phase *x*, or -1."""
-    d = (x - block - koffset) & 31
+def _solve(x: int, block: int, koffset: int, tick: int, estimate: int, mask: int) -> int:
+    """Return the first c >= *tick* at which a train in *block* with *koffset* has the phase *x*, or -1.
+
+    *mask* is the number of phases minus 1.
+    """
+    d = (x - block - koffset) & mask
     if d >= 16:
         return -1
     step = (block + d) & 15
@@ -183,7 +189,7 @@ def _solve(x: int, block: int, koffset: int, tick: int, estimate: int) -> int:
 
 @njit(cache=True)
 def _in_window(
-    ph: int, pm: int, first: int, switch: int, k: int, est: int, sph: int, spm: int, x: int, lo: int, hi: int
+    ph: int, pm: int, first: int, switch: int, k: int, est: int, mask: int, sph: int, spm: int, x: int, lo: int, hi: int
 ) -> int:
     """Return the first c in [lo, hi] that meets a scanner of phase CLKN16-12 + x, all of these ticks heard; else -1."""
     while lo <= hi:
@@ -193,7 +199,7 @@ def _in_window(
         turn = (lo - first) // switch
         last = min(hi, change, ((mine + 1) << 12) - est - 1, first + (turn + 1) * switch - 1)
         koffset = k if turn % 2 == 0 else 32 - k  # the offsets of the trains are 24 and 8
-        tick = _solve((block + x) & 31, mine & 31, koffset, lo, est)
+        tick = _solve((block + x) & 31, mine & 31, koffset, lo, est, mask)
         if 0 <= tick <= last:
             return tick
         lo = last + 1
@@ -209,6 +215,7 @@ def _next_meeting(
     switch: int,
     k: int,
     est: int,
+    mask: int,
     sph: int,  # ...the scanner's clock, its windows...
     spm: int,
     second: int,  # -1 continuous, 0 single windows, 1 interlaced
@@ -225,7 +232,7 @@ def _next_meeting(
     if until != _NEVER:
         hi = min(hi, _tick(ph, pm, until - ID_AIR))
     if second < 0:
-        found = _in_window(ph, pm, first, switch, k, est, sph, spm, n, lo, hi)
+        found = _in_window(ph, pm, first, switch, k, est, mask, sph, spm, n, lo, hi)
         return 2 * found if found >= 0 else -1
     window = (_tick(sph, spm, _time_of(ph, pm, lo)) - offset) // interval
     while lo <= hi:
@@ -235,7 +242,7 @@ def _next_meeting(
             closing = _time_of(sph, spm, edge + (part + 1) * WINDOW)
             start = max(lo, _tick(ph, pm, opening - 1) + 1)
             stop = min(hi, _tick(ph, pm, closing - ID_AIR))
-            found = _in_window(ph, pm, first, switch, k, est, sph, spm, n + 16 * part, start, stop)
+            found = _in_window(ph, pm, first, switch, k, est, mask, sph, spm, n + 16 * part, start, stop)
             if found >= 0:
                 return 2 * found + part
             lo = max(lo, stop + 1)

@@ -1,16 +1,19 @@
 """What a scenario can say about the Bluetooth channel."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
-from cosim.channels.bluetooth.packets import AclName
+from cosim.channels.bluetooth.packets import ACL, AclName
 from cosim.channels.bluetooth.paging import PageSettings
+from cosim.channels.bluetooth.piconet import PiconetSettings
 from cosim.channels.bluetooth.radio import Interference
 from cosim.channels.bluetooth.scanning import ScanSettings
+from cosim.channels.bluetooth.schedule import Scheduler
 from cosim.channels.propagation import PropagationSettings, noise_dbm, thermal_noise_dbm
 from cosim.settings import Settings
+from cosim.units import from_seconds
 
 
 class BluetoothSettings(Settings):
@@ -41,6 +44,28 @@ class BluetoothSettings(Settings):
     t_poll_slots: int = Field(
         default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
     )
+    scheduler: Scheduler = Field(
+        default="lazy", description="whom a master addresses: whoever is due or has a payload, or all in every slot"
+    )
+    packet_choice: Literal["smallest", "best"] = Field(
+        default="smallest", description="packet type of a payload: the smallest, or the best at the link's Es/N0"
+    )
+    queue_payloads: int | None = Field(
+        default=None, ge=1, description="payloads that a device holds for a piconet; unlimited if not given"
+    )
+    flush_s: float | None = Field(
+        default=None, gt=0, description="s until a payload without acknowledgement is dropped; never if not given"
+    )
+    park_interval_slots: int = Field(
+        default=2048, ge=64, multiple_of=2, description="slots from a beacon for parked slaves to the next"
+    )
+    park_window_slots: int = Field(
+        default=64, ge=12, multiple_of=2, description="slots at a beacon in which parked slaves hear broadcasts"
+    )
+    channels: Literal[79, 23] = Field(default=79, description="79, or 23 as in v1.1 (statistically alike only)")
+    afh: bool = Field(default=False, description="whether masters leave out bad channels")
+    afh_interval_s: float = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
+    afh_retry_s: float = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
     supervision_s: float = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
     clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
     inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
@@ -50,6 +75,31 @@ class BluetoothSettings(Settings):
     page: PageSettings = Field(default_factory=PageSettings, description="how devices ask for a link")
     page_scan: ScanSettings = Field(default_factory=ScanSettings, description="how devices let themselves be paged")
     idle_frames: bool = Field(default=False, description="whether recorded frames include idle POLL and NULL")
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.afh and self.channels == 23:
+            raise ValueError("afh: true is not known to a system of 23 channels")
+        if self.park_window_slots > self.park_interval_slots:
+            raise ValueError(f"park_window_slots: {self.park_window_slots} is more than park_interval_slots")
+        return self
+
+    @property
+    def piconet(self) -> PiconetSettings:
+        """What each piconet must know of them."""
+        return PiconetSettings(
+            types=tuple(ACL[name] for name in self.packet_types),
+            n_bc=self.n_bc,
+            t_poll_slots=self.t_poll_slots,
+            supervision=from_seconds(self.supervision_s),
+            scheduler=self.scheduler,
+            queue=self.queue_payloads,
+            flush=None if self.flush_s is None else from_seconds(self.flush_s),
+            park_interval_slots=self.park_interval_slots,
+            park_window_slots=self.park_window_slots,
+            best_packets=self.packet_choice == "best",
+            afh=(from_seconds(self.afh_interval_s), from_seconds(self.afh_retry_s)) if self.afh else None,
+        )
 
     @property
     def noise_dbm(self) -> float:

@@ -1,0 +1,74 @@
+"""What a mixed team costs: the time to do the task beside that of a team of equals in the same worlds."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from cosim.report import Estimate, estimate, estimates
+
+TIMES = {"coverage": "time_to_cover_s", "gathering": "time_to_gather_s"}
+EQUALS = "alike"
+ARM = ["task", "team", "air"]
+
+
+def _timed(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs with ``done_s``, the time to do the task, whichever it was; none if a column is missing."""
+    if runs.empty or not {*ARM, "replicate"} <= set(runs):
+        return pd.DataFrame()
+    parts = [
+        part.assign(done_s=part[TIMES[str(task)]])
+        for task, part in runs.groupby("task", sort=False)
+        if TIMES.get(str(task)) in part
+    ]
+    return pd.concat(parts) if parts else pd.DataFrame()
+
+
+def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the ratio of each team's time to that of the team of equals, replicate by replicate."""
+    timed = _timed(runs)
+    if timed.empty or EQUALS not in set(timed["team"]):
+        return {}
+    keys = ["task", "air", "replicate"]
+    equals = timed[timed["team"] == EQUALS].set_index(keys)["done_s"].rename("equals_s")
+    both = timed[timed["team"] != EQUALS].join(equals, on=keys)
+    rows = [
+        dict(zip(ARM, key, strict=True)) | {"ratio": str(_ratio(part))}
+        for key, part in both.groupby(ARM, sort=False)
+    ]
+    return {"time to do the task, over that of a team of equals in the same world: mean ± half of the 95 %": pd.DataFrame(rows)}
+
+
+def _ratio(rows: pd.DataFrame) -> Estimate:
+    return estimate(rows["done_s"] / rows["equals_s"])
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw the time to do the task by team, a panel a task."""
+    timed = _timed(runs)
+    if timed.empty:
+        return []
+    tasks = list(timed.groupby("task", sort=False))
+    teams = {str(team): rank for rank, team in enumerate(timed["team"].unique())}
+    figure = Figure(figsize=(5.5 * len(tasks), 4.2), layout="constrained")
+    plots = figure.subplots(1, len(tasks), squeeze=False)[0]
+    for plot, (task, part) in zip(plots, tasks, strict=True):
+        for shift, (air, arm) in enumerate(part.groupby("air", sort=False)):
+            _points(plot, arm, teams, 0.12 * shift, str(air))
+        plot.set(title=str(task), ylabel="s until the task is done")
+        plot.set_xticks(list(teams.values()), list(teams), rotation=30, ha="right")
+        plot.set_ylim(bottom=0)
+        plot.grid(alpha=0.3)
+        plot.legend(fontsize="small")
+    path = folder / "time_of_mixed_teams.png"
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def _points(plot: Any, rows: pd.DataFrame, teams: dict[str, int], shift: float, label: str) -> None:
+    points = estimates(rows, ["team"], ["done_s"])
+    places = [teams[team] + shift for team in points["team"]]
+    means = [value.mean for value in points["done_s"]]
+    halves = [0.0 if value.half != value.half else value.half for value in points["done_s"]]
+    plot.errorbar(places, means, yerr=halves, fmt="o", capsize=3, label=label)

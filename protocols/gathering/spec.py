@@ -1,0 +1,54 @@
+"""What cosim must know of gathering: the entry point ``gathering`` names ``SPEC``.
+
+All rooms are Pseudonet's but the coordination room: the packets, the exchanges, the set-up and its repair.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from cosim.machine import Address, Metric, ProtocolSpec
+from cosim.units import Time
+from protocols.gathering.gathering import Gathering, GatheringCoordination
+from protocols.gathering.parameters import Parameters
+from protocols.gathering.referee import GatheringReferee
+from protocols.pseudonet import spec as pseudonet
+from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.machine import Pseudonet
+
+OF_COVERAGE: Final = {"coverage", "time_to_cover_s", "overlap_ratio"}
+
+METRICS: Final = (
+    Metric("gathered", "1", "share of the living robots that stand together at the end, each beside another"),
+    Metric("time_to_gather_s", "s", "since when all of them do; NaN if they do not"),
+    Metric("spread_m", "m", "distance of the living robots from their common centre at the end, root mean square"),
+    *(metric for metric in pseudonet.METRICS if metric.name not in OF_COVERAGE),
+)
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Pseudonet:
+    """Return the machine of robot *me*: Pseudonet's, with another coordination room."""
+    machine = Pseudonet(parameters, knowledge, me, Gathering(), (parameters.step_limit, None), start)
+    machine.application.coordination = GatheringCoordination(knowledge, me, parameters.rounds)
+    return machine
+
+
+def referee(parameters: Parameters, knowledge: Knowledge) -> GatheringReferee:
+    """Return the judge of gathering."""
+    return GatheringReferee(knowledge)
+
+
+SPEC = ProtocolSpec(
+    name="gathering",
+    parameters=Parameters,
+    place=pseudonet.place,
+    prepare=pseudonet.prepare,
+    make=make,
+    referee=referee,
+    metrics=METRICS,
+    measure=pseudonet.measure,
+    events=pseudonet.EVENTS,
+    team_limit=pseudonet.TEAM_LIMIT,
+)

@@ -1,0 +1,469 @@
+"""Devices with several links: where they are when, to the slot, and what of one link never touches another.
+
+Whether a device is in its part is worked out here from the clock of reference, frame by frame; that it takes part in
+one frame at a time is looked for in the whole table of frames.
+"""
+
+from collections import defaultdict
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Connected,
+    Disconnect,
+    Fate,
+    Lost,
+    Outcome,
+    Outgoing,
+    Page,
+    PageFailed,
+    Role,
+    Scan,
+    Share,
+)
+from cosim.units import MS, SLOT, TICK, S, Time
+from tests.bluetooth_world import World
+
+SUPERVISION = 2 * S
+LONGEST = 5
+"""Slots of the longest packet type in use."""
+PERIOD = 64
+
+
+class Net(World):
+    """Piconets whose links are paged in the order of *links*, (master, slave); devices with links scan for the next."""
+
+    def __init__(self, size: int, links: list[tuple[Address, Address]], **settings: Any) -> None:
+        quick = {
+            "supervision_s": SUPERVISION / S,
+            "t_poll_slots": 40,
+            "page": {"mode": "R0"},
+            "page_scan": {"interval_s": 0.01125},
+            "idle_frames": True,
+            "interference": "none",
+        }
+        super().__init__(size, **(quick | settings))
+        for master, slave in links:
+            self.command(slave, Scan(True))
+            self.command(master, Page(slave))
+            begin = self.kernel.now
+            while (master, slave) not in self.up():
+                self.kernel.run(self.kernel.now + 5 * MS)
+                assert self.kernel.now < begin + 6 * S
+            # who waits for another link leaves the first one alone meanwhile
+            for device in range(size):
+                self.divide(device)
+        for device in range(size):
+            self.command(device, Scan(False))
+
+    def divide(self, device: Address) -> None:
+        """Give each piconet of *device* an equal part of its time, in order of their masters, on the clock of 0."""
+        masters = sorted(self.piconets(device))
+        if len(masters) > 1:
+            length = PERIOD // len(masters)
+            parts = tuple((master, number * length, length) for number, master in enumerate(masters))
+            self.command(device, Share(PERIOD, parts, 0))
+
+    def piconets(self, device: Address) -> set[Address]:
+        own = {device} if self.channel.devices[device].master_of.members() else set()
+        return own | set(self.channel.devices[device].masters)
+
+    def up(self) -> set[tuple[Address, Address]]:
+        """Return the links (master, slave) that both sides take to be up."""
+        devices = self.channel.devices
+        return {(m.address, s) for m in devices for s in m.master_of.members() if m.address in devices[s].masters}
+
+    def run_for(self, duration: Time) -> list[dict[str, Any]]:
+        """Let *duration* pass and return the frames that began in it."""
+        begin = self.kernel.now
+        self.kernel.run(begin + duration)
+        self.channel.air.advance(self.kernel.now)
+        return [frame for frame in self.frames() if frame["time_ns"] >= begin]
+
+    def position(self, time: Time) -> int:
+        """Return the ticks that the period of all shares has lasted by *time*."""
+        return self.channel.devices[0].identity.clock.tick(time) % (2 * PERIOD)
+
+    def outcomes(self, device: Address) -> list[tuple[int, Outcome]]:
+        return [(event.token, event.outcome) for event in self.hosts[device].got(Fate) if isinstance(event, Fate)]
+
+    def peers_lost(self, device: Address) -> list[Address]:
+        return [event.peer for event in self.hosts[device].got(Lost) if isinstance(event, Lost)]
+
+
+SLAVE_SLAVE = [(0, 1), (0, 2), (3, 4), (3, 2)]
+"""Two piconets joined by device 2, a slave in both."""
+MASTER_SLAVE = [(0, 1), (0, 2), (2, 3), (2, 4)]
+"""Device 2 is the master of its own piconet and a slave in that of 0."""
+RING = [(0, 1), (2, 3), (4, 5), (0, 2), (2, 4), (4, 0)]
+"""Three masters, each a slave of the one before it."""
+TOPOLOGIES = {"slave_slave": (5, SLAVE_SLAVE), "master_slave": (5, MASTER_SLAVE), "ring": (6, RING)}
+
+
+def half_of(net: Net, device: Address, master: Address) -> tuple[int, int]:
+    """Return (first tick, end) of the part of *device*, which has two piconets, for that of *master*."""
+    low = min(net.piconets(device))
+    return (0, PERIOD) if master == low else (PERIOD, 2 * PERIOD)
+
+
+def taking_part(frames: list[dict[str, Any]]) -> dict[Address, list[tuple[Time, Time]]]:
+    """Return when each device sends or hears a frame; a broadcast is sent once, to all."""
+    busy: dict[Address, set[tuple[Time, Time]]] = defaultdict(set)
+    for frame in frames:
+        span = frame["time_ns"], frame["time_ns"] + frame["duration_ns"]
+        busy[frame["source"]].add(span)
+        if frame["outcome"] == "received":
+            busy[frame["destination"]].add(span)
+    return {device: sorted(spans) for device, spans in busy.items()}
+
+
+def check_one_at_a_time(frames: list[dict[str, Any]]) -> None:
+    for device, spans in taking_part(frames).items():
+        for (_, end), (start, _) in pairwise(spans):
+            assert end <= start, f"device {device} takes part in two frames at {start}"
+
+
+def check_parts(net: Net, frames: list[dict[str, Any]], shared: set[Address]) -> int:
+    """Check that who has divided its time sends and hears in its parts only; return how many frames say so."""
+    said = 0
+    for frame in frames:
+        heard = frame["outcome"] == "received"
+        for device in shared & {frame["source"], frame["destination"]}:
+            if device == frame["destination"] and not heard:
+                continue
+            other = frame["destination"] if device == frame["source"] else frame["source"]
+            master = device if (device, other) in net.up() else other
+            first, end = half_of(net, device, master)
+            last = net.position(frame["time_ns"] + frame["duration_ns"])
+            assert first <= net.position(frame["time_ns"]) < end, (device, frame)
+            assert first < last <= end, (device, frame)
+            said += 1
+    return said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_bridges_keep_their_parts_and_take_part_in_one_frame_at_a_time(topology: str, seed: int):
+    size, links = TOPOLOGIES[topology]
+    net = Net(size, links, seed=seed) if seed == 1 else Net(size, links, clock_ppm=250)
+    shared = {device for device in range(size) if len(net.piconets(device)) > 1}
+    assert shared
+    draw = np.random.default_rng(seed)
+    begin = net.kernel.now
+    asked: dict[Address, int] = defaultdict(int)
+    for number in range(300):
+        master, slave = links[draw.integers(len(links))]
+        source, destination = (master, slave) if draw.integers(2) else (slave, master)
+        if draw.integers(8) == 0:
+            source, destination = master, BROADCAST
+        asked[source] += 1
+        payload = Outgoing(destination, bytes(int(draw.choice([5, 27, 150, 339]))), number)
+        net.at(begin + int(draw.integers(10 * S)), lambda s=source, p=payload: net.channel.send(s, p))  # type: ignore[misc]
+    frames = net.run_for(20 * S)
+    assert net.up() == set(links)
+    assert {device: len(net.outcomes(device)) for device in asked} == asked
+    for device in asked:
+        assert {outcome for _, outcome in net.outcomes(device)} <= {Outcome.DELIVERED, Outcome.SENT}
+    check_one_at_a_time(frames)
+    assert check_parts(net, frames, shared) > 1_000
+    for master, slave in links:  # every link has been polled as often as the parts allow it
+        polls = [f for f in frames if (f["source"], f["destination"], f["kind"]) == (master, slave, "POLL")]
+        assert len(polls) > 20 * S // (2 * PERIOD * SLOT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ppm", [0, 250])
+def test_parts_are_kept_over_minutes_of_drifting_clocks(ppm: int):
+    """In 3 minutes clocks of 250 ppm come 90 ms apart, more than a period of 40 ms."""
+    net = Net(5, SLAVE_SLAVE, clock_ppm=ppm, t_poll_slots=100)
+    clocks = [device.identity.clock.ppm for device in net.channel.devices]
+    assert ppm == 0 or abs(clocks[0] - clocks[3]) * 180 > 2_000
+    frames = net.run_for(180 * S)
+    assert net.up() == set(SLAVE_SLAVE)
+    check_one_at_a_time(frames)
+    assert check_parts(net, frames, {2}) > 10_000
+    assert {frame["outcome"] for frame in frames} == {"received"}
+
+
+def within_part(net: Net, first: int) -> Time:
+    """Return the next instant at which the period of all shares has lasted for *first* ticks."""
+    clock = net.channel.devices[0].identity.clock
+    tick = clock.tick(net.kernel.now + 2 * PERIOD * TICK)
+    return clock.time_of(tick - tick % (2 * PERIOD) + first)
+
+
+def test_a_master_sends_to_a_bridge_from_the_first_slot_of_its_part_to_the_last_that_leaves_room():
+    """One slot down and up to five up: that takes 12 ticks and is begun until 12 ticks before the end."""
+    net = Net(5, SLAVE_SLAVE)
+    begun = set()
+    for offset in range(0, 2 * PERIOD, 2):
+        at = within_part(net, offset)
+        net.at(at, lambda: net.channel.send(0, Outgoing(2, b"x")))
+        net.kernel.run(at)
+        (frame,) = [f for f in net.run_for(60 * MS) if f["kind"] == "DM1" and f["destination"] == 2]
+        begun.add(net.position(frame["time_ns"]))
+        waited = frame["time_ns"] - at
+        if offset <= PERIOD - 2 * (1 + LONGEST) - 4:
+            assert waited < 8 * TICK  # the next TX slot, or the one behind a poll
+        else:
+            assert net.position(frame["time_ns"]) < 8
+    assert min(begun) >= 0
+    assert PERIOD - 2 * (1 + LONGEST) - 4 <= max(begun) <= PERIOD - 2 * (1 + LONGEST)
+
+
+def test_broadcasts_reach_all_that_are_present_and_no_others():
+    net = Net(5, SLAVE_SLAVE)
+    for offset, received in ((4, {1, 2}), (PERIOD + 4, {1})):
+        for host in net.hosts:
+            host.received.clear()
+        at = within_part(net, offset)
+        net.at(at, lambda: net.channel.send(0, Outgoing(BROADCAST, b"all", 1)))
+        net.kernel.run(at)
+        rows = [frame for frame in net.run_for(30 * MS) if frame["length"] == 3]
+        assert {row["destination"]: row["outcome"] for row in rows} == {
+            slave: "received" if slave in received else "not_tuned" for slave in (1, 2)
+        }
+        assert {host.address for host in net.hosts if host.received} == received
+    assert net.outcomes(0) == [(1, Outcome.SENT), (1, Outcome.SENT)]
+
+
+def test_what_waits_for_an_absent_slave_blocks_nobody_else_and_is_never_overtaken():
+    net = Net(5, SLAVE_SLAVE)
+    at = within_part(net, PERIOD + 4)  # device 2 has just left for the other piconet
+
+    def act() -> None:
+        for token, destination in enumerate((2, 1, 2, 1, BROADCAST, 1)):
+            net.channel.send(0, Outgoing(destination, bytes([token]), token))
+
+    net.at(at, act)
+    net.run_for(at - net.kernel.now + 60 * MS)
+    order = [token for token, _ in net.outcomes(0)]
+    assert order[:2] == [1, 3]  # sent while device 2 was away
+    assert order[2:] == [0, 2, 4, 5]  # a broadcast waits for all before it, and all behind it for the broadcast
+    arrivals = {address: [data[0] for _, _, data, _ in net.hosts[address].received] for address in (1, 2)}
+    assert arrivals == {1: [1, 3, 4, 5], 2: [0, 2, 4]}
+    when = [time for time, _, data, _ in net.hosts[1].received if data[0] in (1, 3)]
+    assert max(when) < at + 20 * MS
+
+
+def test_a_piconet_without_a_part_is_not_polled_and_ends_by_supervision_and_the_other_lives():
+    net = Net(5, SLAVE_SLAVE)
+    net.command(2, Share(PERIOD, ((0, 0, 30),), 0))
+    shared_at = net.kernel.now
+    frames = net.run_for(SUPERVISION + 100 * MS)
+    assert [f for f in frames if {f["source"], f["destination"]} == {2, 3} and f["time_ns"] > shared_at + 4 * MS] == []
+    assert net.peers_lost(2) == [3]
+    assert net.peers_lost(3) == [2]
+    assert net.up() == set(SLAVE_SLAVE) - {(3, 2)}
+    net.channel.send(0, Outgoing(2, b"x", 9))
+    net.run_for(100 * MS)
+    assert net.outcomes(0) == [(9, Outcome.DELIVERED)]
+
+
+def test_a_device_that_stops_dividing_its_time_is_in_the_piconet_of_its_latest_link_only():
+    net = Net(5, SLAVE_SLAVE)
+    net.command(2, Share(PERIOD, (), 0))
+    frames = net.run_for(SUPERVISION + 100 * MS)
+    assert {f["outcome"] for f in frames if (f["source"], f["destination"]) == (0, 2)} == {"not_tuned"}
+    assert net.peers_lost(2) == [0]
+    assert net.peers_lost(0) == [2]
+    assert net.up() == set(SLAVE_SLAVE) - {(0, 2)}
+
+
+def test_presence_that_changes_while_one_piconet_is_alone_is_noticed():
+    """The other master dies; its slave, which is still there for it, stops dividing its time: 0 must not hear it."""
+    net = Net(3, [(0, 1), (2, 1)], idle_frames=False, interference="co_channel")
+    net.run_for(500 * MS)
+    net.channel.power(2, False)
+    net.run_for(500 * MS)
+    net.command(1, Share(PERIOD, (), 0))
+    begin = net.kernel.now
+    net.run_for(SUPERVISION + 100 * MS)
+    assert net.peers_lost(0) == [1]
+    assert begin < net.hosts[0].when(Lost)[0] <= begin + SUPERVISION
+
+
+def test_a_master_that_is_away_as_a_slave_silences_its_piconet():
+    net = Net(5, MASTER_SLAVE)
+    at = within_part(net, 4)  # device 2 is with 0 now
+    net.at(at, lambda: net.channel.send(2, Outgoing(3, b"down", 1)))
+    net.at(at, lambda: net.channel.send(2, Outgoing(BROADCAST, b"all", 2)))
+    net.at(at, lambda: net.channel.send(4, Outgoing(2, b"up", 3)))
+    net.kernel.run(at)
+    frames = [frame for frame in net.run_for(2 * S) if frame["source"] == 2 and frame["destination"] in (3, 4)]
+    assert all(net.position(frame["time_ns"]) >= PERIOD for frame in frames)
+    assert len(frames) > 50
+    assert net.outcomes(2) == [(1, Outcome.DELIVERED), (2, Outcome.SENT)]
+    assert net.outcomes(4) == [(3, Outcome.DELIVERED)]
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_closing_one_link_of_a_bridge_leaves_the_other_alone(side: int):
+    net = Net(5, SLAVE_SLAVE)
+    closer, peer = ((2, 3), (3, 2))[side]
+    net.at(net.kernel.now + 1, lambda: net.channel.send(2, Outgoing(0, b"stays", 1)))
+    net.at(net.kernel.now + 1, lambda: net.channel.send(2, Outgoing(3, bytes(300), 2)))
+    net.at(net.kernel.now + 2, lambda: net.command(closer, Disconnect(peer)))
+    net.run_for(SUPERVISION + 500 * MS)
+    assert net.up() == set(SLAVE_SLAVE) - {(3, 2)}
+    assert net.peers_lost(2) == [3]
+    assert net.peers_lost(3) == [2]
+    assert sorted(net.outcomes(2)) == [(1, Outcome.DELIVERED), (2, Outcome.FLUSHED)]
+    assert net.peers_lost(0) == net.peers_lost(1) == net.peers_lost(4) == []
+
+
+@pytest.mark.parametrize("ways", [[(3, 2)], [(2, 3)], [(2, 3), (3, 2)]])
+def test_a_link_of_a_bridge_that_times_out_leaves_the_other_alone(ways: list[tuple[Address, Address]]):
+    net = Net(5, SLAVE_SLAVE)
+    powers = np.zeros((5, 5))
+    np.fill_diagonal(powers, -np.inf)
+    for way in ways:
+        powers[way] = -np.inf
+    net.channel.air.set_powers(powers, net.kernel.now)
+    net.run_for(3 * SUPERVISION)
+    assert net.up() == set(SLAVE_SLAVE) - {(3, 2)}
+    assert net.peers_lost(2) == [3]
+    assert net.peers_lost(3) == [2]
+    assert net.peers_lost(0) == net.peers_lost(1) == net.peers_lost(4) == []
+
+
+def test_a_bridge_that_is_switched_off_is_lost_to_both_masters_and_to_nobody_else():
+    net = Net(5, SLAVE_SLAVE)
+    at = net.kernel.now
+    net.channel.power(2, False)
+    net.channel.send(0, Outgoing(2, b"x", 1))
+    net.channel.send(3, Outgoing(2, b"x", 1))
+    frames = net.run_for(SUPERVISION + 500 * MS)
+    for master in (0, 3):
+        assert net.peers_lost(master) == [2]
+        assert at < net.hosts[master].when(Lost)[0] <= at + SUPERVISION
+        assert net.outcomes(master) == [(1, Outcome.FLUSHED)]
+    assert net.peers_lost(1) == net.peers_lost(4) == []
+    assert [frame for frame in frames if frame["source"] == 2 and frame["time_ns"] > at + 10 * SLOT] == []
+    assert net.hosts[2].got(Lost) == []
+    net.channel.power(2, True)
+    net.command(3, Page(2))
+    net.run_for(1 * S)
+    assert (3, 2) in net.up()
+
+
+def test_a_slave_pages_and_is_the_master_of_another_and_stays_a_slave_if_it_divides_its_time():
+    net = Net(3, [(0, 1)])
+    net.command(1, Page(2))
+    while not net.hosts[1].got(Connected)[1:]:
+        net.run_for(5 * MS)
+    assert [event.role for event in net.hosts[1].got(Connected) if isinstance(event, Connected)] == [
+        Role.SLAVE,
+        Role.MASTER,
+    ]
+    net.divide(1)
+    net.channel.send(0, Outgoing(1, b"down", 1))
+    net.channel.send(2, Outgoing(1, b"up", 2))
+    frames = net.run_for(2 * SUPERVISION)
+    assert net.up() == {(0, 1), (1, 2)}
+    assert net.outcomes(0) == [(1, Outcome.DELIVERED)]
+    assert net.outcomes(2) == [(2, Outcome.DELIVERED)]
+    check_one_at_a_time(frames)
+    assert check_parts(net, frames, {1}) > 100
+
+
+def test_a_slave_that_pages_is_away_meanwhile_and_comes_back():
+    net = Net(3, [(0, 1)])
+    net.channel.power(2, False)
+    begin = net.kernel.now
+    net.command(1, Page(2))
+    net.channel.send(0, Outgoing(1, b"later", 1))
+    frames = net.run_for(1 * S)
+    away = [f for f in frames if f["source"] == 0 and f["time_ns"] > begin + 10 * MS]
+    assert {frame["outcome"] for frame in away} == {"not_tuned"}
+    assert net.outcomes(0) == []
+    net = Net(3, [(0, 1)], page={"mode": "R0", "timeout_slots": 800})
+    net.channel.power(2, False)
+    net.command(1, Page(2))
+    net.channel.send(0, Outgoing(1, b"later", 1))
+    net.run_for(1 * S)
+    assert net.hosts[1].got(PageFailed) == [PageFailed(2)]
+    assert net.outcomes(0) == [(1, Outcome.DELIVERED)]
+    assert net.up() == {(0, 1)}
+
+
+@pytest.mark.parametrize("length", [17, 339])
+def test_a_slave_begins_to_page_when_the_slot_pair_under_way_is_over(length: int):
+    net = Net(3, [(0, 1)])
+    at = net.kernel.now + 100 * MS
+    net.at(at, lambda: net.channel.send(0, Outgoing(1, bytes(length))))
+    net.kernel.run(at)
+    (frame,) = [f for f in net.run_for(20 * MS) if f["length"] == length]
+    for after in (1, frame["duration_ns"] - 1, frame["duration_ns"], frame["duration_ns"] + 1):
+        net = Net(3, [(0, 1)])
+        net.at(at, lambda n=net: n.channel.send(0, Outgoing(1, bytes(length))))  # type: ignore[misc]
+        net.at(frame["time_ns"] + after, lambda n=net: n.command(1, Page(2)))  # type: ignore[misc]
+        net.kernel.run(at)
+        frames = net.run_for(300 * MS)
+        answers = [f for f in frames if f["source"] == 1 and f["destination"] == 0 and f["time_ns"] > at]
+        medium = net.channel.air.band.medium
+        assert answers[0]["kind"] == "NULL"
+        first_id = min(f["time_ns"] for f in frames if f["kind"] == "ID" and f["source"] == 1)
+        assert first_id >= answers[0]["time_ns"] + answers[0]["duration_ns"]
+        assert medium.numbers[1] <= 2
+        check_one_at_a_time(frames)
+
+
+def test_a_slave_is_paged_by_another_only_if_it_insists_on_scanning():
+    net = Net(3, [(0, 1)], page={"mode": "R0", "timeout_slots": 800})
+    net.command(2, Page(1))
+    net.run_for(1 * S)
+    assert net.hosts[2].got(PageFailed) == [PageFailed(1)]
+    net.command(1, Scan(True))
+    net.command(2, Page(1))
+    frames = net.run_for(100 * MS)
+    assert net.up() == {(0, 1), (2, 1)}
+    # scanning has silenced nothing: it was polled until the new link came up
+    joined = net.hosts[1].when(Connected)[1]
+    heard = [f for f in frames if (f["source"], f["destination"]) == (0, 1) and f["time_ns"] < joined]
+    assert {frame["outcome"] for frame in heard} <= {"received"}
+    assert not net.channel.devices[1].page_scanner.enabled  # a new link ends what it had asked for
+
+
+def test_a_bridge_sends_to_each_of_its_masters_and_to_its_own_slaves():
+    net = Net(5, MASTER_SLAVE)
+    for token, destination in enumerate((0, 3, 4, 1, BROADCAST)):
+        net.channel.send(2, Outgoing(destination, bytes([token]), token))
+    net.run_for(500 * MS)
+    assert sorted(net.outcomes(2)) == [
+        (0, Outcome.DELIVERED),
+        (1, Outcome.DELIVERED),
+        (2, Outcome.DELIVERED),
+        (3, Outcome.NO_LINK),  # a slave like itself
+        (4, Outcome.SENT),
+    ]
+    assert [(source, wide) for _, source, _, wide in net.hosts[0].received] == [(2, False)]
+    assert [(data[0], wide) for _, _, data, wide in net.hosts[3].received] == [(1, False), (4, True)]
+
+
+def test_the_lt_addr_of_a_bridge_is_that_of_each_piconet():
+    net = Net(5, SLAVE_SLAVE)
+    frames = net.run_for(200 * MS)
+    numbers = {(f["source"], f["lt_addr"]) for f in frames if f["destination"] == 2}
+    assert numbers == {(0, 2), (3, 2)}
+    assert {(f["destination"], f["lt_addr"]) for f in frames if f["source"] == 2} == {(0, 2), (3, 2)}
+
+
+def test_a_full_master_may_still_be_a_slave():
+    net = Net(9, [(0, slave) for slave in range(1, 8)])
+    net.command(0, Page(8))
+    net.run_for(10 * MS)
+    assert net.hosts[0].got(PageFailed) == [PageFailed(8)]
+    net.command(0, Scan(True))
+    net.command(8, Page(0))
+    net.run_for(200 * MS)
+    net.divide(0)
+    frames = net.run_for(SUPERVISION)
+    assert len(net.up()) == 8
+    check_one_at_a_time(frames)
