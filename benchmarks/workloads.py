@@ -103,9 +103,8 @@ def robot_ticks(seed: int) -> Work:
     def tick() -> None:
         traffic.tick()
         traffic.fleet.observations()
-        kernel.after(TICK, tick, WORLD)
 
-    kernel.at(0, tick, WORLD)
+    kernel.every(TICK, tick, WORLD)
 
     def work() -> float:
         kernel.run(ticks * TICK)
@@ -158,9 +157,8 @@ def idle_hours(seed: int, **settings: object) -> Work:
         channel.advance(kernel.now)
         shuttles.tick()
         channel.moved(shuttles.fleet.positions_m)
-        kernel.after(TICK, tick, WORLD)
 
-    kernel.after(TICK, tick, WORLD)
+    kernel.every(TICK, tick, WORLD)
 
     def work() -> float:
         kernel.run(kernel.now + seconds * S)

@@ -12,6 +12,7 @@ from typing import Final
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
+from cosim.faults import EVENTS as FAULT_EVENTS
 from cosim.machine import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
@@ -40,6 +41,8 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         "## What `cosim run --trace` writes\n",
         *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
         _section("events", "what machines report; the columns of the protocol's event types follow", _EVERY_EVENT),
+        "Faults that a scenario schedules stand there too:\n",
+        *(f"`{kind.__name__}`: {(getdoc(kind) or '').partition(chr(10))[0]}\n" for kind in FAULT_EVENTS),
         *(_protocol(spec) for spec in specs),
     ]
     return "\n".join(sections)

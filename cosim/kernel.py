@@ -59,6 +59,30 @@ class Handle(simpy.Event):
         self.callback()
 
 
+class Repeated(Handle):
+    """A callback that is called every so often; made by ``every`` only. It enters the queue anew, not a new event."""
+
+    __slots__ = ("_again", "_period")
+
+    def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback, period: Time) -> None:
+        super().__init__(kernel, time, priority, callback)
+        self._period = period
+        self._again: list[Any] = [self._fire]
+
+    def cancel(self) -> None:
+        """Make sure that the callback is not called any more, also from inside of it."""
+        super().cancel()
+        self._period = 0
+
+    def _fire(self, _: simpy.Event) -> None:
+        super()._fire(_)
+        period = self._period
+        if period:
+            self.time += period
+            self.callbacks = self._again.copy()
+            self._kernel.environment.schedule(self, self._priority, period)  # type: ignore[arg-type]
+
+
 class Kernel:
     """Simulated time and the queue of what will happen. An exception in a callback leaves ``run`` as it is."""
 
@@ -92,6 +116,19 @@ class Kernel:
     def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:
         """Call *callback* once *delay* nanoseconds have passed; raise as :meth:`at` does."""
         return self.at(self.now + index(delay), callback, priority)
+
+    def every(self, period: Time, callback: Callback, priority: int = DELIVER) -> Handle:
+        """Call *callback* whenever another *period* nanoseconds have passed, until the handle is cancelled.
+
+        Each time counts as scheduled when the callback of the time before has returned. Cheaper than a callback that
+        calls :meth:`after`. Raise :exc:`LocalProtocolError` if *period* is not positive.
+        """
+        period = index(period)
+        if period < 1:
+            raise LocalProtocolError(f"every {period} ns: time would not go on")
+        handle = Repeated(self, self.now + period, priority, callback, period)
+        self.environment.schedule(handle, priority, period)  # type: ignore[arg-type]
+        return handle
 
     def soon(self, callback: Callback) -> Handle:
         """Call *callback* at this instant, as a new event, in the phase DELIVER or the present one if that is later."""

@@ -129,6 +129,7 @@ class Simulation:
     def _first_tick(self) -> None:
         for node in self.nodes:
             node.drain(0)
+        self._ticks = self.kernel.every(self.scenario.tick, self._tick, WORLD)
         self._sense(0)
 
     def _tick(self) -> None:
@@ -153,9 +154,8 @@ class Simulation:
             self.referee.died(death)
         over = self.referee.look(positions[:, 0], positions[:, 1], now)
         if over or all(node.machine.finished or not node.alive for node in self.nodes):
+            self._ticks.cancel()
             self.kernel.stop()
-        else:
-            self.kernel.after(self.scenario.tick, self._tick, WORLD)
 
     def _visible(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[tuple[int, ...]]:
         if not self.spec.needs_sight:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import CosimError, LocalProtocolError, UserError, WireError
-from cosim.kernel import AIR, DELIVER, STOP, WAKE, WORLD, Kernel
+from cosim.kernel import AIR, DELIVER, STOP, WAKE, WORLD, Callback, Kernel
 from cosim.units import S
 
 
@@ -372,3 +372,77 @@ def test_after_an_exception_the_rest_can_still_be_run(log: Log):
     log.kernel.run(20)
     assert log.entries == [(6, "rest")]
     assert log.kernel.now == 20
+
+
+# ---------------------------------------------------------------- again and again
+
+
+def test_what_repeats_is_called_after_every_period_until_it_is_cancelled():
+    kernel, seen = Kernel(), []
+    handle = kernel.every(10, lambda: seen.append(kernel.now))
+    kernel.run(35)
+    assert seen == [10, 20, 30]
+    handle.cancel()
+    kernel.run(100)
+    assert seen == [10, 20, 30]
+    assert kernel.executed == 3
+
+
+def test_what_repeats_can_be_cancelled_by_itself():
+    kernel, seen = Kernel(), []
+
+    def twice() -> None:
+        seen.append(kernel.now)
+        if len(seen) == 2:
+            handle.cancel()
+
+    handle = kernel.every(10, twice, WORLD)
+    kernel.run(100)
+    assert seen == [10, 20]
+
+
+def test_what_repeats_is_scheduled_anew_when_its_callback_has_returned():
+    def order(repeat: Callable[[Kernel, Callback], None]) -> list[tuple[int, str]]:
+        kernel, seen = Kernel(), []
+
+        def tick() -> None:
+            seen.append((kernel.now, "tick"))
+            kernel.at(kernel.now + 10, lambda: seen.append((kernel.now, "of the tick")))
+
+        repeat(kernel, tick)
+        kernel.at(10, lambda: seen.append((10, "other")))
+        kernel.at(5, lambda: kernel.at(20, lambda: seen.append((20, "early"))))
+        kernel.run(40)
+        return seen
+
+    def by_hand(kernel: Kernel, tick: Callback) -> None:
+        def again() -> None:
+            tick()
+            kernel.after(10, again)
+
+        kernel.after(10, again)
+
+    found = order(lambda kernel, tick: kernel.every(10, tick))
+    assert found == order(by_hand)
+    assert found[3:5] == [(20, "of the tick"), (20, "tick")]
+
+
+def test_a_run_that_is_stopped_by_what_repeats_goes_on_with_it():
+    kernel, seen = Kernel(), []
+
+    def tick() -> None:
+        seen.append(kernel.now)
+        if len(seen) == 1:
+            kernel.stop()
+
+    kernel.every(10, tick, WORLD)
+    kernel.run(100)
+    assert (kernel.now, seen) == (10, [10])
+    kernel.run(25)
+    assert seen == [10, 20]
+
+
+@pytest.mark.parametrize("period", [0, -1])
+def test_a_period_that_does_not_pass_is_our_own_misuse(period: int):
+    with pytest.raises(LocalProtocolError, match="time would not go on"):
+        Kernel().every(period, lambda: None)

@@ -382,6 +382,16 @@ def test_a_payload_on_the_air_as_the_calm_ends_is_met_by_what_ends_it():
         assert (air.judge(frame, 3, 0.0) != RECEIVED) == lost
 
 
+def test_a_payload_that_begins_during_a_frame_of_a_page_meets_it():
+    for before, lost in ((1, True), (0, False)):
+        air, _, _ = lone_piconet()
+        air.advance(15 * MS)
+        frame = Frame(15 * MS, DM1_AIR, "FHS", 2, 3, 7)
+        air.put(frame)
+        air.send(0, 15 * MS + DM1_AIR - before, DM1_AIR, 7)
+        assert (air.judge(frame, 3, 0.0) != RECEIVED) == lost
+
+
 # ---------------------------------------------------------------- jammers
 
 

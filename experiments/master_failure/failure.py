@@ -31,7 +31,9 @@ COLUMNS: Final = (
     Column("time_to_cover_s", "float", "s", "when all of them were covered; NaN if never"),
     Column("end_s", "float", "s", "when the last survivor had finished, or the run was over"),
     Column("setup_s", "float", "s", "from the start until a robot was called up for the first time, mean over robots"),
-    Column("reform_s", "float", "s", "from noticing the loss of a team until the next step, mean over robots and losses"),
+    Column(
+        "reform_s", "float", "s", "from noticing the loss of a team until the next step, mean over robots and losses"
+    ),
     Column("teams_lost", "float", "1", "how often a robot has lost its team, summed over robots"),
     Column("steps", "float", "1", "steps of the robot that has made most"),
 )

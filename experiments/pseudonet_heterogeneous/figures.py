@@ -34,10 +34,13 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
     equals = timed[timed["team"] == EQUALS].set_index(keys)["done_s"].rename("equals_s")
     both = timed[timed["team"] != EQUALS].join(equals, on=keys)
     rows = [
-        dict(zip(ARM, key, strict=True)) | {"ratio": str(_ratio(part))}
-        for key, part in both.groupby(ARM, sort=False)
+        dict(zip(ARM, key, strict=True)) | {"ratio": str(_ratio(part))} for key, part in both.groupby(ARM, sort=False)
     ]
-    return {"time to do the task, over that of a team of equals in the same world: mean ± half of the 95 %": pd.DataFrame(rows)}
+    return {
+        "time to do the task, over that of a team of equals in the same world: mean ± half of the 95 %": pd.DataFrame(
+            rows
+        )
+    }
 
 
 def _ratio(rows: pd.DataFrame) -> Estimate:

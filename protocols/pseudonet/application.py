@@ -33,9 +33,10 @@ from protocols.pseudonet.messages import Message
 from protocols.pseudonet.messaging import Messaging, Stance
 from protocols.pseudonet.parameters import Parameters
 from protocols.pseudonet.phases import TABLE, Input, Phase
-from protocols.pseudonet.reconciliation import Equality, Reconciliation
+from protocols.pseudonet.reconciliation import Reconciliation
 from protocols.pseudonet.records import Records
 from protocols.pseudonet.relay import Relay
+from protocols.pseudonet.speech import Speech
 from protocols.pseudonet.steering import Progress, Steering
 from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
 
@@ -67,14 +68,14 @@ class Application:
         self.journal = Journal(parameters.trace_calls)
         self.messaging = Messaging(me, knowledge)
         self.coordination = Coordination(knowledge, me, algorithm, limits[1], parameters.rounds)
-        self.reconciliation = Reconciliation(knowledge, parameters.map_bytes)
         self.steering = Steering(knowledge)
+        reconciliation = Reconciliation(knowledge, parameters.map_bytes)
+        self._speech = Speech(self.messaging, self.coordination, reconciliation, self.steering)
         self.broadcast = broadcast
         self._alone = alone
         self._knowledge = knowledge
         self._step_limit = limits[0]
         self._times = knowledge.timing
-        self._form: Callable[[int], Message] = self._waiting
 
     @property
     def placed(self) -> bool:
@@ -148,7 +149,7 @@ class Application:
 
     def _submit_unready(self, now: Time) -> None:
         if self.placed and not self.finished:
-            message = self.messaging.busy(self.broadcast.exchange, self._cell())
+            message = self._speech.busy(self.broadcast.exchange)
             self.journal.note(MessageSent(message.kind.name.lower()))
             self.broadcast.load(message, now)
 
@@ -174,7 +175,7 @@ class Application:
         action, self.phase = next_state(TABLE, self.phase, event)
         match action:
             case "answer_roll_call":
-                self._form = self._waiting
+                self._speech.wait()
                 self._load(now)
             case "move_next_step":
                 self._move_next_step(now)
@@ -195,7 +196,7 @@ class Application:
     def _move_next_step(self, now: Time) -> None:
         """The action of Fig. 12: localize, evaluate, communicate."""
         if self.coordination.plan_due or self.coordination.obstructed is not None:
-            self._form = self._waiting
+            self._speech.wait()
         else:
             self._evaluate()
         if not self.broadcast.loaded():
@@ -206,7 +207,7 @@ class Application:
         self.journal.call(1, "coordination", "localize", self._knowledge.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
         self.journal.call(1, "coordination", "evaluate_actions", evaluation)
-        self._say(Stance.PROPOSE)
+        self._speech.say(Stance.PROPOSE)
 
     def _decide(self, messages: Mapping[Address, Message], now: Time) -> None:
         """The decision phase: what follows from everybody's messages, computed alike by every robot."""
@@ -214,7 +215,7 @@ class Application:
         if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
             self.records.busy()
             self._talk_on(now, self._times.retry)
-        elif self.coordination.plan_due and not self._reconciled(messages):
+        elif self.coordination.plan_due and not self._speech.reconciled(messages):
             self._talk_on(now)
         elif self.coordination.complete() and not self.coordination.try_again():
             self._input(Input.DONE, now)
@@ -226,24 +227,8 @@ class Application:
             self._agreed(messages, now)
         else:
             self._answer_those_in_trouble(messages)
-            self._say(self.coordination.negotiate(messages))
+            self._speech.say(self.coordination.negotiate(messages))
             self._talk_on(now)
-
-    def _reconciled(self, messages: Mapping[Address, Message]) -> bool:
-        """Return whether all know the same, so that a plan is due; or else say next what is wanted for that."""
-        match self.reconciliation.take(self.coordination.view, messages):
-            case Equality.EQUAL:
-                return True
-            case Equality.ROLL_WANTED:
-                self._form = self._waiting
-            case Equality.MAP_WANTED:
-                self._form = self._map
-        return False
-
-    def _say(self, stance: Stance) -> None:
-        """Speak with this *stance* about the present evaluation from now on."""
-        evaluation = self.coordination.evaluation
-        self._form = lambda exchange: self.messaging.speak(stance, exchange, self._cell(), evaluation)
 
     def _answer_those_in_trouble(self, messages: Mapping[Address, Message]) -> None:
         for asker, message in messages.items():
@@ -288,25 +273,13 @@ class Application:
         """Return where I am, or will be when I have arrived."""
         return self.coordination.view.cells[self.me]
 
-    def _waiting(self, exchange: int) -> Message:
-        verdicts = self.coordination.obstruction()
-        if self.steering.under_way:
-            return self.messaging.busy(exchange, self._cell(), verdicts)
-        digest = self.reconciliation.digest(self.coordination.view)
-        return self.messaging.roll(exchange, self._cell(), verdicts, digest)
-
-    def _map(self, exchange: int) -> Message:
-        marks = self.reconciliation.marks(self.coordination.view)
-        return self.messaging.map(exchange, self._cell(), self.reconciliation.chunk, marks)
-
     def _load(self, now: Time) -> None:
         """The service communicate of Fig. 12: hand the message of the present exchange to the room below."""
         self.begin_at = None
         self.rest_until = None
         if not self.placed or (self.steering.under_way and not self.broadcast.polled):
             return
-        form = self._waiting if self.steering.under_way else self._form
-        message = form(self.broadcast.exchange)
+        message = self._speech.next(self.broadcast.exchange)
         self.journal.note(MessageSent(message.kind.name.lower()))
         self.journal.call(1, "coordination", "communicate")
         self.journal.call(2, "messaging", message.kind.name.lower(), message)

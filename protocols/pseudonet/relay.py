@@ -15,28 +15,18 @@ Who belongs to the team is decided by the root, the coordinator that has formed 
 from collections.abc import Callable, Mapping
 
 from cosim.errors import WireError
-from cosim.machine import BROADCAST, Address, Disconnect, Fate, LinkCommand, Outgoing, Reception, Role
+from cosim.machine import BROADCAST, Address, Fate, Outgoing, Reception, Role
 from cosim.units import Time
-from protocols.pseudonet.census import Registry
+from protocols.pseudonet.assembly import Assembly
 from protocols.pseudonet.messages import Kind, Message, Missing
-from protocols.pseudonet.topology import Directory
-from protocols.pseudonet.upcalls import (
-    EXCHANGES,
-    Answered,
-    Broken,
-    Exchanged,
-    Garbage,
-    TeamChanged,
-    Upcall,
-    ahead_of,
-)
+from protocols.pseudonet.upcalls import EXCHANGES, Answered, Broken, Exchanged, Garbage, Upcall, ahead_of
 from protocols.pseudonet.wide import Assignment, Census, Dissolution, Welcome, decode, encode
 
 PATIENCE = 3
 """Repair times after which a master asks its slaves as well."""
 
 
-class Relay:
+class Relay(Assembly):
     """The exchanges of a scatternet as one robot sees them. What it has to say to the room above goes to *tell*.
 
     *links* is the own role in the link to each neighbour, kept by the Bluetooth room; assignments and welcomes are
@@ -55,43 +45,22 @@ class Relay:
         instruct: Callable[[Assignment | Welcome, Address, Time], None],
     ) -> None:
         """Take the repair time and the time after which silent robots are done without as *times*."""
-        self.me = me
-        self.exchange = 0
-        self.out: list[Outgoing | LinkCommand] = []
-        self.registry = Registry(me)
+        super().__init__(me, links, tell)
         self._repair, self._silence = times
-        self._links = links
-        self._tell = tell
         self._instruct = instruct
         self._stored: dict[int, dict[Address, Message]] = {0: {}}
         """Messages by exchange: the last, the present, and the next one."""
-        self._active = False
         self._answers: set[bytes] = set()
         self._roll_call = False
         self._ask_at: Time | None = None
         self._asked = 0
         self._stall_at: Time | None = None
 
-    # ------------------------------------------------------------ what the application asks
-
-    @property
-    def members(self) -> tuple[Address, ...]:
-        """The team."""
-        return self.registry.directory.members or (self.me,)
-
     @property
     def deadline(self) -> Time | None:
         """When this room is to be woken."""
         deadlines = (self._ask_at, self._stall_at, self.registry.deadline)
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
-
-    def find_master(self) -> Address | None:
-        """Return the root of the scatternet, or None before the roll was called."""
-        return self.registry.root if self.registry.directory.piconets else None
-
-    def leads(self) -> bool:
-        """Return whether this robot is the root."""
-        return self.find_master() == self.me
 
     def load(self, message: Message, now: Time) -> None:
         """Send my *message* of the present exchange to everybody."""
@@ -112,44 +81,8 @@ class Relay:
         self._join((self.exchange + 2) % EXCHANGES)
         self._ask_at = self._stall_at = None
 
-    # ------------------------------------------------------------ news from below
-
-    def enter(self) -> None:
-        """Take part in a new scatternet."""
-        self._active = True
-
-    def placed(self, census: Census, now: Time) -> None:
-        """Report who is in the own piconet."""
-        self.registry.note_own(census)
-        self._send_report(census, now)
-
-    def expect(self, masters: tuple[Address, ...], formation: int, deadline: Time) -> None:
-        """As the root, wait for the reports of *masters*, by number of their piconets, until *deadline*."""
-        self._active = True
-        self.registry.expect(masters, formation, deadline)
-
     def fate(self, fate: Fate, now: Time) -> None:
         """Nothing that this room sends has a token."""
-
-    def lost(self, peer: Address, now: Time) -> None:
-        """Do without a slave on which nobody depends; without any other neighbour the scatternet breaks up."""
-        report = self.registry.report_without(peer)
-        if report is not None:
-            self.registry.note_own(report)
-            self._send_report(report, now)
-        elif peer in self.members or self.registry.waits_for(peer):
-            self.dissolve((peer,), now)
-
-    def met(self, peer: Address) -> None:
-        """Pass on to a new neighbour what reports have come before it."""
-        for census in self.registry.reports():
-            self.out.append(Outgoing(peer, encode(census, self.registry.directory)))
-
-    def _send_report(self, census: Census, now: Time) -> None:
-        if census.root == self.me:
-            self._register(census, now)
-        else:
-            self._pass_on(encode(census, self.registry.directory), self.me)
 
     def wake(self, now: Time) -> None:
         """Ask for what is missing; do without those who are silent for long."""
@@ -189,12 +122,6 @@ class Relay:
         else:
             self._call_roll(without, now)
 
-    def dissolve(self, dead: tuple[Address, ...], now: Time) -> None:
-        """Tell everybody to leave, and leave."""
-        gone = tuple(robot for robot in dead if robot != self.me)
-        self._pass_on(encode(Dissolution(gone), self.registry.directory), self.me)
-        self._tell(Broken(gone), now)
-
     # ------------------------------------------------------------ what comes in
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
@@ -221,17 +148,6 @@ class Relay:
             decode(data, self.registry.directory)
         except WireError as error:
             self._tell(Garbage(str(error)), now)
-
-    def _receive_census(self, census: Census, data: bytes, source: Address, now: Time) -> None:
-        if not self._active:
-            return
-        if census.root == self.me:
-            if not census.roll_call:
-                self._register(census, now)
-        elif self.registry.is_new(census):
-            self._pass_on(data, source)
-            if census.roll_call and self.registry.take_roll(census):
-                self._called_up(census.exchange, now)
 
     def _receive_from_member(self, packet: Message | Missing, data: bytes, source: Address, now: Time) -> None:
         match packet:
@@ -275,10 +191,6 @@ class Relay:
         self._stall_at = now + self._silence * (1 if self.leads() else 2)
         self._complete(now)
 
-    def _pass_on(self, data: bytes, source: Address) -> None:
-        """Send what must not be lost to all neighbours but *source*."""
-        self.out += [Outgoing(peer, data) for peer in self._links if peer != source]
-
     def _complete(self, now: Time) -> None:
         heard = self._stored[self.exchange]
         if len(heard) < len(self.members):
@@ -298,30 +210,8 @@ class Relay:
         self._answers.clear()
         self._ask_at = None
 
-    # ------------------------------------------------------------ the team
-
-    def _register(self, census: Census, now: Time) -> None:
-        """As the root, take a report; call the roll once all have come, and anew when one changes."""
-        directory = self.registry.take_report(census)
-        if directory is not None:
-            self._call_roll(directory, now)
-
-    def _call_roll(self, directory: Directory, now: Time) -> None:
-        self.registry.deadline = None
-        number = (self.exchange + 4) % EXCHANGES
-        for census in self.registry.roll(directory, number):
-            self._pass_on(encode(census, directory), self.me)
-        self._called_up(number, now)
-
-    def _called_up(self, exchange: int, now: Time) -> None:
-        if self.me not in self.registry.directory.members:
-            self._tell(Broken(), now)
-            return
-        for peer, role in self._links.items():
-            if role is Role.MASTER and peer not in self.members:
-                self.out.append(Disconnect(peer))  # it was silent for long
+    def _begin(self, exchange: int, now: Time) -> None:
         self._stored = {}
         self._join(exchange)
         self._roll_call = True
         self._stall_at = now + self._silence * (1 if self.leads() else 2)
-        self._tell(TeamChanged(self.members), now)

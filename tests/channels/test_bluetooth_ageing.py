@@ -15,6 +15,8 @@ from cosim.units import TICK, S, Time
 from tests.bluetooth_world import Host, World
 
 PPM = (250, -250)
+CASES = 60
+SCAN_INTERVAL: Time = 4096 * TICK
 HALF_TRAIN: Time = 8 * 4096 * TICK
 """Train A holds the scan channels of 8 blocks of 1.28 s before the estimate, and of 7 after it."""
 
@@ -51,7 +53,11 @@ class _DriftingWorld(World):
 
 
 def page_time_s(seed: int, age: Time) -> float:
-    """Seconds from a page to the link, *age* after the inquiry that told the other's clock."""
+    """Seconds from a page to the link, *age* after the inquiry that told the other's clock.
+
+    And a part of the scan interval that goes with the seed: the inquiry ends just after one of the other's windows.
+    """
+    age += seed * SCAN_INTERVAL // CASES
     world = _DriftingWorld(seed)
     world.command(0, Inquire(11 * S, 1))
     world.kernel.run(12 * S)
@@ -76,8 +82,8 @@ def page_time_s(seed: int, age: Time) -> float:
 )
 def test_the_page_time_grows_when_the_estimate_is_off_by_more_than_half_a_train(drifted: float, mean_s: float) -> None:
     relative = (PPM[0] - PPM[1]) * 1e-6
-    age = max(1 * S, round(drifted * HALF_TRAIN / relative))
-    times = [page_time_s(seed, age) for seed in range(60)]
+    age = max(20 * S, round(drifted * HALF_TRAIN / relative))
+    times = [page_time_s(seed, age) for seed in range(CASES)]
     exchange_s = 0.01  # from the ID that is heard to the NULL, and the search within a window
     deviation = 1.28 / sqrt(12) / sqrt(len(times))
     assert abs(np.mean(times) - mean_s - exchange_s) < 4 * deviation

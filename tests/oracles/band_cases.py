@@ -106,8 +106,9 @@ def draw_any_case(choice: Choice) -> Case:
         page_timeout=4 * pick(choice, (4096, choice.integer(5, 60))),
     )
     scene = replace(scene, inputs=_draw_inputs(choice, scene, roles))
-    jammers = chance(choice, 3) * choice.integer(1, 2)
-    scene = replace(scene, radio=draw_radio(choice, len(bodies), jammers, 2 if len(roles.slaves) == 1 else 5))
+    jammers = 0 if roles.lone else chance(choice, 3) * choice.integer(1, 2)
+    searched = bool(roles.inquirers or roles.pagers)
+    scene = replace(scene, radio=draw_radio(choice, len(bodies), jammers, 1 if roles.lone else 5, searched))
     case = Case(scene, pick(choice, (1, 4, 32, 1024)), idle=chance(choice, 2))
     book = case.book()
     return replace(case, scene=near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
@@ -120,11 +121,13 @@ class _Roles:
     """Who is the master of whom, who searches, and who can be found."""
 
     def __init__(self, choice: Choice) -> None:
-        count = pick(choice, (1, 1, 2, 2, 2, 3, 4))
+        self.lone = chance(choice, 5)
+        """One piconet without noise; in the midst of its traffic others begin to send on its channels."""
+        count = pick(choice, (1, 1, 2) if self.lone else (1, 1, 2, 2, 2, 3, 4))
         self.slaves: dict[int, list[int]] = {}
         self.size = 0
-        self.bridged = chance(choice, 3)
-        self.twins = not self.bridged and chance(choice, 2)
+        self.bridged = not self.lone and chance(choice, 3)
+        self.twins = self.lone or (not self.bridged and chance(choice, 2))
         """Masters hop alike and poll at the same time."""
         for _ in range(count):
             master = self._new()
@@ -132,14 +135,16 @@ class _Roles:
             self.slaves[master] = [self._new() for _ in range(most)]
         if self.bridged:
             self._bridge(choice)
-        searches = pick(choice, (0, 1, 2) if count == 2 else (0, 1))
+        searches = pick(choice, (1,) if self.lone else (0, 1, 2) if count == 2 else (0, 1))
         self.inquirers = [self._new() for _ in range(searches if chance(choice, 2) else 0)]
         self.pagers = [self._new() for _ in range(searches if not self.inquirers or chance(choice, 3) else 0)]
         self.found = [self._new() for _ in range(choice.integer(1, 3) if self.inquirers or self.pagers else 0)]
         linked = [slave for slaves in self.slaves.values() for slave in slaves]
         self.asking = [pick(choice, linked)] if self.pagers and not self.bridged and chance(choice, 3) else []
         """Slaves that can be paged, too."""
-        if self.pagers and chance(choice, 3):  # a slave that pages, or a master that has slaves already
+        if (
+            self.pagers and not self.lone and chance(choice, 2)
+        ):  # a slave that pages, or a master that has slaves already
             masters = [] if self.bridged else [master for master, slaves in self.slaves.items() if len(slaves) < 7]
             slaves = [slave for slave in linked if slave not in (*self.asking, *self.slaves)]
             self.pagers[0] = pick(choice, [*masters, *slaves] or self.pagers)
@@ -189,7 +194,7 @@ def _draw_bodies(choice: Choice, roles: _Roles, end: int) -> tuple[Body, ...]:
         edge = pick(choice, EDGES) * pick(choice, (1, -1)) + pick(choice, (-1, 0, 0, 1))
         phase = base + pick(choice, (edge, edge, choice.integer(0, PAIR)))
         word = pick(choice, (*WORDS, choice.integer(0, (1 << 32) - 1)))
-        if address in roles.slaves and roles.twins:
+        if roles.twins and (address in roles.slaves or (roles.lone and address in roles.speaking)):
             phase, word = base + edge, bodies[0].word if bodies else word
         elif address in roles.speaking and bodies and chance(choice, 2):
             word = _similar_word(choice, bodies[0], phase, end)
@@ -235,7 +240,7 @@ def _draw_inputs(choice: Choice, scene: Scene, roles: _Roles) -> tuple[Input, ..
     if roles.bridged and not chance(choice, 4):
         inputs += _draw_shares(choice, scene, roles, when)
     inputs += [Scan(when(), slave, True) for slave in roles.asking]
-    inputs += _draw_searches(choice, scene, roles, clocks)
+    inputs += _draw_searches(choice, scene, roles, clocks, when)
     return tuple(sorted(inputs, key=lambda wish: wish.time))
 
 
@@ -250,7 +255,9 @@ def _draw_joins(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Cl
             if master in roles.pagers:  # a page has chosen its LT_ADDR already
                 time = 0
             ahead = pick(choice, (0, 8, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
-            if roles.twins and chance(choice, 2):
+            if roles.lone and master > 0:  # in the midst of a frame of the first piconet
+                time, ahead = _draw_instant(choice, scene.end, [clocks[0]]), 0
+            elif roles.twins and chance(choice, 2):
                 time, ahead = 0, same + 8 * number
             joins.append(Join(time, master, slave, lt_addr, clocks[master].first_transmit_tick(time) + ahead // 4 * 4))
     return joins
@@ -269,7 +276,7 @@ def _draw_instant(choice: Choice, end: int, clocks: Sequence[Clock]) -> int:
 def _draw_sends(choice: Choice, scene: Scene, roles: _Roles, when: Callable[[], int]) -> list[Send]:
     sends: list[Send] = []
     most = max(KINDS[name].capacity for name in scene.kinds)
-    for _ in range(choice.integer(0, 8)):
+    for _ in range(choice.integer(0, 12 if roles.bridged or roles.lone else 6)):
         time = when()
         same = pick(choice, roles.links)
         for _ in range(pick(choice, (1, 1, 2, choice.integer(1, 6)))):
@@ -312,15 +319,17 @@ def _apart(parts: Sequence[tuple[int, int, int]], period: int) -> tuple[tuple[in
     )
 
 
-def _draw_searches(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Clock]) -> list[Input]:
+def _draw_searches(
+    choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Clock], when: Callable[[], int]
+) -> list[Input]:
     searches: list[Input] = []
     for device in roles.inquirers:
-        time = pick(choice, (0, choice.integer(0, scene.end // 4)))
+        time = pick(choice, (0, choice.integer(0, scene.end // 4), when()))
         duration = 4 * pick(choice, (choice.integer(1, 20), scene.end // PAIR))
         searches.append(Inquire(time, device, duration, choice.integer(1, 3)))
     for device in roles.pagers:
         peer = pick(choice, [*roles.found, *(slave for slave in roles.asking if (device, slave) not in roles.links)])
-        time = pick(choice, (0, choice.integer(0, scene.end // 4), choice.integer(0, scene.end // 2)))
+        time = pick(choice, (0, choice.integer(0, scene.end // 4), when(), when()))
         exact = (clocks[peer].tick(time) - clocks[device].tick(time)) // 4 * 4
         offset = exact + pick(choice, (0, 0, 0, 4, -4, 4096, -4096, 4 * choice.integer(-40_000, 40_000)))
         searches.append(PageFor(time, device, peer, offset))

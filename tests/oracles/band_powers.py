@@ -12,10 +12,12 @@ from tests.oracles.medium import SLOT, TICK
 STEPS_DB = (0.0, 0.0, 0.0, -11.0, -10.999, -11.001, 0.001, -0.001, 30.0, 29.999, 30.001, 40.0, 40.001, 60.0, -8.0)
 """By how much one power differs from another, so that C/I is at a threshold."""
 ES_N0_DB = (9.0, 10.5, 12.0, 13.5, 16.0, 30.0, 30.0, 100.0, 100.0)
+FHS_SUFFERS_DB = (8.5, 9.0, 9.5, 10.0)
 FAINT_DB = (0.0, -0.001, 0.001, 4.0)
 
 
-def draw_radio(choice: Choice, devices: int, jammers: int, disc_one_in: int) -> Radio:
+def draw_radio(choice: Choice, devices: int, jammers: int, disc_one_in: int, searched: bool) -> Radio:
+    """Draw powers at thresholds, or a disc; *searched*: often so noisy that the FHS of a search suffers."""
     key = (choice.integer(0, (1 << 32) - 1), choice.integer(0, (1 << 32) - 1))
     mode = pick(choice, ("none", "co_channel", "neighbouring", "neighbouring"))
     if chance(choice, disc_one_in):
@@ -23,7 +25,8 @@ def draw_radio(choice: Choice, devices: int, jammers: int, disc_one_in: int) -> 
         return Radio(((0, powers),), mode=mode, key=key, jammers=_draw_jammers(choice, jammers))
     base = float(pick(choice, (-60, -53, choice.integer(-80, -30))))
     powers = _draw_matrix(choice, base, devices, jammers)
-    noise = base - pick(choice, FAINT_DB if chance(choice, 10) else ES_N0_DB)
+    es_n0_db = FAINT_DB if chance(choice, 10) else FHS_SUFFERS_DB if searched and chance(choice, 3) else ES_N0_DB
+    noise = base - pick(choice, es_n0_db)
     return Radio(((0, powers),), (), noise, mode, _draw_jammers(choice, jammers), key)
 
 
@@ -150,7 +153,7 @@ def _draw_supervision(choice: Choice, scene: Scene, near: Near) -> int:
     ]
     if not later:
         return scene.supervision
-    last = pick(choice, later)
+    last = min(later, key=lambda frame: frame.start)
     return last.start + last.duration - first.start - first.duration + pick(choice, (-1, 0, 0, 1, -last.duration))
 
 

@@ -218,6 +218,8 @@ class Stage:
     def lose(self, link: Link, device: Device) -> None:
         side, other = link.side(device.address), link.slave if device.address == link.master else link.master
         side.alive = False
+        if not link.above.up:
+            self.doubt("a slave loses its master while that one still pages it")
         self.book.losses.append(Loss(self.now, device.address, other))
         if device.address == link.slave:
             self.drop(link.queue, device, lambda entry: True)

@@ -40,6 +40,7 @@ MODES: Final[dict[str, int]] = {
 LONGEST_FRAME: Final[Time] = 4 * MS
 """No frame of Basic Rate lasts longer (five slots are 3.125 ms)."""
 FOREVER: Final[Time] = 1 << 61
+_NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
 _LOG_ROWS: Final = 4096
 
@@ -131,6 +132,7 @@ class Air:
         self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
         self.calm = True
         """Whether no frame that starts from ``stray`` on can be destroyed."""
+        self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
         self._record = record
         self._rows = list(zip(self.band.piconets, self.band.links, strict=True))
         self._running = 0
@@ -161,11 +163,7 @@ class Air:
 
     def reaches(self, carrier_dbm: float) -> bool:
         """Return whether a receiver notices a frame of this power."""
-        return carrier_dbm > float("-inf") and carrier_dbm >= self._detectable
-
-    @property
-    def _detectable(self) -> float:
-        return float(self.band.medium.noise_dbm[0]) + mediums.DETECTABLE_DB
+        return carrier_dbm >= self._detectable_dbm and carrier_dbm > _NOTHING_DBM
 
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Have these jammers, and no others, on the air; nobody receives them before :meth:`set_jam_powers`."""
@@ -194,6 +192,11 @@ class Air:
         elif self._alone is not None:
             run_alone(*self._alone, now)
         elif self._running:
+            if self.calm and self._master is not None and self.stray < now:  # from there on there may be a shortcut
+                bands.advance(self.band, self.stray, self.stray, _NO_LOG)
+                self._seek_shortcut(self.stray)
+                self.advance(now, last_end)
+                return
             bands.advance(self.band, now, last_end, _NO_LOG)
             self._seek_shortcut(now)
         if now >= self._closing:
@@ -260,6 +263,10 @@ class Air:
             return int(bands.channel_of(self.band, master, tick))
         hop: int = basic_hop(piconet[WORD], tick)
         return hop
+
+    def spares(self, start: Time) -> bool:
+        """Return whether a frame that starts at *start* cannot be destroyed where it is noticed."""
+        return self.calm and start >= self.stray
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
         """Return what becomes of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""

@@ -26,7 +26,7 @@ from cosim.channels.bluetooth.polling import (
     USED,
 )
 from cosim.channels.bluetooth.queues import News, Payload, Queues
-from cosim.channels.bluetooth.radio import FAR, UNTUNED, Air, Fate, Frame, Heard
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Fate, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
 from cosim.kernel import AIR, Handle, Kernel
 from cosim.machine import Address, LinkEvent, Outcome, Reception
@@ -206,7 +206,8 @@ class Slots:
         if payload is not None and last:
             self._queues.remove(payload)
         carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
-        present = {k for k in carriers if self._present(k, tick, kind.slots)}
+        here = self.links.table[HERE].tolist()
+        present = {k for k in carriers if self._present(k, here, tick, kind.slots)}
         frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload)
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
@@ -215,11 +216,11 @@ class Slots:
         active = [] if parked_only else sorted(self.links.slaves.items())
         return active + [(number, member.slave) for number, member in sorted(self._parking.members.items())]
 
-    def _present(self, k: int, tick: int, slots: int) -> bool:
+    def _present(self, k: int, here: list[int], tick: int, slots: int) -> bool:
         piconet, table = self.links.piconet, self.links.table
         if k in self._parking.members:
             return self._parking.members[k].presence.here
-        if not table[HERE, k]:
+        if not here[k]:
             return False
         return not piconet[SHARED] or polling.open_slot(piconet, table, k, tick, slots) == tick
 
@@ -228,10 +229,11 @@ class Slots:
     ) -> None:
         arrivals: list[Arrival] = []
         wanted = self._frames.wanted if payload is not None else self._frames.idle_wanted
+        joined = self.links.table[JOINED].tolist()
         for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
-            tuned = self._joined(k) and k in present
+            tuned = k in present and self._joined(k, joined)
             fate = self._fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
                 self._frames.record(frame._replace(destination=slave), fate)
@@ -244,9 +246,9 @@ class Slots:
         if arrivals or news:
             self._deliver(arrivals, news)
 
-    def _joined(self, k: int) -> bool:
+    def _joined(self, k: int, joined: list[int]) -> bool:
         parked = self._parking.members.get(k)
-        return parked.joined if parked is not None else bool(self.links.table[JOINED, k])
+        return parked.joined if parked is not None else bool(joined[k])
 
     def _broadcast_heard(self, k: int) -> None:
         if k in self._parking.members:
@@ -275,8 +277,12 @@ class Slots:
         return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
+        if not self._air.reaches(carrier_dbm):
+            return FAR
         if not tuned:
-            return UNTUNED if self._air.reaches(carrier_dbm) else FAR
+            return UNTUNED
+        if self._air.spares(frame.start):
+            return GOOD
         if payload is None:
             return self._air.fate(frame, receiver, carrier_dbm, 0, False)
         return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
