@@ -1,8 +1,8 @@
 """How long a team stands still when one of its robots dies: a run of robots, and what its events tell of the death.
 
 The machines do not know when a robot has died, only when they have noticed; the run does. So the times are read from
-the trace: a survivor has *noticed* when it reports that it has lost its team, or that its team goes on without the dead,
-and has *resumed* with its first step in a team that was called up after the death.
+the trace: a survivor has *noticed* when it reports that it has lost its team, or that its team goes on without the
+dead, and has *resumed* with its first step in a team that was called up after the death.
 """
 
 import math

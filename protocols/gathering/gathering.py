@@ -13,8 +13,8 @@ other ways in keeps it (paper 003, section VI).
 A robot is *settled* if it is at the place, or if settled robots stand in all the cells from which the way is a step
 shorter than its own: it cannot come nearer any more, and says stop. The task is done when all are settled.
 
-Why that comes to an end: while somebody is not settled, let U be one of those who have the shortest way. A settled robot
-or nobody stands in each cell that is nearer than U's, and in one of U's next cells nobody does: so U can make a step.
+Why that comes to an end: while somebody is not settled, let U be one of those who have the shortest way. In each cell
+that is nearer than U's a settled robot stands or nobody, and in one of U's next cells nobody: so U can make a step.
 Of all who want a cell one gets it, so in every step of the team somebody comes nearer and nobody goes farther away; the
 sum of all ways falls until nobody can make a step, which is when all are settled. Then the robots stand together: from
 each of them a chain of occupied cells leads to the place.

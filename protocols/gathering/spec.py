@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.machine import Address, Metric, ProtocolSpec
 from cosim.units import Time
-from protocols.gathering.gathering import Gathering, GatheringCoordination
+from protocols.gathering.gathering import GatheringCoordination
 from protocols.gathering.parameters import Parameters
 from protocols.gathering.referee import GatheringReferee
 from protocols.pseudonet import spec as pseudonet
@@ -30,9 +30,8 @@ def make(
     parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
 ) -> Pseudonet:
     """Return the machine of robot *me*: Pseudonet's, with another coordination room."""
-    machine = Pseudonet(parameters, knowledge, me, Gathering(), (parameters.step_limit, None), start)
-    machine.application.coordination = GatheringCoordination(knowledge, me, parameters.rounds)
-    return machine
+    coordination = GatheringCoordination(knowledge, me, parameters.rounds)
+    return Pseudonet(parameters, knowledge, me, coordination, parameters.step_limit, start)
 
 
 def referee(parameters: Parameters, knowledge: Knowledge) -> GatheringReferee:

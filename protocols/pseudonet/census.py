@@ -51,7 +51,7 @@ class Registry:
     def reports(self) -> list[Census]:
         """Return all reports that have come, or are my own, in order."""
         seen = [census for census in self._seen if not census.roll_call]
-        return [*seen, self._own] if self._own is not None else seen
+        return [*seen, self._own] if self._own is not None and self._own.root != self._me else seen
 
     # ------------------------------------------------------------ reports
 

@@ -136,11 +136,11 @@ class Leading:
     def _receive_as_master(self, packet: Packet, data: bytes, reception: Reception, now: Time) -> None:
         if packet.source not in self.members or reception.source != packet.source:
             return
+        self.polls.retries = 0
         if isinstance(packet, Missing):
             self._send_again(packet)
         if not isinstance(packet, Message):
             return
-        self.polls.retries = 0
         if packet.kind == Kind.ANSWER and packet.addressee is not None:
             self._forward(packet, data, now)
             return

@@ -63,6 +63,8 @@ class Pseudonet:
             self.bluetooth = self.scatternet
         self.application = Application(parameters, knowledge, me, algorithm, limits, start, room, self._left_alone)
         self._silence = knowledge.timing.silence
+        self._team: tuple[Address, ...] | None = None
+        """The team that the Bluetooth room knows of."""
         self._start: Time | None = start
         self._set_up_due = False
         self._silent_at = start + self._silence
@@ -155,8 +157,13 @@ class Pseudonet:
         """Let the Bluetooth room know what has become of the team."""
         if self.finished:
             self.bluetooth.leave()
-        elif self.application.broadcast.find_master() is not None:
-            self.bluetooth.called_up(self.application.broadcast.members)
+            return
+        room = self.application.broadcast
+        if room.find_master() is None:
+            self._team = None
+        elif room.members is not self._team:
+            self._team = room.members
+            self.bluetooth.called_up(room.members)
 
     # ------------------------------------------------------------ outputs
 

@@ -198,6 +198,8 @@ class Membership(Bluetooth):
             (master, slots * colour(self._topology, number, self._count, self._most), slots)
             for number, master in sorted(self._piconets.items())
         )
+        if len({first for _, first, _ in parts}) < len(parts):
+            return  # no topology has a device in two piconets of one colour: some master does not know what it says
         self.out.append(Share(slots * colours(self._topology, self._count), parts, self._root or 0))
 
     def wake(self, now: Time) -> None:
@@ -214,7 +216,7 @@ class Membership(Bluetooth):
         self.out.append(Page(job.peer, job.clock_offset))
 
     def _page_failed(self, now: Time) -> None:
-        if not self._jobs:  # nobody was paged: the last words to the masters were not acknowledged
+        if self._untold or not self._jobs:  # nobody was paged: some master has not acknowledged its assignments
             self._untold.clear()
             self._next(now)
             return

@@ -103,6 +103,18 @@ def test_with_a_jammer_on_twenty_channels_the_loss_falls_to_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("source", [0, 1])
+def test_payloads_tell_of_bad_channels_as_well_as_polls_do(source: int) -> None:
+    bench = RoomyBench(1, 2, t_poll_slots=16 if source else 4000, first_due=4, afh=(1 * S, 60 * S))
+    bench.jam(jammer())
+    for i in range(1500):
+        bench.send(i * 5 * MS, source, 1 - source, bytes(27))
+    bench.run(12 * S)
+    assert bench.air.band.used[0, :59].tolist() == in_order(FREE)
+    assert bench.air.band.piconets[0, USED] == 59
+
+
+@pytest.mark.slow
 def test_without_it_the_loss_stays() -> None:
     bench = RoomyBench(1, 2, t_poll_slots=16)
     bench.jam(jammer())
@@ -139,6 +151,16 @@ def test_a_slave_answers_on_the_channel_of_the_packet_that_it_answers(slots: int
             own = tick if source == 0 else asking
             expected = basic_channel(WORD, tick) if afh is None else adapted_channel(WORD, own, range(79))
             assert channel == expected
+
+
+def test_a_new_hop_set_waits_for_the_end_of_the_slot_pair_under_way() -> None:
+    bench = Bench(1, afh=(1 * S + 1 * MS, 60 * S))
+    bench.send(1 * S, 0, 1, bytes(300))  # six slots: until 1.00375 s
+    bench.kernel.at(1 * S, lambda: bench.air.band.tallies[0, 1].__setitem__(5, 10))
+    bench.run(1003 * MS)
+    assert bench.air.band.piconets[0, USED] == 79
+    bench.run(1004 * MS)
+    assert bench.air.band.piconets[0, USED] == 78
 
 
 def test_a_new_hop_set_is_used_from_a_slot_pair_on_and_never_within_one() -> None:

@@ -78,3 +78,13 @@ def test_a_device_holds_so_many_payloads_and_refuses_more() -> None:
     bench.run(80 * TICK + 4 * PAIR + SLOT)
     assert bench.fates()[:2] == [(1000, 0, 2, Outcome.QUEUE_FULL), (1000, 1, 12, Outcome.QUEUE_FULL)]
     assert sorted(data for *_, data in bench.arrivals) == [b"d", b"d", b"later", b"u", b"u"]
+
+
+def test_an_acknowledgement_of_what_was_flushed_does_not_count_for_what_follows() -> None:
+    """The master has the first payload at 2 ms, but says so at its next poll only, at 11.25 ms: too late."""
+    bench = Bench(1, flush=5 * MS, t_poll_slots=16, first_due=4)
+    bench.send(1, 1, 0, b"first", token=1)
+    bench.send(8 * MS, 1, 0, b"second", token=2)
+    bench.run(40 * MS)
+    assert [data for *_, data in bench.arrivals] == [b"first", b"second"]
+    assert [(token, outcome) for *_, token, outcome in bench.fates()] == [(1, Outcome.FLUSHED), (2, Outcome.FLUSHED)]

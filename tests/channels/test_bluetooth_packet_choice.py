@@ -88,10 +88,13 @@ def test_the_link_counts_as_it_is_when_the_payload_is_first_sent() -> None:
 
 
 def test_a_payload_keeps_its_type_when_it_is_repeated() -> None:
-    bench = noisy_bench(1, 11.0, best_packets=True, first_due=4000)
-    bench.outage(0, 20 * MS, (0, 1))
-    bench.send(0, 0, 1, bytes(150))
+    bench = noisy_bench(1, 20.0, best_packets=True, first_due=4000)
+    bench.kernel.at(0, lambda: set_es_n0(bench, -20.0, (1, 0)))  # no acknowledgement is heard
+    bench.send(1, 0, 1, bytes(150), token=1)
+    bench.kernel.at(20 * MS, lambda: set_es_n0(bench, 11.0, (0, 1)))
+    bench.kernel.at(40 * MS, lambda: set_es_n0(bench, 20.0))
     bench.run(60 * MS)
     kinds = [frame.kind for frame, _ in bench.frames if frame.length]
-    assert len(kinds) > 4
-    assert len(set(kinds)) == 1
+    assert len(kinds) > 8
+    assert set(kinds) == {"DH3"}
+    assert len(bench.fates()) == 1

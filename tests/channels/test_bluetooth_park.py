@@ -154,10 +154,11 @@ def test_a_master_that_was_away_sends_its_beacon_in_the_next_window() -> None:
     ask(bench, 10 * SLOT, 0, Park(1))
     bench.kernel.at(200 * SLOT, bench.piconet.suspend)
     bench.kernel.at(300 * SLOT, bench.piconet.resume)
+    bench.send(300 * SLOT, 0, 2)
     bench.run(1 * S)
     beacons = [tick for tick, kind, k in bench.on_air("NULL") if k == 0]
     assert beacons == [2 * INTERVAL * i for i in range(2, 7)]
-    assert (600, "POLL", 2) in bench.on_air("POLL")
+    assert bench.on_air("DM1") == [(600, "DM1", 2)]
 
 
 def test_nobody_is_parked_where_beacons_are_too_rare_for_supervision() -> None:
@@ -165,3 +166,13 @@ def test_nobody_is_parked_where_beacons_are_too_rare_for_supervision() -> None:
     ask(bench, 0, 0, Park(1))
     bench.run(10 * MS)
     assert changes(bench) == [(0, 0, 1, Mode.ACTIVE)]
+
+
+def test_a_parked_slave_whose_radio_is_off_hears_nothing_and_its_master_notices() -> None:
+    bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW, supervision=1 * S)
+    ask(bench, 10 * SLOT, 0, Park(1))
+    bench.kernel.at(20 * SLOT, lambda: bench.piconet.vanish(1))
+    bench.send(100 * SLOT, 0, BROADCAST, b"all")
+    bench.run(2 * S)
+    assert [address for _, address, _ in bench.arrivals] == [2]
+    assert bench.lost() == [(10 * SLOT + 1 * S, 0, 1)]

@@ -149,7 +149,9 @@ def check(world: Arena, killed: Address | None) -> None:
         assert max(arrivals.values(), default=1) == 1
     for frame in world.frames():
         assert frame["outcome"] in PARTS
-        if frame["source"] in world.off and frame["time_ns"] > world.off[frame["source"]] + 6 * SLOT:
+        # what a slot pair holds is fixed at its start: a slave may answer the longest packet
+        grace = 0 if frame["kind"] in ("ID", "FHS") else 6 * SLOT
+        if frame["source"] in world.off and frame["time_ns"] > world.off[frame["source"]] + grace:
             pytest.fail(f"a frame of a radio that is off: {frame}")
 
 
@@ -247,6 +249,29 @@ def test_a_page_to_a_device_that_comes_late_connects():
     check(world, killed=1)
 
 
+@pytest.mark.parametrize("late", range(60, 88, 4))
+def test_a_page_whose_time_ends_within_an_exchange_ends_with_that(late: int):
+    """The scanner comes late, and none of its NULLs arrives: 16 POLLs, of which the last ones follow pageTO."""
+
+    def exchange(until: Time, silent_from: Time | None) -> Arena:
+        world = paging()
+        world.switch(1, on=False)
+        world.at(late * MS, lambda: world.switch(1, on=True))
+        if silent_from is not None:
+            world.at(silent_from, lambda: world.silence([(1, 0)]), WORLD)
+        world.kernel.run(until)
+        return world
+
+    reference = exchange(2 * PAGE_TIMEOUT, None)
+    poll = next(frame["time_ns"] for frame in reference.frames() if frame["kind"] == "POLL")
+    world = exchange(PAGE_TIMEOUT + EXCHANGE, poll)
+    assert [frame["kind"] for frame in world.frames()].count("POLL") == 16
+    assert {frame["outcome"] for frame in world.frames() if frame["kind"] == "NULL"} == {"out_of_range"}
+    assert world.hosts[0].got(PageFailed) == [PageFailed(1)]
+    (failed,) = world.hosts[0].when(PageFailed)
+    assert failed == pytest.approx(max(PAGE_TIMEOUT, poll + 16 * 2 * SLOT), abs=2 * SLOT)
+
+
 def leaving_during_the_first_answer(leave: Callable[[Arena], None]) -> Arena:
     reference, _, _ = page_span()
     null = reference.frames()[-1]
@@ -311,7 +336,7 @@ def test_an_inquiry_that_is_struck_at_any_instant_ends_in_time_and_finds_who_has
     reference = inquiring(version)
     reference.kernel.run(duration + 10 * MS)
     assert reference.hosts[0].got(Discovered)
-    steps = instants(reference, 0, duration, 5 * TICK if version == "1.2" else 100 * TICK)
+    steps = instants(reference, 0, duration, 9 * TICK if version == "1.2" else 100 * TICK)
     lost = set()
     for number, at in enumerate(steps):
         world = inquiring(version)
@@ -405,9 +430,10 @@ def test_a_link_that_is_struck_at_any_instant_ends_or_goes_on_and_every_payload_
         1: {Outcome.DELIVERED: 4},
         2: {Outcome.DELIVERED: 1},
     }
-    all_instants = instants(reference, begin, begin + AFTER)
+    # every case looks at other instants
+    all_instants = instants(reference, begin, begin + AFTER)[list(FAULTS).index(fault) + 5 * share :]
     outcomes: Counter[str] = Counter()
-    for number, at in enumerate(all_instants[:: 1 + len(all_instants) // 90]):
+    for number, at in enumerate(all_instants[:: len(all_instants) // 45]):
         world, _ = talking(share)
         strike(world, FAULTS[fault], at, None if lasting is None else at + lasting, number)
         world.kernel.run(begin + AFTER + PAGE_TIMEOUT + 3 * SUPERVISION + 50 * MS)

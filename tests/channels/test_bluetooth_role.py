@@ -49,6 +49,9 @@ def test_the_new_master_polls_on_its_own_clock_and_hop_sequence(asking: Address)
     frames = [frame for frame in world.frames() if frame["time_ns"] > now + 2 * SLOT + 1]
     assert len(frames) > 60
     identity = world.channel.devices[1].identity
+    assert not [
+        frame for frame in world.frames() if frame["kind"] == "POLL" and frame["source"] and frame not in frames
+    ]
     for frame in frames:
         tick = identity.clock.tick(frame["time_ns"])
         assert identity.clock.time_of(tick) == frame["time_ns"]
@@ -78,27 +81,49 @@ def test_what_waits_on_either_side_survives_once_and_in_order() -> None:
     assert Fate(9, Outcome.FLUSHED) in world.hosts[0].got(Fate)
 
 
-@pytest.mark.parametrize("lost", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("lost", [(0, 1), (1, 0)], ids=["down", "up"])
 @pytest.mark.parametrize("source", [0, 1])
-def test_a_payload_whose_acknowledgement_was_lost_is_not_delivered_again(
-    source: Address, lost: tuple[int, int]
+@pytest.mark.parametrize("slots", range(20, 26))
+def test_a_payload_arrives_once_whether_it_or_its_acknowledgement_was_lost_before(
+    source: Address, lost: tuple[int, int], slots: int
 ) -> None:
-    """Whatever one has seen of the other before the switch, both payloads arrive once."""
     world = connected(2, 1, t_poll_slots=16)
     now = world.kernel.now
     powers = world.channel.air.band.medium.power_dbm.copy()
     deaf = powers.copy()
     deaf[lost] = float("-inf")
+    world.at(now, lambda: world.channel.air.set_powers(deaf, world.kernel.now))
     world.at(now, lambda: world.channel.send(source, Outgoing(1 - source, b"first", 1)))
     world.at(now, lambda: world.channel.send(source, Outgoing(1 - source, b"second", 2)))
-    for outage in range(now // SLOT, now // SLOT + 40, 7):
-        world.at(outage * SLOT + SLOT, lambda: world.channel.air.set_powers(deaf, world.kernel.now))
-        world.at(outage * SLOT + 5 * SLOT, lambda: world.channel.air.set_powers(powers, world.kernel.now))
-    for at in (2, 9, 16):
-        world.at(now + at * SLOT, lambda: switch(world, 0, 1))
+    world.at(now + slots * SLOT, lambda: world.channel.air.set_powers(powers, world.kernel.now))
+    world.at(now + slots * SLOT, lambda: switch(world, 0, 1))
     world.kernel.run(now + 2 * S)
+    assert len(world.hosts[0].got(RoleChanged)) == 1
+    before = [frame["outcome"] for frame in world.frames() if now <= frame["time_ns"] <= now + slots * SLOT]
+    assert before.count("out_of_range") > 0
     assert [data for _, _, data, _ in world.hosts[1 - source].received] == [b"first", b"second"]
     assert [event.outcome for event in world.hosts[source].got(Fate)] == [Outcome.DELIVERED] * 2
+
+
+@pytest.mark.parametrize("half_slots", range(0, 24, 3))
+def test_a_slot_pair_under_way_is_finished_before(half_slots: int) -> None:
+    world = connected(2, 1)
+    now = world.kernel.now
+    clock = world.channel.devices[0].identity.clock
+    first = clock.time_of((clock.tick(now) // 4 + 2) * 4)
+    for token in range(6):
+        world.at(first, lambda token=token: world.channel.send(0, Outgoing(1, bytes([token]) * 300, token)))
+        world.at(first, lambda token=token: world.channel.send(1, Outgoing(0, bytes([token]) * 300, token)))
+    world.at(first + half_slots * SLOT // 2 + 1, lambda: switch(world, 0, 1))
+    world.kernel.run(now + 2 * S)
+    (at,) = world.hosts[1].when(RoleChanged)
+    # a pair of two DH5 takes ten slots
+    assert at == first + -(-(half_slots * SLOT // 2 + 1) // (10 * SLOT)) * 10 * SLOT + (at - first) % SLOT
+    assert (at - first) % SLOT < 10
+    for host in world.hosts:
+        assert [data[0] for _, _, data, _ in host.received] == list(range(6))
+        assert [event.outcome for event in host.got(Fate)] == [Outcome.DELIVERED] * 6
+    assert {frame["outcome"] for frame in world.frames()} == {"received"}
 
 
 def test_a_link_that_has_been_turned_round_is_supervised_and_can_be_turned_back() -> None:
@@ -155,3 +180,14 @@ def test_the_new_master_may_page_others() -> None:
     world.at(now + 100 * MS, lambda: world.command(1, Page(2)))
     world.kernel.run(now + 12 * S)
     assert world.channel.devices[1].master_of.members() == (0, 2)
+
+
+def test_the_new_masters_piconet_begins_when_the_roles_change() -> None:
+    """Whatever it has not done before: it has had no link since the run began."""
+    world = World(2)
+    world.connect(1)
+    now = world.kernel.now
+    world.at(now, lambda: switch(world, 0, 1))
+    world.kernel.run(now + 4 * S)
+    polls = world.channel.devices[1].master_of.counts()["idle"]
+    assert polls == pytest.approx(4 * S / (40 * SLOT), abs=2)

@@ -121,3 +121,23 @@ def test_what_is_sent_does_not_depend_on_who_looks(scheduler: str) -> None:
         runs.append((bench.frames, bench.arrivals, bench.piconet.counts()))
     assert runs[0] == runs[1]
     assert len(runs[0][1]) > 40
+
+
+@pytest.mark.parametrize("scheduler", EAGER)
+def test_t_poll_is_kept_while_broadcasts_queue_up(scheduler: str) -> None:
+    bench = Bench(2, first_due=76, scheduler=scheduler, t_poll_slots=16)
+    for _ in range(100):
+        bench.send(0, 0, BROADCAST)
+    bench.run(80 * PAIR)
+    ticks = [tick for tick, *_ in bench.on_air("POLL")]
+    assert ticks == [76 + 4 * k + 32 * i for i in range(8) for k in (0, 1)]
+
+
+def test_what_waits_behind_a_broadcast_is_no_backlog_yet() -> None:
+    bench = Bench(2, first_due=76, scheduler="backlog")
+    bench.send(0, 0, 1)
+    bench.send(0, 0, BROADCAST)
+    for _ in range(3):
+        bench.send(0, 0, 2)
+    bench.run(5 * PAIR)
+    assert [(tick, k) for tick, _, k in bench.on_air("DM1")] == [(0, 1), (4, 0), (4, 0), (8, 2), (12, 2), (16, 2)]

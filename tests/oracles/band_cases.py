@@ -84,9 +84,11 @@ def draw_any_case(choice: Choice) -> Case:
     """Draw a case, then what happens near the frames that it has without it."""
     kinds = pick(choice, (tuple(KINDS), ("DM1", "DH1"), ("DM1", "DM3", "DM5"), ("DH5",), ("DH1", "DH3")))
     end = pick(choice, (choice.integer(16, 40), choice.integer(40, 120), choice.integer(60, 240))) * SLOT
-    if chance(choice, 20):
-        end = choice.integer(240, 1_200) * SLOT
     roles = _Roles(choice)
+    if roles.lone:
+        end = choice.integer(60, 200) * SLOT
+    elif chance(choice, 20):
+        end = choice.integer(240, 1_200) * SLOT
     bodies = _draw_bodies(choice, roles, end)
     supervision = 20_000_000_000
     if chance(choice, 4):
@@ -111,7 +113,8 @@ def draw_any_case(choice: Choice) -> Case:
     scene = replace(scene, radio=draw_radio(choice, len(bodies), jammers, 1 if roles.lone else 5, searched))
     case = Case(scene, pick(choice, (1, 4, 32, 1024)), idle=chance(choice, 2))
     book = case.book()
-    return replace(case, scene=near_frames(choice, scene, book.seen + book.idle)) if book.seen or book.idle else case
+    frames = book.seen + book.idle
+    return replace(case, scene=near_frames(choice, scene, frames, roles.lone)) if frames else case
 
 
 # ---------------------------------------------------------------- who is who
@@ -121,9 +124,9 @@ class _Roles:
     """Who is the master of whom, who searches, and who can be found."""
 
     def __init__(self, choice: Choice) -> None:
-        self.lone = chance(choice, 5)
+        self.lone = chance(choice, 4)
         """One piconet without noise; in the midst of its traffic others begin to send on its channels."""
-        count = pick(choice, (1, 1, 2) if self.lone else (1, 1, 2, 2, 2, 3, 4))
+        count = pick(choice, (1, 2) if self.lone else (1, 1, 2, 2, 2, 3, 4))
         self.slaves: dict[int, list[int]] = {}
         self.size = 0
         self.bridged = not self.lone and chance(choice, 3)
@@ -135,8 +138,8 @@ class _Roles:
             self.slaves[master] = [self._new() for _ in range(most)]
         if self.bridged:
             self._bridge(choice)
-        searches = pick(choice, (1,) if self.lone else (0, 1, 2) if count == 2 else (0, 1))
-        self.inquirers = [self._new() for _ in range(searches if chance(choice, 2) else 0)]
+        searches = 2 - count if self.lone else pick(choice, (0, 1, 2) if count == 2 else (0, 1))
+        self.inquirers = [self._new() for _ in range(searches if chance(choice, 4 if self.lone else 2) else 0)]
         self.pagers = [self._new() for _ in range(searches if not self.inquirers or chance(choice, 3) else 0)]
         self.found = [self._new() for _ in range(choice.integer(1, 3) if self.inquirers or self.pagers else 0)]
         linked = [slave for slaves in self.slaves.values() for slave in slaves]
@@ -255,9 +258,7 @@ def _draw_joins(choice: Choice, scene: Scene, roles: _Roles, clocks: Sequence[Cl
             if master in roles.pagers:  # a page has chosen its LT_ADDR already
                 time = 0
             ahead = pick(choice, (0, 8, 2 * scene.t_poll, choice.integer(0, 2 * scene.t_poll)))
-            if roles.lone and master > 0:  # in the midst of a frame of the first piconet
-                time, ahead = _draw_instant(choice, scene.end, [clocks[0]]), 0
-            elif roles.twins and chance(choice, 2):
+            if roles.twins and chance(choice, 2):
                 time, ahead = 0, same + 8 * number
             joins.append(Join(time, master, slave, lt_addr, clocks[master].first_transmit_tick(time) + ahead // 4 * 4))
     return joins
@@ -285,6 +286,11 @@ def _draw_sends(choice: Choice, scene: Scene, roles: _Roles, when: Callable[[], 
             lengths = (0, 17, 18, 27, 28, 121, 183, 224, 339, choice.integer(0, 339))
             length = min(pick(choice, lengths), most + chance(choice, 20))
             sends.append(Send(time, source, destination, length, len(sends)))
+    for _ in range(choice.integer(10, 60) if roles.lone and chance(choice, 2) else 0):  # no slot remains free
+        sends.append(Send(1_000, 0, roles.slaves[0][0], min(pick(choice, (27, 27, 183, 339)), most), len(sends)))
+    for _ in range(2 if roles.bridged and chance(choice, 2) else 0):  # a part may have room for the second only
+        time, (master, slave) = when(), pick(choice, roles.links)
+        sends += [Send(time, master, slave, length, len(sends) + i) for i, length in enumerate((most, 0))]
     return sends
 
 

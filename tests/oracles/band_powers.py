@@ -5,9 +5,9 @@ from dataclasses import replace
 from math import inf
 
 from tests.oracles.band_air import Jammer, Matrix, Radio
-from tests.oracles.band_scene import Flush, Input, Scene, Seen, Send
+from tests.oracles.band_scene import Flush, Input, Join, Scene, Seen, Send
 from tests.oracles.campaign import Choice, chance, pick
-from tests.oracles.medium import SLOT, TICK
+from tests.oracles.medium import SLOT, TICK, Clock
 
 STEPS_DB = (0.0, 0.0, 0.0, -11.0, -10.999, -11.001, 0.001, -0.001, 30.0, 29.999, 30.001, 40.0, 40.001, 60.0, -8.0)
 """By how much one power differs from another, so that C/I is at a threshold."""
@@ -88,8 +88,11 @@ class Near:
         return max(1, frame.start + pick(self.choice, edges) + pick(self.choice, (-1, 0, 1)))
 
 
-def near_frames(choice: Choice, scene: Scene, frames: Sequence[Seen]) -> Scene:
-    """Let powers change, jammers come and hosts act within a nanosecond of frames, and links time out there."""
+def near_frames(choice: Choice, scene: Scene, frames: Sequence[Seen], late: bool) -> Scene:
+    """Let powers change, jammers come and hosts act within a nanosecond of frames, and links time out there.
+
+    *late*: let all piconets but the first begin in the midst of a frame.
+    """
     near, radio = Near(choice, frames), scene.radio
     powers = list(radio.powers)
     for time in sorted({near.instant() for _ in range(choice.integer(0, 3))}):
@@ -97,12 +100,24 @@ def near_frames(choice: Choice, scene: Scene, frames: Sequence[Seen]) -> Scene:
     jammers = tuple(_jammer_at(choice, jammer, near) if chance(choice, 2) else jammer for jammer in radio.jammers)
     radio = replace(radio, powers=tuple(powers), switches=_draw_switches(choice, scene, near), jammers=jammers)
     inputs: list[Input] = [*scene.inputs, *_draw_late_wishes(choice, scene, near)]
+    if late:
+        inputs = [_late(choice, scene, wish, near) if isinstance(wish, Join) else wish for wish in inputs]
     return replace(
         scene,
         radio=radio,
         inputs=tuple(sorted(inputs, key=lambda wish: wish.time)),
         supervision=_draw_supervision(choice, scene, near),
     )
+
+
+def _late(choice: Choice, scene: Scene, join: Join, near: Near) -> Join:
+    """Return *join*, if it is not in the first piconet, in the midst of a frame; its first poll is due at once."""
+    frames = [frame for frame in near.frames if frame.source == 0 and frame.start > 5_000_000]
+    if join.master == 0 or not frames:
+        return join
+    frame, body = pick(choice, frames), scene.bodies[join.master]
+    time = frame.start + pick(choice, (0, 1, choice.integer(0, frame.duration)))
+    return join._replace(time=time, due=Clock(body.phase, body.ppm).first_transmit_tick(time))
 
 
 def _jammer_at(choice: Choice, jammer: Jammer, near: Near) -> Jammer:

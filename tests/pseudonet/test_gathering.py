@@ -1,6 +1,7 @@
 """Gathering: where, who is settled, which step; and whole runs, judged from the bodies' tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import networkx as nx
@@ -18,7 +19,6 @@ from cosim.units import MS, S, Time
 from protocols.gathering.gathering import Gathering, choose_place, settled
 from protocols.gathering.referee import GatheringReferee, largest_group
 from protocols.gathering.spec import SPEC
-from protocols.pseudonet import wide
 from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Verdict, decode
@@ -95,6 +95,12 @@ def test_ways_go_round_walls() -> None:
 def test_settled_is_who_has_settled_robots_in_all_nearer_cells(picture: str, expected: set[int]) -> None:
     seen = view(picture)
     assert settled(seen, seen.cells[0]) == expected
+
+
+def test_nobody_waits_for_a_cell_in_which_a_dead_body_lies() -> None:
+    assert settled(view("x1\n02", obstacles="x"), view("x1\n02").cells[0]) == {0, 1, 2}
+    assert settled(view("x1\n02"), view("x1\n02").cells[0]) == {0, 2}
+    assert settled(view("0x1", obstacles="x"), view("0x1").cells[0]) == {0, 1}  # 1 cannot come
 
 
 # ---------------------------------------------------------------- which step
@@ -289,6 +295,7 @@ def test_the_survivors_of_a_death_gather(killed: int, channel: str) -> None:
     open_floor = {"map": "walls", "bounds_m": [0, 0, 8, 6], "walls": [[4, 0, 4, 2], [4, 3, 4, 6]]}
     simulation, outcome = run(5, channel, 3, open_floor, [{"kind": "kill", "robot": killed, "at_s": 9.0}])
     check_gathered(simulation, outcome, [robot for robot in range(5) if robot != killed])
+    assert outcome.metrics["messages_map"] == 0  # there is nothing that some know and others do not
 
 
 @pytest.mark.slow
@@ -312,7 +319,7 @@ def test_in_every_step_somebody_comes_nearer_and_nobody_goes_farther_away() -> N
     assert any(
         all(
             sum(after) < sum(before) and all(x <= y for x, y in zip(after, before, strict=True))
-            for before, after in zip(of_place, of_place[1:], strict=False)
+            for before, after in pairwise(of_place)
         )
         for of_place in ways
     )
@@ -324,5 +331,3 @@ def test_all_that_is_on_the_air_are_packets_of_pseudonet() -> None:
     payloads = {bytes.fromhex(payload) for payload in outcome.trace.columns(MESSAGES.name)["payload"]}
     assert {decode(payload).__class__.__name__ for payload in payloads} >= {"Message", "Sync"}
     assert max(len(payload) for payload in payloads) <= 17  # DM1
-    _, outcome = run(7, piconet_size=3)
-    assert all(wide.decode(bytes.fromhex(text)) for text in outcome.trace.columns(MESSAGES.name)["payload"])

@@ -252,3 +252,66 @@ def test_a_robot_that_has_turned_back_says_so_until_the_team_has_heard_it() -> N
     assert coordination.obstructed is None
     assert coordination.view.obstacles == {cells["b"]}
     assert coordination.plan_due
+
+
+def test_cells_that_could_not_be_entered_are_tried_again_but_not_for_ever() -> None:
+    knowledge, cells = floor("abc")
+    coordination = Coordination(knowledge, 0, Scripted(), None, rounds=2)
+    coordination.team_changed((0,))
+    coordination.plan()
+    east = (Verdict.POSSIBLE, Verdict.WALL, Verdict.POSSIBLE, Verdict.POSSIBLE)
+    coordination.view.cells[0] = cells["a"]
+    for left in (2, 1):
+        coordination.take_positions({0: replace(at(0, 0, 0), verdicts=east)})
+        assert coordination.view.obstacles == {cells["b"]}
+        assert coordination.complete(), left
+        coordination.plan()
+        assert coordination.try_again()
+        assert coordination.view.obstacles == frozenset()
+        assert coordination.plan_due
+        assert not coordination.complete()
+    coordination.take_positions({0: replace(at(0, 0, 0), verdicts=east)})
+    assert coordination.complete()
+    assert not coordination.try_again()
+    assert coordination.view.obstacles == {cells["b"]}
+    coordination.team_changed((0,))
+    assert coordination.try_again()  # a new team has its own tries
+
+
+def test_nothing_is_tried_again_when_all_is_covered_or_all_have_stopped() -> None:
+    coordination, _, cells = team(0)
+    coordination._rounds_left = 5
+    coordination.view.obstacles = frozenset({cells["b"]})
+    coordination.view.covered |= set(cells.values())
+    assert not coordination.try_again()
+    stopped, _, _ = team(0, 1)
+    stopped._rounds_left = 5
+    stopped.view.obstacles = frozenset({cells["b"]})
+    stopped.take_positions({robot: at(robot, 0, 0, kind=Kind.STOP) for robot in range(3)})
+    assert not stopped.try_again()
+
+
+def test_where_a_member_stands_is_no_obstacle() -> None:
+    coordination, _, cells = team()
+    coordination.view.obstacles = frozenset({cells["b"], cells["f"]})
+    coordination.take_positions({1: at(1, 1, 0)})
+    assert coordination.view.obstacles == {cells["f"]}
+
+
+def test_a_robot_that_waits_for_a_plan_makes_all_wait_for_it() -> None:
+    coordination, _, _ = team()
+    coordination.plan()
+    coordination.take_positions({1: at(1, 1, 0)})
+    assert not coordination.plan_due
+    coordination.take_positions({1: at(1, 1, 0, kind=Kind.ROLL)})
+    assert coordination.plan_due
+
+
+def test_what_was_meant_and_said_in_the_old_team_is_void_in_the_new() -> None:
+    coordination, _, _ = team(0, 1)
+    coordination.take_positions({0: at(0, 0, 0, kind=Kind.STOP)})
+    assert coordination.evaluate_actions().kind == Kind.STOP
+    coordination.view.omitted.add(Action.EAST)
+    coordination.team_changed((0, 1))
+    assert coordination.view.omitted == set()
+    assert coordination.evaluate_actions().kind == Kind.STOP  # the others may not have heard it

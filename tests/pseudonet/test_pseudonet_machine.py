@@ -84,17 +84,10 @@ def test_masters_and_slaves_of_every_algorithm_keep_the_laws(algorithm: str, siz
     check_machine(maker(size, algorithm), surroundings(size).starts_m)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("topology", ["ring", "tree", "bridged"])
-@pytest.mark.parametrize("algorithm", ["oscard", "spanning_tree"])
-def test_robots_of_scatternets_keep_the_laws(algorithm: str, topology: str) -> None:
-    check_machine(maker(6, algorithm, piconet_size=3, topology=topology), surroundings(6).starts_m, duration=5 * S)
-
-
 # ------------------------------------------------------------------ frames that are well formed and make no sense
 
 _small = st.integers(0, 12) | st.sampled_from([4094, 4095])
-_messages = st.builds(
+messages = st.builds(
     Message,
     st.integers(0, 7),
     st.sampled_from([Kind.STATE, Kind.HELP, Kind.STOP]),
@@ -121,9 +114,7 @@ _answers = st.builds(
 )
 _members = st.sampled_from([(0, 1), (0, 1, 2), (0, 2), (1,), (), tuple(range(8))])
 _syncs = st.builds(Sync, st.integers(0, 7), st.integers(0, 6), _members, st.booleans())
-_frames = st.lists(
-    st.tuples(_messages | _messages | _answers | _syncs, st.sampled_from([0, 0, 0, 1, 255])), max_size=40
-)
+_frames = st.lists(st.tuples(messages | messages | _answers | _syncs, st.sampled_from([0, 0, 0, 1, 255])), max_size=40)
 """Packets, and by how much their number is ahead of the exchange that the receiver is in."""
 
 
@@ -350,6 +341,22 @@ def test_a_robot_that_meets_something_unknown_turns_back_and_says_so() -> None:
     assert [machine.application.coordination.view.knowledge.grid.centre_m(cell) for cell in blocked] == [
         (first.x_m, first.y_m)
     ]
+
+
+def test_a_robot_that_cannot_reach_the_middle_of_its_cell_stays_where_it_is_and_takes_part() -> None:
+    machine = maker(1)(0, 0)
+    machine.observe(stands_at(0.3, 0.5), 0)
+    assert machine.commands() == [GoTo(0.5, 0.5)]
+    machine.wake(0)
+    assert machine.application.steps == 0
+    for tick in range(1, PATIENCE_TICKS + 2):
+        assert machine.commands() == []
+        machine.observe(stands_at(0.4, 0.5, arrived=False, blocked=True), tick * 100 * MS)
+    assert machine.commands()[0] == GoTo(0.4, 0.5)
+    for tick in range(PATIENCE_TICKS + 2, PATIENCE_TICKS + 30):
+        machine.wake(tick * 100 * MS)
+    assert machine.application.steps == 1
+    assert machine.application.coordination.view.covered == {0}
 
 
 # ------------------------------------------------------------------ parameters, knowledge, metrics

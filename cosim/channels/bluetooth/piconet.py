@@ -252,6 +252,11 @@ class Piconet:
         free = int(self.links.piconet[NEXT])
         return self.clock.time_of(free) if free > first_transmission(self.clock, now) else None
 
+    def boundary(self) -> Time:
+        """Return the start of the first TX slot about which nothing has been decided: nothing is on the air then."""
+        self.advance(self._kernel.now)
+        return self.clock.time_of(int(self.links.piconet[NEXT]))
+
     def next_pause(self) -> Time | None:
         """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
 

@@ -43,9 +43,9 @@ def switch_roles(kernel: Kernel, one: Partner, other: Partner, tell: Callable[[N
         tell([(one.address, ModeChanged(other.address, Mode.NONE))])
         return
     master, slave = (other, one) if other.address in one.masters else (one, other)
-    again = master.master_of.pair_ends()
-    if again is not None:
-        kernel.at(again, lambda: switch_roles(kernel, one, other, tell))
+    boundary = master.master_of.boundary()
+    if boundary > kernel.now:
+        kernel.at(boundary, lambda: switch_roles(kernel, one, other, tell))
         return
     if not _may_switch(master, slave):
         tell([(one.address, RoleChanged(other.address, Role.MASTER if one is master else Role.SLAVE))])
