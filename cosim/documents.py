@@ -137,7 +137,7 @@ def assign(plain: dict[str, Any], assignments: Iterable[Assignment]) -> dict[str
             target.clear()  # the settings of another kind
         else:
             _entered(target, last, item, len(outer))
-        target[last] = item.value
+        target[last] = _copy(item.value)
     return result
 
 

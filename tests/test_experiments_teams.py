@@ -43,13 +43,16 @@ def test_a_survivor_resumes_with_its_first_step_in_a_team_called_up_after_the_de
         (9 * S, 1, TeamFormed(4)),
         (10 * S + 1, 1, step(7)),  # of the old team: agreed on before the master died
         (12 * S, 1, TeamLost(4)),
-        (13 * S, 2, TeamLost(4)),
+        (11 * S, 4, TeamLost(4)),  # another one that dies in the end
         (13 * S, 2, TeamLost(4)),
         (14 * S, 3, RobotDropped(0)),
         (15 * S, 1, TeamFormed(2)),
         (15 * S, 2, TeamFormed(2)),
+        (15 * S, 4, TeamFormed(3)),
         (16 * S, 0, step(99)),  # the dead do not count
         (16 * S, 1, step(8)),
+        (17 * S, 4, step(8)),
+        (17 * S, 2, TeamLost(2)),  # another loss
         (18 * S, 2, step(8)),
         (20 * S, 2, step(9)),
     )

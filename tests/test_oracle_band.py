@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from tests.band_channel import Outcome, outcome_of, run_channel
 from tests.oracles.band_cases import Case, draw_case
+from tests.oracles.band_corners import corners
 from tests.oracles.band_scene import KINDS
 from tests.oracles.campaign import Drawn, Seeded, soak_count
 
@@ -25,9 +26,14 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
 
 
 @cache
-def default_cases() -> list[tuple[Case, Outcome]]:
-    """Return the cases of the default run and what the oracle says of them."""
-    return [(case, outcome_of(case)) for case in seeded_cases(DEFAULT)]
+def _default_case(number: int) -> tuple[Case, Outcome]:
+    case = corners()[number] if number < len(corners()) else next(seeded_cases(1, number))
+    return case, outcome_of(case)
+
+
+def default_cases() -> Iterator[tuple[Case, Outcome]]:
+    """Yield the cases of the default run and what the oracle says of them."""
+    return (_default_case(number) for number in range(DEFAULT))
 
 
 @settings(max_examples=30, deadline=None, derandomize=True, database=None)

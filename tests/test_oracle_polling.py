@@ -129,9 +129,14 @@ DEFAULT = 300
 
 
 @cache
-def default_cases() -> list[tuple[Case, Outcome]]:
-    """Return the cases of the default run and what the oracle says of them."""
-    return [(case, outcome_of(case)) for case in seeded_cases(DEFAULT)]
+def _default_case(number: int) -> tuple[Case, Outcome]:
+    case = next(seeded_cases(1, number))
+    return case, outcome_of(case)
+
+
+def default_cases() -> Iterator[tuple[Case, Outcome]]:
+    """Yield the cases of the default run and what the oracle says of them."""
+    return (_default_case(number) for number in range(DEFAULT))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)

@@ -33,10 +33,24 @@ from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S, Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
 from protocols.pseudonet.bluetooth import Bluetooth
-from protocols.pseudonet.broadcast import Broadcast, Exchanged, MessageWanted, TeamChanged, Upcall
+from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.messages import Action, Kind, Message, Sync, decode, encode
+from protocols.pseudonet.parameters import Parameters as SetUpParameters
+from protocols.pseudonet.parameters import Timing
+from protocols.pseudonet.upcalls import Exchanged, MessageWanted, TeamChanged, Upcall
 
-INQUIRY: Final = (10 * S + 240 * MS, 5)
+SET_UP: Final = SetUpParameters(inquiries=5, page_attempts=3)
+TIMES: Final = Timing(
+    step=S,
+    retry=100 * MS,
+    poll_timeout=200 * MS,
+    repair=10 * S,
+    inquiry=10 * S + 240 * MS,
+    page=10 * S,
+    settle=S,
+    stagger=60 * S,
+    silence=60 * S,
+)
 SETTLE: Final = 10 * MS
 """Between the set-up and the exchange that is measured."""
 T_POLL_SLOTS: Final = 96_000
@@ -87,7 +101,7 @@ class _Endpoint:
         self.deadline: Time | None = start
         self.began: Time | None = None
         self.out: list[Outgoing | LinkCommand] = []
-        self.setup = Bluetooth(size, INQUIRY, 3, self._ready)
+        self.setup = Bluetooth(me, size, {}, TIMES, SET_UP, self._ready, lambda now: None)
 
     def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         if len(slaves) != self.size - 1:
@@ -110,7 +124,7 @@ class _Endpoint:
             return
         self.deadline = None
         if self.setup.state.name == "OFF":
-            self.setup.start(initiate=self.me == 0, now=now)
+            self.setup.start(now)
         else:
             self.began = now
             self._begin(now)
@@ -125,7 +139,7 @@ class _Endpoint:
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain."""
         out = self.setup.out + self.out
-        self.setup.out = []
+        self.setup.out.clear()
         self.out = []
         return out
 
@@ -145,7 +159,7 @@ class UnicastSlave(_Endpoint):
         """Load the state once the link is up."""
         before = self.setup.state
         super().link(event, now)
-        if self.setup.state is not before and self.setup.state.name == "CONNECTED":
+        if self.setup.state is not before and self.setup.state.name == "JOINED":
             self.out.append(Outgoing(0, state(self.me)))
 
 
@@ -159,7 +173,7 @@ class UnicastMaster(_Endpoint):
         self._awaited: set[Address] = set()
 
     def _begin(self, now: Time) -> None:
-        slaves = self.setup.slaves[:1] if self.strategy.startswith("one_message") else self.setup.slaves
+        slaves = list(self.setup.links)[: 1 if self.strategy.startswith("one_message") else None]
         piggyback = self.strategy is Strategy.PIGGYBACK
         poll = state(self.me) if piggyback else encode(Sync(self.me, 0, tuple(range(self.size)), False))
         self.out += [Outgoing(slave, poll) for slave in slaves]
@@ -182,7 +196,7 @@ class UnicastMaster(_Endpoint):
         self.out += [
             Outgoing(slave, message)
             for source, message in known.items()
-            for slave in self.setup.slaves
+            for slave in self.setup.links
             if slave != source
         ]
 
@@ -192,7 +206,7 @@ class BroadcastMember(_Endpoint):
 
     def __init__(self, me: Address, size: int, start: Time) -> None:
         super().__init__(me, size, start)
-        self.room = Broadcast(me, 200 * MS, 4, acknowledge=False, tell=self._upcall)
+        self.room = Broadcast(me, (TIMES.poll_timeout, TIMES.repair), 4, acknowledge=False, tell=self._upcall)
 
     def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         super()._ready(slaves, hop, now)
@@ -211,10 +225,7 @@ class BroadcastMember(_Endpoint):
 
     def _load(self, now: Time) -> None:
         message = _message(self.me, self.room.exchange)
-        if self.me == 0:
-            self.room.begin(message, now)
-        else:
-            self.room.submit(message)
+        self.room.load(message, now)
 
     def _begin(self, now: Time) -> None:
         self._load(now)
@@ -233,7 +244,8 @@ class BroadcastMember(_Endpoint):
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain both rooms."""
-        out, self.room.out = super().outbox() + self.room.out, []
+        out = super().outbox() + self.room.out
+        self.room.out.clear()
         return out
 
 

@@ -53,7 +53,7 @@ def settled(view: View, place: Cell) -> set[Address]:
     cells: set[Cell] = set()
     for member in sorted(view.members, key=lambda member: int(away[view.cells[member]])):
         cell = view.cells[member]
-        if away[cell] <= 0 or cells.issuperset(nearer(view, cell, place)):
+        if cells.issuperset(nearer(view, cell, place)):  # nothing is nearer than the place, or where no way leads
             found.add(member)
             cells.add(cell)
     return found

@@ -13,6 +13,7 @@ from protocols.gathering.gathering import GatheringCoordination
 from protocols.gathering.parameters import Parameters
 from protocols.gathering.referee import GatheringReferee
 from protocols.pseudonet import spec as pseudonet
+from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.machine import Pseudonet
 
@@ -48,6 +49,6 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=pseudonet.measure,
-    events=pseudonet.EVENTS,
+    events=EVENTS,
     team_limit=pseudonet.TEAM_LIMIT,
 )

@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping
 from cosim.geometry.grids import Cell
 from cosim.machine import Address, Observation, next_state
 from cosim.units import Time
-from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
 from protocols.pseudonet.journal import (
@@ -49,8 +48,8 @@ class Application:
         parameters: Parameters,
         knowledge: Knowledge,
         me: Address,
-        algorithm: Algorithm,
-        limits: tuple[int | None, int | None],
+        coordination: Coordination,
+        step_limit: int | None,
         start: Time,
         broadcast: Broadcast | Relay,
         alone: Callable[[tuple[Address, ...], Time], None],
@@ -67,14 +66,14 @@ class Application:
         self.records = Records(start)
         self.journal = Journal(parameters.trace_calls)
         self.messaging = Messaging(me, knowledge)
-        self.coordination = Coordination(knowledge, me, algorithm, limits[1], parameters.rounds)
+        self.coordination = coordination
         self.steering = Steering(knowledge)
         reconciliation = Reconciliation(knowledge, parameters.map_bytes)
         self._speech = Speech(self.messaging, self.coordination, reconciliation, self.steering)
         self.broadcast = broadcast
         self._alone = alone
         self._knowledge = knowledge
-        self._step_limit = limits[0]
+        self._step_limit = step_limit
         self._times = knowledge.timing
 
     @property
@@ -159,7 +158,7 @@ class Application:
         for gone in sorted(set(self.coordination.view.members) - set(members)):
             self.journal.note(RobotDropped(gone))
         self.records.team(now)
-        self.journal.note(TeamFormed(len(members)))
+        self.journal.note(TeamFormed(len(members), self.broadcast.piconets))
         self.coordination.team_changed(members)
         self._input(Input.TEAM, now)
 

@@ -35,6 +35,11 @@ class Assembly:
         """The team."""
         return self.registry.directory.members or (self.me,)
 
+    @property
+    def piconets(self) -> int:
+        """How many piconets there are."""
+        return len(self.registry.directory.piconets)
+
     def find_master(self) -> Address | None:
         """Return the root of the scatternet, or None before the roll was called."""
         return self.registry.root if self.registry.directory.piconets else None

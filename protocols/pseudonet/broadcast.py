@@ -38,6 +38,7 @@ class Broadcast(Leading):
 
     polled = True
     """Messages are asked for, whether they are ready or not."""
+    piconets = 1
 
     @property
     def deadline(self) -> Time | None:

@@ -7,9 +7,10 @@ from cosim.machine import Call, Event
 
 @dataclass(frozen=True, slots=True)
 class TeamFormed:
-    """A robot has learnt who is in the team."""
+    """A robot has learnt who is in the team: its piconet or scatternet is formed."""
 
     size: int = field(metadata={"meaning": "number of robots in the team"})
+    piconets: int = field(default=1, metadata={"meaning": "number of piconets that the team is joined by"})
 
 
 @dataclass(frozen=True, slots=True)

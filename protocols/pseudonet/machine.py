@@ -16,10 +16,10 @@ from cosim.machine import (
     Role,
 )
 from cosim.units import Time
-from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth
 from protocols.pseudonet.broadcast import Broadcast
+from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.parameters import Parameters
 from protocols.pseudonet.relay import Relay
@@ -41,8 +41,8 @@ class Pseudonet:
         parameters: Parameters,
         knowledge: Knowledge,
         me: Address,
-        algorithm: Algorithm,
-        limits: tuple[int | None, int | None],
+        coordination: Coordination,
+        step_limit: int | None,
         start: Time,
     ) -> None:
         self.me = me
@@ -61,7 +61,9 @@ class Pseudonet:
             room = Relay(me, (2 * times.repair, times.silence), links, self._tell, self._instruct)
             self.scatternet = Scatternet(me, knowledge.size, links, times, parameters, room, self._taken)
             self.bluetooth = self.scatternet
-        self.application = Application(parameters, knowledge, me, algorithm, limits, start, room, self._left_alone)
+        self.application = Application(
+            parameters, knowledge, me, coordination, step_limit, start, room, self._left_alone
+        )
         self._silence = knowledge.timing.silence
         self._team: tuple[Address, ...] | None = None
         """The team that the Bluetooth room knows of."""

@@ -13,6 +13,7 @@ from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.algorithms.oscard import Oscard
 from protocols.pseudonet.algorithms.planned import Planned
 from protocols.pseudonet.algorithms.random_walk import RandomWalk
+from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.coverage import CoverageReferee
 from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
@@ -122,7 +123,8 @@ def make(
     if step_limit is None and parameters.algorithm not in PLANNERS:
         step_limit = FREE_STEPS * share
     stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(knowledge.cells))
-    return Pseudonet(parameters, knowledge, me, algorithm(parameters, stream), (step_limit, stop_at), start)
+    coordination = Coordination(knowledge, me, algorithm(parameters, stream), stop_at, parameters.rounds)
+    return Pseudonet(parameters, knowledge, me, coordination, step_limit, start)
 
 
 def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:

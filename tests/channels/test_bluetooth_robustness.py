@@ -7,183 +7,43 @@ what the frames have met, and who has no link can be found and paged again.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
 import pytest
 
-from cosim.errors import LocalProtocolError
-from cosim.kernel import DELIVER, WORLD
+from cosim.kernel import WORLD
 from cosim.machine import (
     BROADCAST,
-    Address,
     Connected,
     Disconnect,
     Discovered,
     Fate,
-    Flush,
     Inquire,
     InquiryComplete,
     Lost,
     Outcome,
-    Outgoing,
     Page,
     PageFailed,
     Role,
     Scan,
     Share,
 )
-from cosim.scenario import Scenario
-from cosim.simulation import Simulation
 from cosim.units import MS, SLOT, TICK, US, S, Time
-from tests.bluetooth_world import World
-
-CONTINUOUS = 0.01125
-SUPERVISION = 300 * MS
-PAGE_TIMEOUT = 160 * SLOT
-EXCHANGE = (4 + 4 * 4 + 16 * 4 + 4) * TICK
-"""The longest exchange that a page may be in the midst of when its time is over."""
-QUICK: dict[str, Any] = {
-    "supervision_s": SUPERVISION / S,
-    "t_poll_slots": 16,
-    "page": {"mode": "R0", "timeout_slots": PAGE_TIMEOUT // SLOT},
-    "page_scan": {"interval_s": CONTINUOUS},
-    "inquiry": {"n_inquiry": 1},
-    "inquiry_scan": {"interval_s": CONTINUOUS},
-}
-PARTS = {"received", "out_of_range", "not_tuned", "busy", "collided", "bit_errors"}
-
-
-class Arena(World):
-    """A world in which the air between two devices can fall silent one way, and which knows who is off since when."""
-
-    def __init__(self, size: int = 2, **settings: Any) -> None:
-        super().__init__(size, **(QUICK | settings))
-        self.silent: set[tuple[Address, Address]] = set()
-        self.off: dict[Address, Time] = {}
-        self.sent: Counter[tuple[Address, int]] = Counter()
-
-    def silence(self, ways: Iterable[tuple[Address, Address]], silent: bool = True) -> None:
-        """Let nothing go any of the *ways* (transmitter, receiver) from now on, or let it go again."""
-        self.silent = self.silent | set(ways) if silent else self.silent - set(ways)
-        powers = np.zeros((len(self.hosts), len(self.hosts)))
-        np.fill_diagonal(powers, -np.inf)
-        for way in self.silent:
-            powers[way] = -np.inf
-        for device in self.off:
-            powers[device, :] = powers[:, device] = -np.inf
-        self.channel.air.set_powers(powers, self.kernel.now)
-
-    def switch(self, device: Address, on: bool) -> None:
-        self.channel.power(device, on)
-        if on:
-            del self.off[device]
-        else:
-            self.off[device] = self.kernel.now
-
-    def say(self, source: Address, destination: Address, length: int) -> None:
-        """Have *source* send a payload that names itself, and asks for its fate."""
-        token = sum(self.sent.values())
-        self.sent[source, token] += 1
-        self.channel.send(source, Outgoing(destination, token.to_bytes(2, "big") + bytes(length - 2), token))
-
-    def link_news(self, device: Address) -> list[tuple[Address, bool]]:
-        events = [event for _, event in self.hosts[device].events]
-        return [(e.peer, isinstance(e, Connected)) for e in events if isinstance(e, Connected | Lost)]
-
-    def links(self, device: Address) -> set[Address]:
-        """Return the links of a device as its host has been told of them."""
-        return {peer for peer, up in dict(self.link_news(device)).items() if up}
-
-
-Fault = Callable[[Arena, bool], None]
-
-
-def silence(*ways: tuple[Address, Address]) -> Fault:
-    return lambda world, begins: world.silence(ways, begins)
-
-
-def switch(device: Address) -> Fault:
-    return lambda world, begins: world.switch(device, not begins)
-
-
-FAULTS: dict[str, Fault] = {
-    "down": silence((0, 1)),
-    "up": silence((1, 0)),
-    "both": silence((0, 1), (1, 0)),
-    "master_off": switch(0),
-    "slave_off": switch(1),
-}
-
-
-def instants(world: Arena, begin: Time, end: Time, step: Time = TICK) -> list[Time]:
-    """Return every half slot of [begin, end) and a nanosecond about the boundaries of the frames in it."""
-    edges = {time for frame in world.frames() for time in (frame["time_ns"], frame["time_ns"] + frame["duration_ns"])}
-    near = {edge + after for edge in edges for after in (-1, 0, 1)}
-    return sorted(time for time in near | set(range(begin, end, step)) if begin <= time < end)
-
-
-def strike(world: Arena, fault: Fault, at: Time, until: Time | None, number: int) -> None:
-    """Let a fault begin, and perhaps end; in turn before and after what else happens at that instant."""
-    world.at(at, lambda: fault(world, True), WORLD if number % 2 else DELIVER)
-    if until is not None:
-        world.at(until, lambda: fault(world, False), WORLD)
-
-
-def check(world: Arena, killed: Address | None) -> None:
-    """Check what must hold after any course of events, when all is quiet; *killed* was switched off meanwhile."""
-    for host in world.hosts:
-        news = world.link_news(host.address)
-        for peer in {peer for peer, _ in news}:
-            ups = [up for other, up in news if other == peer]
-            if host.address != killed:  # who is switched off is not told that its links are gone
-                assert ups == [number % 2 == 0 for number in range(len(ups))], news
-        fates = Counter(event.token for event in host.got(Fate) if isinstance(event, Fate))
-        asked = {token for source, token in world.sent if source == host.address}
-        assert fates.keys() <= asked
-        assert max(fates.values(), default=1) == 1
-        if host.address != killed:
-            assert fates.keys() == asked, f"no fate of {asked - fates.keys()} at {host.address}"
-        arrivals = Counter((source, data[:2]) for _, source, data, _ in host.received)
-        assert max(arrivals.values(), default=1) == 1
-    for frame in world.frames():
-        assert frame["outcome"] in PARTS
-        # what a slot pair holds is fixed at its start: a slave may answer the longest packet
-        grace = 0 if frame["kind"] in ("ID", "FHS") else 6 * SLOT
-        if frame["source"] in world.off and frame["time_ns"] > world.off[frame["source"]] + grace:
-            pytest.fail(f"a frame of a radio that is off: {frame}")
-
-
-def check_at_rest(world: Arena) -> None:
-    """Check that no link is left, and that all that are on can be found and paged."""
-    now = world.kernel.now
-    world.silence(set(world.silent), silent=False)
-    for device in list(world.off):
-        world.switch(device, on=True)
-    for device in world.channel.devices:
-        assert not device.master_of.members()
-        assert not device.masters
-        assert device.inquiry_scanner.enabled
-        assert device.page_scanner.enabled
-    before = len(world.hosts[0].got(Connected))
-    world.command(0, Page(1))
-    world.kernel.run(now + PAGE_TIMEOUT + EXCHANGE + SLOT)
-    assert len(world.hosts[0].got(Connected)) == before + 1
-    world.say(0, 1, 10)
-    world.say(1, 0, 10)
-    world.kernel.run(world.kernel.now + 30 * MS)
-    assert world.hosts[0].got(Fate)[-1].outcome is Outcome.DELIVERED  # type: ignore[union-attr]
-    assert world.hosts[1].got(Fate)[-1].outcome is Outcome.DELIVERED  # type: ignore[union-attr]
-
+from tests.channels.bluetooth_arena import (
+    CONTINUOUS,
+    EXCHANGE,
+    FAULTS,
+    PAGE_TIMEOUT,
+    SUPERVISION,
+    Arena,
+    check,
+    check_at_rest,
+    instants,
+    paging,
+    strike,
+)
 
 # ---------------------------------------------------------------- pages
-
-
-def paging() -> Arena:
-    world = Arena()
-    world.at(0, lambda: world.command(0, Page(1)))
-    return world
 
 
 def page_span() -> tuple[Arena, Time, Time]:
@@ -473,184 +333,3 @@ def test_a_slave_that_is_switched_off_and_on_is_free_and_its_master_finds_out(ba
     assert 100 * MS < world.hosts[0].when(Lost)[0] <= 100 * MS + SUPERVISION
     assert world.hosts[1].got(Lost) == []
     check_at_rest(world)
-
-
-# ---------------------------------------------------------------- garbage
-
-
-def garbage_commands(draw: np.random.Generator) -> list[Any]:
-    """Return commands that name nobody, or too much, and payloads that no packet holds."""
-    peers = [-7, -1, 0, 1, 2, 3, 99, 1 << 40]
-
-    def peer() -> int:
-        return peers[draw.integers(len(peers))]
-
-    makers: list[Callable[[], Any]] = [
-        lambda: Page(peer(), [None, -5, 1, (1 << 28) + 3][draw.integers(4)]),
-        lambda: Disconnect(peer()),
-        lambda: Flush(peer()),
-        lambda: Inquire([0, 1, 10 * MS][draw.integers(3)], [-1, 0, 1, 99][draw.integers(4)]),
-        lambda: Scan(bool(draw.integers(2))),
-        lambda: Share(64, ((peer(), 0, 30), (peer(), 30, 34)), int(draw.integers(4))),
-        lambda: Share(64, (), 0),
-        lambda: Outgoing(peer(), draw.bytes(int(draw.integers(0, 400))), int(draw.integers(1 << 40))),
-    ]
-    return [makers[draw.integers(len(makers))]() for _ in range(60)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
-def test_commands_without_sense_are_answered_and_stop_nothing(seed: int):
-    draw = np.random.default_rng(seed)
-    world = Arena(4)
-    tokens: list[list[int]] = [[] for _ in world.hosts]
-    pages = Counter[Address]()
-    inquiries = Counter[Address]()
-
-    def act(address: Address, item: Any) -> None:
-        if isinstance(item, Outgoing):
-            tokens[address].append(item.token or 0)
-            world.channel.send(address, item)
-        else:
-            pages[address] += isinstance(item, Page)
-            inquiries[address] += isinstance(item, Inquire)
-            world.command(address, item)
-
-    for address in range(4):
-        for item in garbage_commands(draw):
-            world.at(int(draw.integers(2 * S)), lambda a=address, i=item: act(a, i))  # type: ignore[misc]
-    world.kernel.run(60 * S)
-    for host in world.hosts:
-        masters = [event for event in host.got(Connected) if event.role is Role.MASTER]  # type: ignore[union-attr]
-        assert len(masters) + len(host.got(PageFailed)) == pages[host.address]
-        assert len(host.got(InquiryComplete)) == inquiries[host.address]
-        held = world.channel.devices[host.address]
-        fates = [event.token for event in host.got(Fate)]  # type: ignore[union-attr]
-        assert len(fates) == len(set(fates))
-        unanswered = set(tokens[host.address]) - set(fates)
-        assert set(fates) <= set(tokens[host.address])
-        # a link that is still up may hold what its peer has no time for
-        assert not unanswered or held.master_of.members() or held.masters
-
-
-@pytest.mark.parametrize("length", [0, 1, 17, 18, 27, 28, 121, 122, 183, 184, 224, 225, 339])
-def test_payloads_of_any_length_that_a_packet_holds_arrive_both_ways(length: int):
-    world = paging()
-    world.kernel.run(100 * MS)
-    payload = bytes(range(256))[: length % 256] + bytes(max(0, length - length % 256))
-    world.channel.send(0, Outgoing(1, payload, 1))
-    world.channel.send(1, Outgoing(0, payload, 2))
-    world.channel.send(0, Outgoing(BROADCAST, payload, 3))
-    world.kernel.run(200 * MS)
-    assert [data for _, _, data, _ in world.hosts[1].received] == [payload, payload]
-    assert [data for _, _, data, _ in world.hosts[0].received] == [payload]
-    sizes = {frame["length"] for frame in world.frames() if frame["kind"][:2] in ("DM", "DH")}
-    assert sizes == {length}
-
-
-@pytest.mark.parametrize("length", [340, 1021, 1 << 20])
-def test_payloads_that_no_packet_holds_are_too_long_on_both_sides_and_hold_nothing_up(length: int):
-    world = paging()
-    world.kernel.run(100 * MS)
-    for source, destination in ((0, 1), (1, 0), (0, BROADCAST)):
-        world.channel.send(source, Outgoing(destination, bytes(length), 1))
-        world.channel.send(source, Outgoing(destination, b"short", 2))
-    world.kernel.run(200 * MS)
-    assert world.hosts[1].got(Fate) == [Fate(1, Outcome.TOO_LONG), Fate(2, Outcome.DELIVERED)]
-    assert sorted(str(event) for event in world.hosts[0].got(Fate)) == sorted(
-        str(Fate(token, outcome))
-        for token, outcome in ((1, Outcome.TOO_LONG), (1, Outcome.TOO_LONG), (2, Outcome.DELIVERED), (2, Outcome.SENT))
-    )
-
-
-def test_two_thousand_commands_that_wait_for_an_inquiry_are_all_refused():
-    world = Arena()
-    world.command(0, Inquire(20 * MS, 9), *[Page(0)] * 2_000)
-    world.kernel.run(1 * S)
-    assert len(world.hosts[0].got(PageFailed)) == 2_000
-    assert set(world.hosts[0].when(PageFailed)) == set(world.hosts[0].when(InquiryComplete))
-
-
-@pytest.mark.slow
-def test_seventy_devices_may_inquire_at_once():
-    world = Arena(70)
-    for address in range(68):
-        world.command(address, Inquire(60 * MS, 9))
-    world.kernel.run(1 * S)
-    assert [len(host.got(InquiryComplete)) for host in world.hosts] == [1] * 68 + [0] * 2
-    assert sum(len(host.got(Discovered)) for host in world.hosts) > 0
-
-
-@pytest.mark.parametrize(
-    "share",
-    [
-        Share(48, ((0, 0, 30), (1, 20, 20)), 0),
-        Share(48, ((0, 40, 10), (1, 0, 10)), 0),
-        Share(48, ((0, -2, 10),), 0),
-        Share(48, ((0, 48, 10),), 0),
-        Share(48, ((0, 0, 0),), 0),
-        Share(0, ((0, 0, 10),), 0),
-        Share(48, ((0, 0, 10),), 2),
-        Share(48, ((0, 0, 10),), -1),
-    ],
-)
-def test_parts_that_nobody_can_keep_are_the_misuse_that_they_are(share: Share):
-    world = paging()
-    world.kernel.run(100 * MS)
-    with pytest.raises(LocalProtocolError):
-        world.channel.command(1, share)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [3, 5])
-def test_a_team_covers_its_floor_while_strange_payloads_are_on_the_air(size: int):
-    """Garbage of any length, and broken copies of what was really said, from every device to all that it may reach."""
-    scenario = Scenario.model_validate(
-        {
-            "duration_s": 600,
-            "floorplan": {"map": "walls", "bounds_m": [0, 0, 3, 3]},
-            "team": {"size": size},
-            "channel": {"kind": "bluetooth"},
-            "protocol": {"use": "pseudonet", "parameters": {"algorithm": "boustrophedon"}},
-        }
-    )
-    simulation = Simulation(scenario, 1)
-    draw = np.random.default_rng(size)
-    heard: list[bytes] = []
-    for node in simulation.nodes:
-        simulation.channel.attach(node.address, Eavesdropper(node, heard))
-
-    def babble() -> None:
-        payload = draw.bytes(int(draw.integers(0, 60)))
-        if heard and draw.integers(2):
-            copy = bytearray(heard[draw.integers(len(heard))])
-            if copy:
-                copy[draw.integers(len(copy))] ^= 1 << int(draw.integers(8))
-            payload = bytes(copy[: draw.integers(1, len(copy) + 2)])
-        source = int(draw.integers(size))
-        simulation.channel.send(source, Outgoing([BROADCAST, 0, 1, 2][draw.integers(4)], payload))
-        simulation.kernel.after(int(draw.integers(50 * MS, 500 * MS)), babble)
-
-    simulation.kernel.at(1 * S, babble)
-    outcome = simulation.run()
-    assert outcome.metrics["simulated_s"] < 600
-    events = outcome.trace.columns("events")["event"]
-    assert list(events).count("BadBytes") > 10
-
-
-class Eavesdropper:
-    """Passes everything on to a node, and keeps what was said."""
-
-    def __init__(self, node: Any, heard: list[bytes]) -> None:
-        self._node = node
-        self._heard = heard
-
-    def receive(self, data: bytes, reception: Any, now: Time) -> None:
-        self._heard.append(data)
-        self._node.receive(data, reception, now)
-
-    def link(self, event: Any, now: Time) -> None:
-        self._node.link(event, now)
-
-    def drain(self, now: Time) -> None:
-        self._node.drain(now)

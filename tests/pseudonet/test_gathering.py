@@ -1,6 +1,7 @@
 """Gathering: where, who is settled, which step; and whole runs, judged from the bodies' tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,12 +17,12 @@ from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine
 from cosim.trace import MESSAGES, POSES
 from cosim.units import MS, S, Time
-from protocols.gathering.gathering import Gathering, choose_place, settled
+from protocols.gathering.gathering import Gathering, GatheringCoordination, choose_place, settled
 from protocols.gathering.referee import GatheringReferee, largest_group
 from protocols.gathering.spec import SPEC
 from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.machine import Pseudonet
-from protocols.pseudonet.messages import Action, Kind, Verdict, decode
+from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
 from tests.pseudonet.floors import floor, view_of
 
 ROOMS: dict[str, Any] = {
@@ -147,6 +148,40 @@ def test_without_a_place_nobody_moves() -> None:
     assert Gathering().evaluate(seen).action == Action.STAY
 
 
+# ---------------------------------------------------------------- the coordination room
+
+
+def test_a_new_team_is_not_done_before_it_has_a_place_of_its_own() -> None:
+    knowledge, names = floor("....012.")
+    room = GatheringCoordination(knowledge, 0, rounds=0)
+    reports = {
+        robot: Message(robot, Kind.ROLL, 0, *knowledge.place(names[str(robot)]), Action.STAY, (Verdict.POSSIBLE,) * 4)
+        for robot in (0, 1, 2)
+    }
+    room.view.cells[0] = names["0"]
+    room.team_changed((0, 1, 2))
+    room.take_positions(reports)
+    assert not room.complete()
+    room.plan()
+    assert room.complete()
+    room.team_changed((0, 1))  # they may come from different teams, with different places
+    assert not room.complete()
+    room.plan()
+    assert room.complete()
+    room.team_changed((0, 1, 2))
+    room.take_positions({2: replace(reports[2], x=7)})
+    room.plan()
+    assert not room.complete()
+
+
+def test_robots_that_gather_share_no_map() -> None:
+    knowledge, names = floor("0.1")
+    room = GatheringCoordination(knowledge, 0, rounds=0)
+    room.take_positions({1: Message(1, Kind.ROLL, 0, 2, 0, Action.STAY, (Verdict.POSSIBLE,) * 4)})
+    assert room.view.cells == {1: names["1"]}
+    assert room.view.covered == set()
+
+
 # ---------------------------------------------------------------- the referee
 
 
@@ -156,6 +191,9 @@ def test_a_group_is_joined_by_steps_and_not_by_cells_that_touch() -> None:
     assert largest_group(knowledge.grid, [names[name] for name in "acdf"]) == 1
     assert largest_group(knowledge.grid, [names[name] for name in "bcef"]) == 2  # a cell lies between
     assert largest_group(knowledge.grid, [names["a"], names["a"], names["c"]]) == 2
+    steps = knowledge.grid.steps.copy()
+    steps[names["b"], Action.EAST] = steps[names["c"], Action.WEST] = -1  # a wall without thickness
+    assert largest_group(replace(knowledge.grid, steps=steps), [names["b"], names["c"]]) == 1
 
 
 def test_the_referee_judges_the_living_and_forgets_a_group_that_falls_apart() -> None:

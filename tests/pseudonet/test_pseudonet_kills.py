@@ -164,6 +164,13 @@ def test_nobody_loses_its_team_for_lost_broadcasts(topology: str, monkeypatch: p
     assert simulation.channel.bridges_seen >= (3 if topology == "ring" else 1)
     assert outcome.metrics["coverage"] == 1.0
     assert "TeamLost" not in {event for _, event in events(outcome)}
+    formed = outcome.trace.columns("events")
+    counts = {
+        (size, piconets)
+        for event, size, piconets in zip(formed["event"], formed["size"], formed["piconets"], strict=True)
+        if event == "TeamFormed"
+    }
+    assert counts == {(12, 3 if topology == "ring" else 2)}
     steps = outcome.metrics["steps"]
     assert [m.application.steps for m in simulation.machines] == [steps] * 12  # type: ignore[attr-defined]
 

@@ -323,6 +323,9 @@ def test_payloads_of_robots_without_a_link_are_not_for_this_one() -> None:
     machine.receive(encode(Sync(2, 2, (1, 2), True)), Reception(2, True), 20)
     assert machine.application.broadcast.members == (0, 1)
     assert machine.application.broadcast.find_master() == 0
+    waiting = started(1, 3)
+    waiting.receive(encode(Sync(2, 2, (1, 2), True)), Reception(2, True), 20)
+    assert waiting.application.broadcast.find_master() is None
 
 
 # ------------------------------------------------------------------ what is in the way
@@ -344,19 +347,27 @@ def test_a_robot_that_meets_something_unknown_turns_back_and_says_so() -> None:
 
 
 def test_a_robot_that_cannot_reach_the_middle_of_its_cell_stays_where_it_is_and_takes_part() -> None:
-    machine = maker(1)(0, 0)
-    machine.observe(stands_at(0.3, 0.5), 0)
-    assert machine.commands() == [GoTo(0.5, 0.5)]
+    machine = maker(2)(1, 0)
+    machine.observe(stands_at(1.3, 0.5), 0)
+    assert machine.commands() == [GoTo(1.5, 0.5)]
     machine.wake(0)
-    assert machine.application.steps == 0
+    machine.link(Connected(0, Role.SLAVE), 1)
+    machine.receive(encode(Sync(0, 1, (0, 1), True)), Reception(0, True), 2)
+    assert said(machine)[-1].busy
+    machine.receive(encode(Message(0, Kind.ROLL, 1, 0, 0, Action.STAY, FREE)), Reception(0, True), 3)
     for tick in range(1, PATIENCE_TICKS + 2):
         assert machine.commands() == []
-        machine.observe(stands_at(0.4, 0.5, arrived=False, blocked=True), tick * 100 * MS)
-    assert machine.commands()[0] == GoTo(0.4, 0.5)
-    for tick in range(PATIENCE_TICKS + 2, PATIENCE_TICKS + 30):
-        machine.wake(tick * 100 * MS)
-    assert machine.application.steps == 1
-    assert machine.application.coordination.view.covered == {0}
+        assert said(machine) == []
+        machine.observe(stands_at(1.4, 0.5, arrived=False, blocked=True), tick * 100 * MS)
+    assert machine.commands() == [GoTo(1.4, 0.5)]
+    (message,) = said(machine)
+    assert (message.kind, message.exchange, message.x, message.busy) == (Kind.ROLL, 2, 1, False)
+
+
+def said(machine: Pseudonet) -> list[Message]:
+    """Return the messages that *machine* has sent."""
+    packets = [decode(item.payload) for item in machine.outbox() if isinstance(item, Outgoing)]
+    return [packet for packet in packets if isinstance(packet, Message)]
 
 
 # ------------------------------------------------------------------ parameters, knowledge, metrics

@@ -106,7 +106,7 @@ class Controller:
         """Return the piconet in which payloads for *peer* go; a broadcast in the own one, if it has slaves."""
         if peer in self.masters:
             return self.masters[peer]
-        if not self.masters or self.master_of.links.slaves:
+        if not self.masters or self.master_of.links.slaves or self.master_of.links.audience():
             return self.master_of
         return next(iter(self.masters.values()))
 
@@ -130,6 +130,7 @@ class Controller:
 
     def became_slave(self, master: Address, lt_addr: int) -> None:
         """Join the piconet of *master*, whose POLL has just been received."""
+        self.master_of.close(self.address, master)  # who pages its former master has left it
         pager = self._peers[master]
         self.masters[master] = pager.master_of
         pager.master_of.join(self.address, lt_addr)

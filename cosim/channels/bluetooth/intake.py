@@ -85,8 +85,15 @@ class Intake:
         if self._queues.push(queue, payload) or overtaking:
             self._air.advance(now)
             self._slots.arm()
-        if self._timeout is not None and self._expiry is None:
-            self._expiry = self._kernel.at(max(now, payload.queued + self._timeout), self._expire)
+        if self._timeout is not None:
+            self._expire_at(max(now, payload.queued + self._timeout))
+
+    def _expire_at(self, time: Time) -> None:
+        if self._expiry is not None:
+            if self._expiry.time <= time:
+                return
+            self._expiry.cancel()
+        self._expiry = self._kernel.at(time, self._expire)
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""

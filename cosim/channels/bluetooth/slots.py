@@ -233,28 +233,21 @@ class Slots:
         for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
-            tuned = k in present and self._joined(k, joined)
+            parked = self._parking.members.get(k)
+            tuned = k in present and bool(joined[k] if parked is None else parked.joined)
             fate = self._fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
                 self._frames.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
                 arrivals.append((slave, payload.outgoing.payload, self._reception(self.address, True)))
-            if fate.header_heard:
-                self._broadcast_heard(k)
+            if fate.header_heard and parked is not None:
+                self._on_beacon(k)
+            elif fate.header_heard:
+                self.links.table[HEARD_DOWN, k] = self._kernel.now
         news = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
         if arrivals or news:
             self._deliver(arrivals, news)
-
-    def _joined(self, k: int, joined: list[int]) -> bool:
-        parked = self._parking.members.get(k)
-        return parked.joined if parked is not None else bool(joined[k])
-
-    def _broadcast_heard(self, k: int) -> None:
-        if k in self._parking.members:
-            self._on_beacon(k)
-        else:
-            self.links.table[HEARD_DOWN, k] = self._kernel.now
 
     # ------------------------------------------------------------ frames
 
