@@ -128,7 +128,7 @@ def runs_of(rows: list[tuple[str, str, str, int, float]]) -> pd.DataFrame:
     frame = pd.DataFrame(rows, columns=["task", "team", "air", "replicate", "time"])
     covers = frame["task"] == "coverage"
     return frame.assign(
-        time_to_cover_s=frame["time"].where(covers), time_to_gather_s=frame["time"].where(~covers)
+        teams_lost=0.0, time_to_cover_s=frame["time"].where(covers), time_to_gather_s=frame["time"].where(~covers)
     ).drop(columns="time")
 
 
@@ -177,7 +177,7 @@ def test_a_misspelt_setting_of_master_failure_is_refused():
 @pytest.mark.parametrize(
     ("name", "sets", "expected"),
     [
-        ("master_failure", ["channel=supervision 2 s", "scenario.floorplan={map: walls, bounds_m: [0, 0, 4, 4]}"], 2),
+        ("master_failure", ["supervision=2 s", "scenario.floorplan={map: walls, bounds_m: [0, 0, 4, 4]}"], 2),
         ("scatternet_coverage", ["floorplan.office.width_m=8", "channel=bluetooth", "topology=tree"], 1),
         ("pseudonet_heterogeneous", ["floorplan.office.width_m=8"], 4),
     ],

@@ -106,6 +106,17 @@ def test_a_neighbour_destroys_at_the_specified_ratio(distance: int, stronger_db:
         assert (poll.outcome == "received") == (survives or mode == "none" or distance > 0)
 
 
+@pytest.mark.parametrize(
+    ("at", "part"), [(0, "access_code"), (71_999, "access_code"), (72_000, "header"), (126_000, "payload")]
+)
+def test_the_section_that_is_hit_first_is_named(at: int, part: str) -> None:
+    send = Send(1_000, 0, 1, 27, 5)
+    scene = replace(two_piconets(10 * SLOT, all_equal(-50.0, 4, (-50.0,)), "co_channel", send), kinds=("DH1",))
+    jammer = Jammer("constant", 1_250_000 + at, 1_250_000 + at + 1, (basic_channel(WORD, FIRST + 4),))
+    data = frames(book_of(replace(scene, radio=replace(scene.radio, jammers=(jammer,)))), 0)[0]
+    assert (data.kind, data.outcome, data.part) == ("DH1", "collided", part)
+
+
 def test_jammers_sweep_and_pulse() -> None:
     sweep = Jammer("sweeping", 1_000, 10_000, (7, 3, 5), dwell=100)
     assert [sweep.is_on(7, time) for time in (999, 1_000, 1_099, 1_100, 1_300, 10_000)] == [0, 1, 1, 0, 1, 0]

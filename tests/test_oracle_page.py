@@ -186,7 +186,7 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
     return (draw_case(Seeded(3, number)) for number in range(first, first + count))
 
 
-DEFAULT = 800
+DEFAULT = 400
 
 
 @cache

@@ -1,5 +1,6 @@
 """What a mixed team costs: the time to do the task beside that of a team of equals in the same worlds."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ ARM = ["task", "team", "air"]
 
 def _timed(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the runs with ``done_s``, the time to do the task, whichever it was; none if a column is missing."""
-    if runs.empty or not {*ARM, "replicate"} <= set(runs):
+    if runs.empty or not {*ARM, "replicate", "teams_lost"} <= set(runs):
         return pd.DataFrame()
     parts = [
         part.assign(done_s=part[TIMES[str(task)]])
@@ -48,18 +49,19 @@ def _ratio(rows: pd.DataFrame) -> Estimate:
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the time to do the task by team, a panel a task."""
+    """Draw the time to do the task by team, a panel a task, and how often robots lost their team."""
     timed = _timed(runs)
     if timed.empty:
         return []
-    tasks = list(timed.groupby("task", sort=False))
+    panels = [(task, part, "done_s", "s until the task is done") for task, part in timed.groupby("task", sort=False)]
+    panels += [(f"{task}: teams lost", part, "teams_lost", "losses of a team, all robots") for task, part, *_ in panels]
     teams = {str(team): rank for rank, team in enumerate(timed["team"].unique())}
-    figure = Figure(figsize=(5.5 * len(tasks), 4.2), layout="constrained")
-    plots = figure.subplots(1, len(tasks), squeeze=False)[0]
-    for plot, (task, part) in zip(plots, tasks, strict=True):
+    figure = Figure(figsize=(4.8 * len(panels), 4.2), layout="constrained")
+    plots = figure.subplots(1, len(panels), squeeze=False)[0]
+    for plot, (title, part, metric, label) in zip(plots, panels, strict=True):
         for shift, (air, arm) in enumerate(part.groupby("air", sort=False)):
-            _points(plot, arm, teams, 0.12 * shift, str(air))
-        plot.set(title=str(task), ylabel="s until the task is done")
+            _points(plot, arm, metric, teams, 0.12 * shift, str(air))
+        plot.set(title=str(title), ylabel=label)
         plot.set_xticks(list(teams.values()), list(teams), rotation=30, ha="right")
         plot.set_ylim(bottom=0)
         plot.grid(alpha=0.3)
@@ -69,9 +71,9 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     return [path]
 
 
-def _points(plot: Any, rows: pd.DataFrame, teams: dict[str, int], shift: float, label: str) -> None:
-    points = estimates(rows, ["team"], ["done_s"])
+def _points(plot: Any, rows: pd.DataFrame, metric: str, teams: dict[str, int], shift: float, label: str) -> None:
+    points = estimates(rows, ["team"], [metric])
     places = [teams[team] + shift for team in points["team"]]
-    means = [value.mean for value in points["done_s"]]
-    halves = [0.0 if value.half != value.half else value.half for value in points["done_s"]]
+    means = [value.mean for value in points[metric]]
+    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
     plot.errorbar(places, means, yerr=halves, fmt="o", capsize=3, label=label)

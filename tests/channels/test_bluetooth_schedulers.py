@@ -27,6 +27,13 @@ def test_every_slot_pair_polls_the_next_slave_in_turn_and_none_is_a_kernel_event
     assert bench.kernel.executed - before <= 2  # the end of the run, and supervision
 
 
+@pytest.mark.parametrize("scheduler", EAGER)
+def test_idle_polls_that_nobody_records_are_counted_as_if_they_were(scheduler: str) -> None:
+    bench = Bench(3, first_due=76, idle=False, scheduler=scheduler)
+    bench.run(4 * S)
+    assert bench.piconet.counts()["idle"] == 4 * S // PAIR
+
+
 def test_the_lazy_scheduler_polls_only_what_is_due() -> None:
     bench = Bench(3, first_due=76, scheduler="lazy")
     bench.run(81 * TICK)

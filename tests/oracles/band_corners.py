@@ -101,9 +101,10 @@ def master_that_does_not_hear() -> Case:
 
 
 def page_in_the_midst_of_a_pair() -> Case:
-    """A slave is told to page while it receives a long packet."""
+    """A slave is told to page, nobody answering, while it receives a long packet."""
     inputs = (Join(0, 0, 1, 1, DUE + 80), Send(POLL - 1, 0, 1, 339, 0), PageFor(POLL + 1_000, 1, 2, 0))
-    return Case(Scene(bodies(0, 0, 0), Radio(((0, equal_powers(3)),)), inputs, 80 * SLOT), 1, idle=False)
+    powers = ((-inf, 0.0, -inf), (0.0, -inf, -inf), (-inf, -inf, -inf))
+    return Case(Scene(bodies(0, 0, 0), Radio(((0, powers),)), inputs, 80 * SLOT, page_timeout=40), 1, idle=False)
 
 
 def equal_replies() -> Case:

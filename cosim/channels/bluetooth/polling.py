@@ -232,7 +232,7 @@ def serve(piconet: State, links: State, tick: int, k: int) -> None:
 def _repeats(piconet: State, links: State) -> bool:
     """Return whether the idle schedule repeats itself every T_POLL: each link is polled when it is due, and no two are
     due at once."""
-    if piconet[SHARED]:
+    if piconet[SHARED] or piconet[SCHEDULER] != LAZY:
         return False
     first, last = NEVER, 0
     for k in range(1, MOST_SLAVES + 1):
