@@ -33,12 +33,15 @@ from cosim.machine import (
     LinkEvent,
     Lost,
     Machine,
+    Mode,
+    ModeChanged,
     Observation,
     Outcome,
     Outgoing,
     PageFailed,
     Reception,
     Role,
+    RoleChanged,
 )
 from cosim.node import Node
 from cosim.randomness import Streams
@@ -320,6 +323,8 @@ def _inputs(peer: Address, place: Point) -> list[LinkEvent | Observation | None]
         *(Connected(peer, role) for role in Role),
         PageFailed(peer),
         Lost(peer),
+        *(ModeChanged(peer, mode) for mode in Mode),
+        *(RoleChanged(peer, role) for role in Role),
         *(Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome),
         *(Observation(*place, 0.0, 0.0, a, b, (peer,)) for a in (False, True) for b in (False, True)),
         None,

@@ -240,7 +240,7 @@ def test_only_slots_with_a_payload_are_events() -> None:
     bench.send(2 * S, 3, MASTER)
     after = _executed(bench.kernel, 10 * S)
     assert before == 0
-    # two sends; the broadcast's slot and end; start and both ends of the pair that serves the slave, and of the one that acknowledges
+    # two sends; the broadcast's slot and end; start and both ends of the pair that serves the slave, and of the next
     assert after == 2 + 2 + 3 + 3
 
 

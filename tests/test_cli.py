@@ -208,9 +208,9 @@ def test_two_robots_in_one_place(cosim: Any):
     refuse(cosim, "depot.yaml: ", about=("starts[1]: (3.1, 1)", "two robots in one place"))
 
 
-def test_nine_robots_in_one_piconet(cosim: Any):
-    depot(protocol={"use": "pseudonet"}, team={"size": 9}, channel={"kind": "bluetooth"})
-    refuse(cosim, "depot.yaml: team.size: 9 is more than the 8 robots that pseudonet can address")
+def test_more_robots_than_a_protocol_can_address(cosim: Any):
+    depot(protocol={"use": "pseudonet"}, team={"size": 33}, channel={"kind": "bluetooth"})
+    refuse(cosim, "depot.yaml: team.size: 33 is more than the 32 robots that pseudonet can address")
 
 
 def test_a_negative_speed(cosim: Any):
@@ -358,7 +358,7 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
     depot(team={"size": 2, "starts": [[1.0, 1.0], [2.0, 1.0]]}, name="a: b # c")
     ended = cosim("validate", "depot.yaml")
     assert (ended.code, ended.err) == (0, "")
-    assert "  size: 2  # number of robots\n" in ended.out
+    assert "  size: 2  # number of robots; groups have sizes of their own\n" in ended.out
     assert "    calls: 3  # calls that each robot makes\n" in ended.out
     Path("again.yaml").write_text(ended.out)
     assert cosim("validate", "again.yaml").out == ended.out

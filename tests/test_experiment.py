@@ -184,7 +184,9 @@ def test_columns_have_names_of_their_own():
 
 def test_installed_experiments_are_found_by_name():
     assert find_experiment("pseudonet_coverage") == experiment_folders()["pseudonet_coverage"] / "sweep.yaml"
-    with pytest.raises(UserError, match=r"^pseudonet_covrage: is neither .*, did you mean pseudonet_coverage\?$"):
+    with pytest.raises(
+        UserError, match=r"^pseudonet_covrage: is neither .*, did you mean pseudonet_coverage( or .*)?\?$"
+    ):
         find_experiment("pseudonet_covrage")
 
 

@@ -14,11 +14,12 @@ from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller, Identity
 from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.medium import Floats
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
-from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
+from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Fate, Frame
 from cosim.channels.bluetooth.reach import Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -32,18 +33,23 @@ from cosim.machine import (
     Address,
     Disconnect,
     Flush,
+    Hold,
     Inquire,
     LinkCommand,
     LinkEvent,
     Metric,
     Outgoing,
     Page,
+    Park,
     Scan,
     Share,
+    Sniff,
+    SwitchRole,
+    Unpark,
 )
 from cosim.randomness import Streams
 from cosim.trace import CALLS, FRAMES, Trace
-from cosim.units import TICK, Time, from_seconds, to_seconds
+from cosim.units import TICK, Time, to_seconds
 
 Floor: TypeAlias = tuple[SegmentGrid, Floats]
 """The walls, and what each of them costs in dB."""
@@ -135,6 +141,8 @@ class BluetoothChannel(Channel):
                         f"robot {source} counts its time on the clock of {command.reference}, which is no robot"
                     )
                 device.share(command)
+            case Hold() | Sniff() | Park() | Unpark() | SwitchRole():
+                device.command(command)
 
     # ------------------------------------------------------------ reach
 
@@ -235,7 +243,8 @@ class BluetoothChannel(Channel):
         spread = self.settings.clock_ppm
         phase = int(stream.integers(CLOCK_RANGE * TICK))
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
-        identity = Identity(address, int(stream.integers(1 << 32)), clock)
+        narrow = NARROW if self.settings.channels == 23 else 0
+        identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
         return Controller(
             self.kernel,
             self.air,
@@ -271,13 +280,6 @@ class BluetoothChannel(Channel):
         device.equip(self._piconet(identity), inquiry_scanner, page_scanner)
 
     def _piconet(self, identity: Identity) -> Piconet:
-        settings = self.settings
-        piconet = PiconetSettings(
-            tuple(ACL[name] for name in settings.packet_types),
-            settings.n_bc,
-            settings.t_poll_slots,
-            from_seconds(settings.supervision_s),
-        )
         wanted = self.trace.wants(FRAMES)
         frames = FrameLog(self.air, identity.address, identity.clock, wanted, self._idle_wanted)
         return Piconet(
@@ -286,7 +288,7 @@ class BluetoothChannel(Channel):
             identity.address,
             identity.hop_address,
             identity.clock,
-            piconet,
+            self.settings.piconet,
             frames,
             self._deliver,
             partial(self._lost, identity.address),

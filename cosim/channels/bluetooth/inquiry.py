@@ -22,7 +22,14 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.hopping import GIAC, Train, inquiry_channel, inquiry_response_channel, scan_channels
+from cosim.channels.bluetooth.hopping import (
+    GIAC,
+    NARROW,
+    Train,
+    inquiry_channel,
+    inquiry_response_channel,
+    scan_channels,
+)
 from cosim.channels.bluetooth.medium import HEADER
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
 from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
@@ -171,7 +178,7 @@ class InquiryScanner:
         """At the start of an ID that might be heard: see whether it is sent, and within reach."""
         carrier = self._air.carrier(inquiry.address, self.address)
         if inquiry.sends(self._kernel.now) and self._air.reaches(carrier):
-            channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick))
+            channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
             frame = Frame(self._kernel.now, ID_AIR, "ID", inquiry.address, self.address, channel)
             self._expected[inquiry] = self._kernel.after(ID_AIR, partial(self._hear, inquiry, meeting, frame, carrier))
         else:
@@ -200,7 +207,7 @@ class InquiryScanner:
         """Put the FHS on the air and go on scanning as the version has it."""
         start = self._kernel.now
         clkn = self.clock.tick(start)
-        channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second)
+        channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second, inquiry.word)
         frame = Frame(start, FHS_AIR, "FHS", self.address, inquiry.address, channel)
         self._air.put(frame)
         inquiry.reply(frame, meeting.tick, clkn)
@@ -244,12 +251,16 @@ class Inquiry:
         scanners: Sequence[InquiryScanner],
         on_found: Callable[[Address, int], None],
         on_complete: Callable[[tuple[Address, ...]], None],
+        word: int = GIAC,
     ) -> None:
         if duration_ticks <= 0 or duration_ticks % 4:
             raise LocalProtocolError(f"duration_ticks: {duration_ticks} is not a positive multiple of 4")
         first = first_transmission(clock, kernel.now)
         self.address = address
-        self.ids = IdTrain(clock, first, first + duration_ticks, settings.n_inquiry, settings.first_train)
+        self.word = word
+        """GIAC, or GIAC | NARROW."""
+        end, narrow = first + duration_ticks, bool(word & NARROW)
+        self.ids = IdTrain(clock, first, end, settings.n_inquiry, settings.first_train, 0, narrow)
         self.found: list[Address] = []
         self._kernel = kernel
         self._air = air
@@ -302,13 +313,13 @@ class Inquiry:
                     self._send_from(reply.end)
 
     def _send_from(self, since: Time) -> None:
-        self._air.open_train(self.ids.on_air(self.address, since), scan_channels(GIAC), self._kernel.now)
+        self._air.open_train(self.ids.on_air(self.address, since), scan_channels(self.word), self._kernel.now)
 
     def _hindrance(self, reply: _Reply) -> Fate | None:
         frame, listens = reply.frame, reply.tick + 2
         if not self._air.reaches(reply.carrier_dbm):
             return FAR
-        if self._over or frame.channel != inquiry_channel(listens, self.ids.train(listens)):
+        if self._over or frame.channel != inquiry_channel(listens, self.ids.train(listens), self.word):
             return UNTUNED
         if self._locked is not None and frame.start < self._locked.end:
             return TAKEN

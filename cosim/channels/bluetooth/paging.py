@@ -24,6 +24,7 @@ from pydantic import Field
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
+    NARROW,
     basic_channel,
     master_response_channel,
     page_channel,
@@ -192,7 +193,8 @@ class Page:
         self.air = air
         self.address = address
         self.hop_address = hop_address
-        self.ids = IdTrain(clock, first, first + 2 * settings.timeout_slots, settings.n_page, "A", estimate)
+        end, narrow = first + 2 * settings.timeout_slots, bool(scanner.hop_address & NARROW)
+        self.ids = IdTrain(clock, first, end, settings.n_page, "A", estimate, narrow)
         self.scanner = scanner
         self.lt_addr = lt_addr
         self._on_connected = on_connected

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.hopping import NARROW
+from cosim.channels.bluetooth.hopping import GIAC, NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, Inquiry, InquiryScanner, InquirySettings
 from cosim.channels.bluetooth.paging import Page as PageProcedure
 from cosim.channels.bluetooth.paging import PageScanner, PageSettings
@@ -161,6 +161,7 @@ class Procedures:
             [peer.inquiry_scanner for peer in self._peers if peer is not self._owner],
             self._found,
             self._complete,
+            GIAC | self._hop_address & NARROW,
         )
 
     def _page_to(self, command: Page) -> PageProcedure:
