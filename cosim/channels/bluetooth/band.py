@@ -189,7 +189,7 @@ def running(band: Band) -> int:
     """Return how many piconets send anything."""
     count = 0
     for p in range(band.piconets.shape[0]):
-        count += band.piconets[p, RUNNING] and band.links[p, HELD].any()
+        count += (band.piconets[p, RUNNING] and band.links[p, HELD].any()) or band.piconets[p, STAGE] > 0
     return count
 
 

@@ -26,7 +26,7 @@ from cosim.channels.bluetooth.medium import (
     Floats,
     Integers,
 )
-from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, USED, WORD, run_alone
+from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, STAGE, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
 from cosim.machine import Address
 from cosim.units import MS, Time
@@ -221,9 +221,11 @@ class Air:
         self._disturb()
         self._stray_until(now + LONGEST_FRAME)
         masters = [p for p, row in enumerate(self._rows) if row[0][RUNNING] and row[1][HELD].any()]
-        self._running = len(masters)
+        # a pair under way outlives the pause, and the last link, of its piconet
+        ending = any(row[0][STAGE] and p not in masters for p, row in enumerate(self._rows))
+        self._running = len(masters) + ending
         self.calm = bool(bands.calm(self.band))
-        self._master = masters[0] if len(masters) == 1 else None
+        self._master = masters[0] if len(masters) == 1 and not ending else None
 
     def _seek_shortcut(self, now: Time) -> None:
         """Take the shortcut from *now* on if only one piconet sends, nothing else has for a while, and all hear it."""
