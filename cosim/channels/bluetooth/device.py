@@ -23,6 +23,7 @@ from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Fate, Frame
 from cosim.channels.bluetooth.reach import Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import POWER_DBM, Propagation
 from cosim.errors import LocalProtocolError
@@ -95,6 +96,11 @@ class BluetoothChannel(Channel):
             settings.noise_dbm,
             streams.draws("bluetooth", "errors").key,
         )
+        self._transport = (
+            None
+            if settings.host_bps is None
+            else Transport(kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, news=()))
+        )
         self._jammers: list[Jammer] = []
         self._news: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
@@ -166,6 +172,8 @@ class BluetoothChannel(Channel):
             return
         if not on:
             device.switch_off()
+            if self._transport is not None:
+                self._transport.clear(address)
         self._on[address] = on
         self._update_powers()
         if on:
@@ -292,6 +300,7 @@ class BluetoothChannel(Channel):
             frames,
             self._deliver,
             partial(self._lost, identity.address),
+            self._transport,
         )
 
 

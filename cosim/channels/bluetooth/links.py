@@ -16,6 +16,7 @@ from cosim.channels.bluetooth.polling import (
     HELD_UNTIL,
     HERE,
     JOINED,
+    LIMITED,
     MOST_SLAVES,
     PERIOD,
     SHARED,
@@ -111,10 +112,11 @@ class Links:
         return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.slaves), None)
 
     def note_shares(self) -> None:
-        """Tell the arithmetic of slots whether anybody is absent at times."""
+        """Tell the arithmetic of slots whether anybody is absent at times, or may be stopped."""
         columns = [0, *self.slaves]
         absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
-        self.piconet[SHARED] = bool(absences.any() or not self.table[HERE, columns].all())
+        absent = bool(absences.any() or not self.table[HERE, columns].all())
+        self.piconet[SHARED] = absent or self.piconet[LIMITED]
 
     def last_heard(self) -> Time | None:
         """Return the earliest of all "last heard" instants of sides that are up, or None without any."""

@@ -42,6 +42,8 @@ from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.schedule import SCHEDULERS, Schedule, Scheduler
 from cosim.channels.bluetooth.slots import Deliver, Slots
 from cosim.channels.bluetooth.supervision import Supervision
+from cosim.channels.bluetooth.traffic import Traffic
+from cosim.channels.bluetooth.transport import Transport
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import Address, Lost, Outgoing
 from cosim.units import SLOT, S, Time
@@ -88,15 +90,21 @@ class Piconet:
         frames: FrameLog,
         deliver: Deliver,
         on_lost: Callable[[Address, Address], None] = lambda side, peer: None,
+        transport: Transport | None = None,
     ) -> None:
-        """*on_lost* is called with (side, peer) before the side's host learns that its link is lost."""
+        """*on_lost* is called with (side, peer) before the side's host learns that its link is lost.
+
+        Payloads reach hosts through *transport*, if there is one, else by *deliver* at once.
+        """
         self.address = address
         self.clock = clock
         piconet, table = air.band.piconets[address], air.band.links[address]
         longest = max(kind.slots for kind in settings.types)
         polling.reset(piconet, table, settings.t_poll_slots, clock.phase, clock.ppm, longest)
         piconet[polling.MASTER], piconet[polling.WORD] = address, hop_address
+        piconet[polling.LIMITED] = transport is not None
         self.links = Links(address, piconet, table)
+        self.links.note_shares()
         frames.attach(self.links)
         self._kernel = kernel
         self._air = air
@@ -110,13 +118,14 @@ class Piconet:
         longest_silence = settings.supervision - 2 * settings.t_poll_slots * SLOT
         self.modes = Modes(*own, longest_silence, self._tell, self._changed)
         fit = BestFit(air, self.links, settings.types) if settings.best_packets else None
-        schedule = Schedule(self.links, self._queues, fit)
-        self._slots = Slots(*own, schedule, settings.n_bc, frames, deliver, self.modes.beacon_heard)
+        rules = (Schedule(self.links, self._queues, fit), settings.n_bc)
+        traffic = Traffic(air, clock, self.links, frames, transport)
+        self._slots = Slots(*own, *rules, traffic, deliver, self.modes.beacon_heard)
         hand_in = (settings.types, settings.queue, settings.flush, self._tell)
         self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)
         self._adaptation = Adaptation(kernel, air, self.links, *settings.afh) if settings.afh else None
-        timeout = settings.supervision
-        self._supervision = Supervision(kernel, timeout, self.links, self._parking, self.advance, self._expire)
+        watched = (self.links, self._parking)
+        self._supervision = Supervision(kernel, settings.supervision, *watched, self.advance, self._expire)
 
     # ------------------------------------------------------------ links
 
@@ -247,8 +256,7 @@ class Piconet:
 
     def pair_ends(self) -> Time | None:
         """Return when the slot pair under way is over, or None if there is none. To be asked before the phase AIR."""
-        now = self._kernel.now
-        self.advance(now)
+        self.advance(now := self._kernel.now)
         free = int(self.links.piconet[NEXT])
         return self.clock.time_of(free) if free > first_transmission(self.clock, now) else None
 

@@ -40,7 +40,7 @@ MASTER: Final = 7  # the master's address
 WORD: Final = 8  # the master's UAP/LAP, from which the hop sequence is drawn
 RUNNING: Final = 9  # not suspended
 LONGEST: Final = 10  # slots of the longest packet type in use
-SHARED: Final = 11  # somebody here divides its time, or is away
+SHARED: Final = 11  # somebody here divides its time, or is away, or LIMITED
 STAGE: Final = 12  # of the idle pair under way: 0 none, 1 POLL, 2 NULL on the air
 PAIR_TICK: Final = 13
 PAIR_LINK: Final = 14
@@ -49,7 +49,8 @@ USED: Final = 16  # number of channels in the adapted hop set; 0: the basic sequ
 SCHEDULER: Final = 17  # LAZY, ROUND_ROBIN, EXHAUSTIVE or BACKLOG
 CURRENT: Final = 18  # the link that had the last turn
 BEACON: Final = 19  # first TX slot of the next beacon for parked slaves; NEVER without any
-PICONET_FIELDS: Final = 20
+LIMITED: Final = 20  # receive buffers are limited, so that links may be stopped (FLOW)
+PICONET_FIELDS: Final = 21
 
 LAZY: Final = 0
 ROUND_ROBIN: Final = 1
@@ -80,7 +81,9 @@ SNIFF_PERIOD: Final = 19  # ticks of the master; 0: in all slots. In column 0: w
 SNIFF_FIRST: Final = 20
 SNIFF_COUNT: Final = 21  # ticks in which a packet to it may begin
 HELD_UNTIL: Final = 22  # tick before which a link on hold is silent
-FIELDS: Final = 23
+STOPPED: Final = 23  # the slave's last answer said STOP (FLOW = 0)
+FULL_UNTIL: Final = 24  # instant (ns) until which the slave's answers say STOP
+FIELDS: Final = 25
 
 MOST_SLAVES: Final = 7
 NOTHING: Final = -1
@@ -341,14 +344,15 @@ def next_free(piconet: State, links: State, wanted: int) -> int:
 
 @njit(cache=True)
 def next_served(piconet: State, links: State) -> int:
-    """Return the tick at which the idle schedule comes to a link that has a payload, or NOTHING.
+    """Return the tick at which the idle schedule comes to a link that has a payload, or a FLOW to tell, or NOTHING.
 
     Payloads of the master count with schedulers that send them at their link's turn only.
     """
-    waiting = 0
+    waiting, full_until = 0, 0
     for k in range(1, MOST_SLAVES + 1):
-        waiting |= links[HELD, k] * (links[QUEUED, k] + links[WAITING, k])
-    if not waiting:
+        waiting |= links[HELD, k] * (links[QUEUED, k] + links[WAITING, k] + links[STOPPED, k])
+        full_until = max(full_until, links[HELD, k] * links[FULL_UNTIL, k])
+    if not waiting and full_until <= time_of(piconet, piconet[NEXT]):
         return NOTHING
     due = links[DUE].copy()
     tick = piconet[NEXT]
@@ -356,8 +360,11 @@ def next_served(piconet: State, links: State) -> int:
         tick, k = next_poll(piconet, links, due, tick)
         if tick == NEVER:
             break
-        if links[QUEUED, k] or links[WAITING, k]:
+        time = time_of(piconet, tick)
+        if links[QUEUED, k] or links[WAITING, k] or links[STOPPED, k] or time < links[FULL_UNTIL, k]:
             return tick
+        if not waiting and time >= full_until:
+            break
         due[k] = tick + piconet[T_POLL]
         tick += 4
     return NOTHING

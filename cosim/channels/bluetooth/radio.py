@@ -56,6 +56,8 @@ class Heard(StrEnum):
     """The receiver listened on another channel, or not at all."""
     BUSY = "busy"
     """The receiver was in the middle of another frame."""
+    REFUSED = "refused"
+    """The receiver had no room for the payload (flow control)."""
 
 
 class Part(StrEnum):
@@ -76,7 +78,7 @@ class Fate(NamedTuple):
     @property
     def header_heard(self) -> bool:
         """Whether the receiver has noticed the frame and knows its header."""
-        return self.heard is Heard.RECEIVED or self.part is Part.PAYLOAD
+        return self.heard in (Heard.RECEIVED, Heard.REFUSED) or self.part is Part.PAYLOAD
 
 
 _PARTS: Final = tuple(Part)
@@ -91,6 +93,7 @@ FATES: Final[tuple[Fate, ...]] = (
 """The fates by the numbers that compiled functions return."""
 assert FATES[BIT_ERRORS + 1].heard is Heard.BIT_ERRORS
 GOOD, FAR, UNTUNED, TAKEN = FATES[RECEIVED], FATES[OUT_OF_RANGE], FATES[NOT_TUNED], Fate(Heard.BUSY)
+REFUSED: Final = Fate(Heard.REFUSED)
 
 
 class Frame(NamedTuple):

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.links import Links
-from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED
+from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED, STOPPED
 from cosim.channels.bluetooth.queues import Payload, Queues
 
 Scheduler: TypeAlias = Literal["lazy", "round_robin", "exhaustive", "backlog"]
@@ -85,6 +85,8 @@ class Schedule:
         return opening
 
     def _opening(self, payload: Payload, tick: int) -> int:
+        if self._table[STOPPED, payload.lt_addr]:
+            return NEVER
         opening: int = polling.open_slot(self._piconet, self._table, payload.lt_addr, tick, payload.kind.slots)
         return opening
 

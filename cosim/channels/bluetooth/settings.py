@@ -53,6 +53,12 @@ class BluetoothSettings(Settings):
     queue_payloads: int | None = Field(
         default=None, ge=1, description="payloads that a device holds for a piconet; unlimited if not given"
     )
+    host_bps: int | None = Field(
+        default=None, gt=0, description="bit/s at which a device hands payloads to its host; at once if not given"
+    )
+    receive_payloads: int = Field(
+        default=8, ge=1, description="payloads of one sender that a device holds until its host has them (FLOW)"
+    )
     flush_s: float | None = Field(
         default=None, gt=0, description="s until a payload without acknowledgement is dropped; never if not given"
     )

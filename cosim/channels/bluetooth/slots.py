@@ -8,12 +8,12 @@ from typing import TypeAlias
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import HEADER_AIR, NULL, POLL, PacketType
 from cosim.channels.bluetooth.parking import Parking
 from cosim.channels.bluetooth.polling import (
     EVERYONE,
+    FULL_UNTIL,
     HEARD_DOWN,
     HEARD_UP,
     HELD,
@@ -22,14 +22,17 @@ from cosim.channels.bluetooth.polling import (
     NEXT,
     NOTHING,
     RUNNING,
+    SEEN_DOWN,
+    SEQ_DOWN,
     SHARED,
-    USED,
+    STOPPED,
 )
 from cosim.channels.bluetooth.queues import News, Payload, Queues
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Fate, Frame, Heard
+from cosim.channels.bluetooth.radio import REFUSED, Air, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
+from cosim.channels.bluetooth.traffic import Traffic
 from cosim.kernel import AIR, Handle, Kernel
-from cosim.machine import Address, LinkEvent, Outcome, Reception
+from cosim.machine import Address, LinkEvent, Outcome
 from cosim.units import Time
 
 Deliver: TypeAlias = Callable[[Iterable[Arrival], Iterable[tuple[Address, LinkEvent]]], None]
@@ -53,8 +56,10 @@ class _Pair:
     """Whether the slave is there."""
     noted: bool
     """Whether its frames are recorded."""
+    whole: bool = True
+    """Whether the slave has received the payload of the question, if there is one."""
     taken: bool = False
-    """Whether the slave has received the payload of the question."""
+    """Whether it has had room for it as well."""
 
 
 class Slots:
@@ -70,7 +75,7 @@ class Slots:
         parking: Parking,
         schedule: Schedule,
         n_bc: int,
-        frames: FrameLog,
+        traffic: Traffic,
         deliver: Deliver,
         on_beacon: Callable[[int], None],
     ) -> None:
@@ -85,12 +90,11 @@ class Slots:
         self._schedule = schedule
         self._parking = parking
         self._on_beacon = on_beacon
-        self._frames = frames
+        self._traffic = traffic
+        self._frames = traffic.frames
         self._deliver = deliver
-        self._receptions: dict[tuple[Address, bool], Reception] = {}
         self._slot: Handle | None = None
         self._slot_tick = NOTHING
-        self._asked_at = NOTHING
 
     def arm(self) -> None:
         """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
@@ -121,30 +125,34 @@ class Slots:
     def _ask(self, tick: int, k: int, payload: Payload | None) -> None:
         """Send *payload*, or POLL, to the slave *k*; the next slot is known when the pair is over."""
         links, air, slave = self.links, self._air, self.links.slaves[k]
-        self._asked_at = tick
         waiting = self._queues.first_two(k)
         noted = self._frames.idle_wanted or (self._frames.wanted and (payload is not None or bool(waiting)))
         kind, duration, first = _shape(payload, POLL)
         acknowledges = polling.begin_pair(links.piconet, links.table, tick, k, first, payload is not None, kind.slots)
         answer = waiting[acknowledges] if len(waiting) > acknowledges else None
+        if self._traffic.full_until(self.address, slave):
+            answer = None
         if answer is not None:
             self._schedule.sized(answer, up=True).chosen = True
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
-        self._count(payload)
-        frame = self._send(tick, kind, duration, self.address, slave, k, payload)
+        frame = self._traffic.send(tick, kind, duration, self.address, slave, k, payload, tick)
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
         """At the end of the master's frame: the slave may hear it, take its payload, and answer."""
         links, k, question = self.links, pair.k, pair.question
         joined = pair.here and bool(links.table[JOINED, k])
-        fate = self._fate(frame, pair.slave, pair.down_dbm, question, joined)
-        self._note(pair, frame, fate)
+        fate = self._traffic.fate(frame, pair.slave, pair.down_dbm, question, joined)
+        if fate.heard is Heard.RECEIVED and self._overflows(pair):
+            fate = REFUSED
+        if pair.noted:
+            self._frames.record(frame, fate)
         if pair.answer is not None:
             pair.answer.chosen = False
         if not fate.header_heard:
-            self._assess(frame, False)
+            self._traffic.assess(frame, False)
+            links.table[STOPPED, k] = 0
             self.arm()
             return
         links.table[HEARD_DOWN, k] = self._kernel.now
@@ -155,10 +163,19 @@ class Slots:
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
             if polling.take_down_link(links.table, k):
-                arrivals = [self._arrival(pair.slave, question, self.address)]
+                arrivals = self._traffic.received(pair.slave, question, self.address)
+        pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
+        links.table[FULL_UNTIL, k] = self._traffic.full_until(pair.slave, self.address)
         self._answer(pair, frame)
         if arrivals or news:
             self._deliver(arrivals, news)
+
+    def _overflows(self, pair: _Pair) -> bool:
+        """Return whether the slave has no room for the payload that it has received; a repetition needs none."""
+        table, k = self.links.table, pair.k
+        if pair.question is None or table[SEEN_DOWN, k] == table[SEQ_DOWN, k]:
+            return False
+        return self._traffic.full_until(pair.slave, self.address) > 0
 
     def _answer(self, pair: _Pair, frame: Frame) -> None:
         """Let the slave answer what it has just heard, in the slot after it."""
@@ -167,28 +184,30 @@ class Slots:
         tick = pair.tick + 2 * slots
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
-        self._count(answer)
-        reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer)
+        reply = self._traffic.send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
         """At the end of the slave's frame: the master may hear it, and take its payload."""
         links, k, answer = self.links, pair.k, pair.answer
         held = bool(links.table[HELD, k])
-        fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
-        self._note(pair, frame, fate)
-        self._assess(frame, fate.heard is Heard.RECEIVED and (pair.question is None or pair.taken))
+        fate = self._traffic.fate(frame, self.address, pair.up_dbm, answer, held)
+        if pair.noted:
+            self._frames.record(frame, fate)
+        self._traffic.assess(frame, fate.heard is Heard.RECEIVED and pair.whole)
         if not fate.header_heard:
+            links.table[STOPPED, k] = 0
             self.arm()
             return
         links.table[HEARD_UP, k] = self._kernel.now
+        links.table[STOPPED, k] = links.table[FULL_UNTIL, k] > 0
         news: News = []
         if pair.taken and pair.question is not None:
             self._queues.remove(pair.question)
             news = pair.question.fate(self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
-            arrivals = [self._arrival(self.address, answer, pair.slave)]
+            arrivals = self._traffic.received(self.address, answer, pair.slave)
         self.arm()
         if arrivals or news:
             self._deliver(arrivals, news)
@@ -201,14 +220,13 @@ class Slots:
         kind, duration, _ = _shape(payload, NULL)
         piconet[NEXT] = tick + 2 * kind.slots + 2
         self._parking.sent(tick)
-        self._count(payload)
-        last = payload is not None and payload.tries >= self._n_bc
+        last = payload is not None and payload.tries + 1 >= self._n_bc
         if payload is not None and last:
             self._queues.remove(payload)
         carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
         here = self.links.table[HERE].tolist()
         present = {k for k in carriers if self._present(k, here, tick, kind.slots)}
-        frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload)
+        frame = self._traffic.send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
     def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
@@ -235,12 +253,12 @@ class Slots:
                 continue  # it came while the frame was on the air
             parked = self._parking.members.get(k)
             tuned = k in present and bool(joined[k] if parked is None else parked.joined)
-            fate = self._fate(frame, slave, carriers[k], payload, tuned)
+            fate = self._traffic.fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
                 self._frames.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
-                arrivals.append((slave, payload.outgoing.payload, self._reception(self.address, True)))
+                arrivals += self._traffic.received(slave, payload, self.address, True)
             if fate.header_heard and parked is not None:
                 self._on_beacon(k)
             elif fate.header_heard:
@@ -248,60 +266,6 @@ class Slots:
         news = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
         if arrivals or news:
             self._deliver(arrivals, news)
-
-    # ------------------------------------------------------------ frames
-
-    def _send(
-        self,
-        tick: int,
-        kind: PacketType,
-        duration: Time,
-        source: Address,
-        destination: Address,
-        lt_addr: int,
-        payload: Payload | None,
-    ) -> Frame:
-        """Put a packet, with *payload* or empty, on the air at *tick*, now or soon."""
-        length = 0 if payload is None else len(payload.outgoing.payload)
-        # with an adapted hop set a slave answers on the channel of the packet that it answers
-        asked = self._asked_at if source != self.address and self.links.piconet[USED] else tick
-        start, channel = self.clock.time_of(tick), self._air.channel(self.address, asked)
-        self._air.send(source, start, duration, channel)
-        return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
-
-    def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
-        if not self._air.reaches(carrier_dbm):
-            return FAR
-        if not tuned:
-            return UNTUNED
-        if self._air.spares(frame.start):
-            return GOOD
-        if payload is None:
-            return self._air.fate(frame, receiver, carrier_dbm, 0, False)
-        return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
-
-    def _assess(self, frame: Frame, well: bool) -> None:
-        """Count whether the pair that ends with *frame* went well on its channel."""
-        if self.links.piconet[USED]:
-            self._air.band.tallies[self.address, 0 if well else 1, frame.channel] += 1
-
-    def _note(self, pair: _Pair, frame: Frame, fate: Fate) -> None:
-        if pair.noted:
-            self._frames.record(frame, fate)
-
-    def _count(self, payload: Payload | None) -> None:
-        if payload is not None:
-            payload.tries += 1
-            self._frames.payloads[payload.kind.name] += 1
-
-    def _arrival(self, receiver: Address, payload: Payload, source: Address) -> Arrival:
-        return receiver, payload.outgoing.payload, self._reception(source, False)
-
-    def _reception(self, source: Address, broadcast: bool) -> Reception:
-        key = (source, broadcast)
-        if key not in self._receptions:
-            self._receptions[key] = Reception(source, broadcast)
-        return self._receptions[key]
 
 
 def _shape(payload: Payload | None, empty: PacketType) -> tuple[PacketType, Time, bool]:
