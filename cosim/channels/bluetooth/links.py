@@ -10,13 +10,13 @@ from cosim.channels.bluetooth.polling import (
     COUNT,
     DUE,
     FIRST,
+    FULL_UNTIL,
     HEARD_DOWN,
     HEARD_UP,
     HELD,
     HELD_UNTIL,
     HERE,
     JOINED,
-    LIMITED,
     MOST_SLAVES,
     PERIOD,
     SHARED,
@@ -24,6 +24,7 @@ from cosim.channels.bluetooth.polling import (
     SNIFF_PERIOD,
     State,
 )
+from cosim.channels.bluetooth.transport import Transport
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address
 from cosim.units import Time
@@ -46,15 +47,20 @@ ALWAYS = Presence()
 
 
 class Links:
-    """Who belongs to the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``)."""
+    """Who belongs to the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``).
 
-    def __init__(self, master: Address, piconet: State, table: State) -> None:
+    *transport* brings payloads to hosts, and may have no room for more; without it they take everything at once.
+    """
+
+    def __init__(self, master: Address, piconet: State, table: State, transport: Transport | None = None) -> None:
         self.piconet = piconet
         self.table = table
         self.slaves: dict[int, Address] = {}
         """Address by LT_ADDR of every link that one side, at least, takes to be up."""
         self.lt_addr: dict[Address, int] = {}
         self.master = master
+        self.transport = transport
+        self.note_shares()
 
     def held(self) -> list[int]:
         """Return the LT_ADDR of all links that the master takes to be up."""
@@ -79,6 +85,8 @@ class Links:
         self.table[SLAVE, k] = slave
         self.table[HERE, k] = 1
         self.table[HEARD_DOWN, k] = now
+        if self.transport is not None:  # it may still hold what came over an earlier link
+            self.table[FULL_UNTIL, k] = self.transport.full_until(slave, self.master)
 
     def admit(self, k: int, due: int, now: Time) -> None:
         """Bring the master's side of link *k* up; its next packet is due at the tick *due*."""
@@ -116,7 +124,7 @@ class Links:
         columns = [0, *self.slaves]
         absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
         absent = bool(absences.any() or not self.table[HERE, columns].all())
-        self.piconet[SHARED] = absent or self.piconet[LIMITED]
+        self.piconet[SHARED] = absent or self.transport is not None
 
     def last_heard(self) -> Time | None:
         """Return the earliest of all "last heard" instants of sides that are up, or None without any."""

@@ -102,9 +102,7 @@ class Piconet:
         longest = max(kind.slots for kind in settings.types)
         polling.reset(piconet, table, settings.t_poll_slots, clock.phase, clock.ppm, longest)
         piconet[polling.MASTER], piconet[polling.WORD] = address, hop_address
-        piconet[polling.LIMITED] = transport is not None
-        self.links = Links(address, piconet, table)
-        self.links.note_shares()
+        self.links = Links(address, piconet, table, transport)
         frames.attach(self.links)
         self._kernel = kernel
         self._air = air
@@ -119,7 +117,7 @@ class Piconet:
         self.modes = Modes(*own, longest_silence, self._tell, self._changed)
         fit = BestFit(air, self.links, settings.types) if settings.best_packets else None
         rules = (Schedule(self.links, self._queues, fit), settings.n_bc)
-        traffic = Traffic(air, clock, self.links, frames, transport)
+        traffic = Traffic(air, clock, self.links, frames)
         self._slots = Slots(*own, *rules, traffic, deliver, self.modes.beacon_heard)
         hand_in = (settings.types, settings.queue, settings.flush, self._tell)
         self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)

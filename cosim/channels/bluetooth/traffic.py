@@ -8,7 +8,6 @@ from cosim.channels.bluetooth.packets import PacketType
 from cosim.channels.bluetooth.polling import USED
 from cosim.channels.bluetooth.queues import Payload
 from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Fate, Frame
-from cosim.channels.bluetooth.transport import Transport
 from cosim.machine import Address, Reception
 from cosim.units import Time
 
@@ -16,17 +15,15 @@ from cosim.units import Time
 class Traffic:
     """What is on the air of the piconet of *links*, whose master counts slots on *clock*.
 
-    Hosts get payloads through *transport*; if there is none, from whoever asked for them here.
+    Hosts get payloads through the transport of *links*; if there is none, from whoever asked for them here.
     """
 
-    def __init__(
-        self, air: Air, clock: NativeClock, links: Links, frames: FrameLog, transport: Transport | None
-    ) -> None:
+    def __init__(self, air: Air, clock: NativeClock, links: Links, frames: FrameLog) -> None:
         self.frames = frames
         self._air = air
         self._clock = clock
         self._links = links
-        self._transport = transport
+        self._transport = links.transport
         self._receptions: dict[tuple[Address, bool], Reception] = {}
 
     def send(
