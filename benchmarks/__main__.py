@@ -45,7 +45,7 @@ FIGURES = (
     Figure("bare SimPy timeout (the unit)", bare_timeouts),
     Figure("robot-tick: 8 robots that drive among the walls of the storey", workloads.robot_ticks),
     Figure("idle hour of a connected piconet whose 8 robots drive, T_poll 40 slots, in all", workloads.idle_hours),
-    Figure("the same where signals fade with distance and walls", workloads.idle_fading_hours),
+    Figure("the same where signals fade with distance and walls, from a minute of it", workloads.idle_fading_hours),
     Figure("delivered frame of the exchange of 17-byte states, run and machines included", workloads.exchanged_states),
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),

@@ -148,9 +148,9 @@ class Shuttles:
         self.fleet.step()
 
 
-def idle_hours(seed: int, **settings: object) -> Work:
-    """A connected piconet in which nobody says anything while its robots drive, with ten world ticks a second."""
-    shuttles, seconds = Shuttles(), 60 if settings else 3600
+def idle_hours(seed: int, seconds: int = 3600, **settings: object) -> Work:
+    """*seconds* of a connected piconet in which nobody says anything while its robots drive, ten world ticks each."""
+    shuttles = Shuttles()
     kernel, channel, _ = _piconet(seed, shuttles.floor, **settings)
 
     def tick() -> None:
@@ -169,8 +169,8 @@ def idle_hours(seed: int, **settings: object) -> Work:
 
 
 def idle_fading_hours(seed: int) -> Work:
-    """The same where signals fade with distance and walls, so that every tick changes all gains."""
-    return idle_hours(seed, propagation={}, power_class=1)
+    """A minute of it where signals fade with distance and walls, so that every tick changes all gains."""
+    return idle_hours(seed, 60, propagation={}, power_class=1)
 
 
 def exchanged_states(seed: int) -> Work:

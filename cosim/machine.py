@@ -70,7 +70,7 @@ class Outcome(StrEnum):
     TOO_LONG = "too_long"
     """No packet type in use can carry it."""
     FLUSHED = "flushed"
-    """Taken out of the queue by a ``Flush``, because it had waited too long, or because its link ended."""
+    """Taken out of the queue by a ``Flush``, for having waited too long, or as its link ended or was parked."""
     QUEUE_FULL = "queue_full"
     """The device holds as many payloads as it can."""
 
@@ -222,7 +222,7 @@ class Share:
 
     A period begins wherever the number of slots that the clock of *reference* has counted is a multiple of
     *period_slots*; that clock is taken to be known to all who follow it. A master that is away silences its piconet.
-    Without parts (as in the beginning) the device is everywhere at all times, which does for a single link.
+    Without parts (as in the beginning) the device is in the piconet of its latest link only.
     """
 
     period_slots: int

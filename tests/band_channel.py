@@ -187,6 +187,8 @@ def settings_of(scene: Scene, idle: bool) -> BluetoothSettings:
             "page": {"mode": REPETITIONS[scene.repetitions], "timeout_slots": scene.page_timeout // 2},
             "page_scan": {"interval_s": page.interval * 312.5e-6, "interlaced": page.interlaced},
             "idle_frames": idle,
+            "host_bps": scene.host_bps,
+            "receive_payloads": scene.room,
         }
     )
 
@@ -226,8 +228,8 @@ def act(kernel: Kernel, channel: BluetoothChannel, wish: given.Input) -> None:
             piconet = devices[master].master_of
             devices[slave].masters[master] = piconet
             piconet.add_slave(slave, lt_addr, due)
-            devices[slave]._linked(master)
-            devices[master]._linked(master)
+            devices[slave].linked(master)
+            devices[master].linked(master)
         case Send(_, source, destination, _, token):
             channel.send(source, Outgoing(destination, payload_of(wish), token))
         case given.Flush(_, source, destination):

@@ -42,13 +42,13 @@ class Host:
 
 
 class World:
-    """A Bluetooth channel for *size* devices with a host on each."""
+    """A Bluetooth channel for *size* devices with a host on each; *streams*, if given, stand in place of the seed's."""
 
-    def __init__(self, size: int, seed: int = 1, **settings: object) -> None:
+    def __init__(self, size: int, seed: int = 1, streams: Streams | None = None, **settings: object) -> None:
         self.kernel = Kernel()
         self.trace = Trace((FRAMES, CALLS))
         self.channel = BluetoothChannel(
-            BluetoothSettings.model_validate(settings), self.kernel, self.trace, size, Streams(seed)
+            BluetoothSettings.model_validate(settings), self.kernel, self.trace, size, streams or Streams(seed)
         )
         self.commanding = False
         self.hosts = [Host(self, address) for address in range(size)]
@@ -73,6 +73,7 @@ class World:
         while len(self.hosts[master].got(Connected)) < len(slaves):
             assert self.kernel.now < 60 * S
             self.kernel.run(self.kernel.now + 100 * MS)
+        self.hosts[master].react = lambda event: None
 
     def frames(self) -> list[dict[str, Any]]:
         columns = self.trace.columns("frames")

@@ -9,10 +9,21 @@ from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
 from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.channels.jamming import Jammer
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Address, LinkEvent, Lost, Outcome, Outgoing
-from cosim.machine import Fate as FateEvent
+from cosim.machine import (
+    Address,
+    Fate,
+    LinkEvent,
+    Lost,
+    Mode,
+    ModeChanged,
+    ModeCommand,
+    Outcome,
+    Outgoing,
+)
 from cosim.units import SLOT, Time
+from tests.radio_scene import equal_powers_dbm
 
 PAIR = 2 * SLOT
 MASTER = 0
@@ -20,7 +31,10 @@ WORD = 0x2A96EF25
 
 
 class Bench:
-    """A piconet of a master, 0, and slaves 1 to *size*, with LT_ADDR = address, and all that comes out of it."""
+    """A piconet of a master, 0, and slaves 1 to *size*, with LT_ADDR = address, and all that comes out of it.
+
+    There may be more *devices* on the air, master included, for slaves that join later.
+    """
 
     def __init__(
         self,
@@ -28,6 +42,7 @@ class Bench:
         clock: NativeClock | None = None,
         first_due: int = 80,
         idle: bool = True,
+        devices: int | None = None,
         **settings: object,
     ) -> None:
         self.kernel = Kernel()
@@ -37,7 +52,8 @@ class Bench:
         self.news: list[tuple[Time, Address, LinkEvent]] = []
         self.deliveries = 0
         self.deaf: set[tuple[Address, Address]] = set()
-        self.air = Air(size + 1, lambda frame, fate: self.frames.append((frame, fate.heard)))
+        self.devices = devices or size + 1
+        self.air = Air(self.devices, lambda frame, fate: self.frames.append((frame, fate.heard)))
         log = FrameLog(self.air, MASTER, self.clock, wanted=True, idle_wanted=idle)
         self.piconet = Piconet(
             self.kernel,
@@ -59,11 +75,16 @@ class Bench:
 
     def change(self, deaf: set[tuple[Address, Address]]) -> None:
         self.deaf = deaf
-        powers = np.zeros_like(self.air.band.medium.power_dbm)
-        np.fill_diagonal(powers, -np.inf)
-        for transmitter, receiver in deaf:
-            powers[transmitter, receiver] = -np.inf
-        self.air.set_powers(powers, self.kernel.now)
+        self.air.set_powers(equal_powers_dbm(self.devices, deaf), self.kernel.now)
+
+    def jam(self, jammer: Jammer) -> None:
+        """Have everybody receive *jammer* as strongly as each other."""
+        self.air.set_jammers([jammer], self.kernel.now)
+        self.air.set_jam_powers(np.zeros((1, self.devices)), self.kernel.now)
+
+    def ask(self, at: Time, side: Address, command: ModeCommand) -> None:
+        """Have the host of *side* ask for another mode of a link."""
+        self.kernel.at(at, lambda: self.piconet.modes.command(side, command))
 
     def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
         self.deliveries += 1
@@ -89,7 +110,11 @@ class Bench:
         ]
 
     def fates(self) -> list[tuple[Time, Address, int, Outcome]]:
-        return [(time, address, e.token, e.outcome) for time, address, e in self.news if isinstance(e, FateEvent)]
+        return [(time, address, e.token, e.outcome) for time, address, e in self.news if isinstance(e, Fate)]
+
+    def modes(self) -> list[tuple[Time, Address, Address, Mode]]:
+        """Return (time, host, peer, mode) of what hosts have learnt of the modes of their links."""
+        return [(time, host, e.peer, e.mode) for time, host, e in self.news if isinstance(e, ModeChanged)]
 
     def lost(self) -> list[tuple[Time, Address, Address]]:
         return [(time, address, e.peer) for time, address, e in self.news if isinstance(e, Lost)]

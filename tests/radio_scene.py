@@ -1,6 +1,7 @@
 """An air between a few devices, on which tests put frames by hand."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,21 @@ HAIR_DB = 1e-9
 NEVER = -math.inf
 
 
+def equal_powers_dbm(size: int, silent: Iterable[tuple[Address, Address]] = ()) -> np.ndarray[Any, Any]:
+    """Return 0 dBm from each device to each other, and nothing the *silent* ways (transmitter, receiver)."""
+    powers = np.zeros((size, size))
+    np.fill_diagonal(powers, NEVER)
+    for way in silent:
+        powers[way] = NEVER
+    return powers
+
+
 class Scene:
     """An air between some devices; device 0 receives what device 1 sends from BEGIN on, on channel 40."""
 
     def __init__(self, size: int = 6, interference: Interference = "neighbouring", **settings: Any) -> None:
         self.air = Air(size, None, interference, **settings)
-        self.powers = np.zeros((size, size))
-        np.fill_diagonal(self.powers, NEVER)
+        self.powers = equal_powers_dbm(size)
 
     def power(self, source: Address, power_dbm: float, receiver: Address = 0) -> None:
         self.powers[source, receiver] = power_dbm

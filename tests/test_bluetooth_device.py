@@ -259,7 +259,6 @@ def test_a_radio_that_is_switched_off_in_the_middle_of_a_frame_does_not_receive_
 def test_disconnect_closes_both_sides_and_both_can_be_found_again() -> None:
     world = World(2)
     world.connect(1)
-    world.hosts[0].react = lambda event: None
     world.command(1, Disconnect(0))
     world.kernel.run(world.kernel.now + 1)
     assert world.hosts[0].got(Lost) == [Lost(1)]

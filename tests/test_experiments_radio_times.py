@@ -1,5 +1,6 @@
 """inquiry_time and page_time: what their rows hold, and laws that the times must obey."""
 
+import csv
 import math
 from pathlib import Path
 from types import ModuleType
@@ -194,13 +195,29 @@ def test_page_time_is_reported(tmp_path: Path):
     assert {path.name for path in made.figures} == {"page_time_s.png", "page_time_distribution.png"}
 
 
+def published(name: str) -> dict[str, dict[str, str]]:
+    with (EXPERIMENTS / name / "published.csv").open(encoding="utf-8", newline="") as file:
+        return {row["id"]: row for row in csv.DictReader(file)}
+
+
+def test_figures_mark_the_numbers_that_are_published():
+    claims = published("page_time")
+    for (mode, estimate), mean_s in paging_figures.PUBLISHED_S.items():
+        assert float(claims[f"{mode.lower()}_{estimate}"]["published"]) == mean_s
+    claims = published("inquiry_time")
+    for row, procedure in (("v11", "v1.1"), ("v12", "v1.2"), ("interlaced", "v1.2 interlaced")):
+        assert claims[row]["quantity"] == f"discovery_time_s <= {discovery_figures.PUBLISHED[procedure]}"
+
+
 @pytest.mark.parametrize("module", [discovery_figures, paging_figures])
 @pytest.mark.parametrize("rows", [pd.DataFrame(), pd.DataFrame({"mode": ["R1"], "drift_ppm": [0]})])
 def test_figures_without_data_answer_that_there_is_none(module: ModuleType, rows: pd.DataFrame):
     answers = {
         getattr(module, name)(rows, rows)
         for name in dir(module)
-        if name in {"late_v11", "late_v12", "late_interlaced", "phase_locked", "not_found_by_drift", "unanswered"}
+        if name
+        in {"late_v11", "late_v12", "late_interlaced", "phase_locked", "not_found_by_drift", "unanswered"}
+        | {"command_to_slot"}
     }
     assert answers == {("-", None)}
     assert module.draw(rows, rows, Path()) == []

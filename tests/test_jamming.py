@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer, on_air
+from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer, jams
 from cosim.units import Time
+
+
+def on_air(jammer: Jammer, start_ns: Time, end_ns: Time, channel: int) -> bool:
+    """Ask the kernel whether *jammer* is on *channel* at any instant of [start_ns, end_ns)."""
+    place = jammer.channels.index(channel) if channel in jammer.channels else -1
+    times = jammer.mode, jammer.dwell, jammer.on, jammer.period, jammer.start, jammer.end
+    return bool(jams(*times, place, len(jammer.channels), start_ns, end_ns))
 
 
 def on_at(jammer: Jammer, time: Time, channel: int) -> bool:

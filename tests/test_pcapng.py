@@ -17,9 +17,11 @@ from cosim.channels.bluetooth.bits.codes import crc16
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Identity
 from cosim.cli import main
-from cosim.export.baseband import LINK_TYPE, write_capture
+from cosim.export.baseband import LINK_TYPE, packets, write_capture
 from cosim.export.pcapng import INBOUND, Interface, Packet, write_pcapng
-from cosim.units import US, S
+from cosim.machine import Outgoing, RoleChanged, SwitchRole
+from cosim.units import MS, US, S
+from tests.bluetooth_world import World
 
 GIAC = 0x9E8B33
 MASTER, SLAVE, OTHER = 0, 1, 2
@@ -96,6 +98,7 @@ SPOILT = [
     row(6_040_000, DOWN, "POLL", None, 3, 0, "out_of_range"),
     row(6_050_000, DOWN, "POLL", None, 3, 0, "not_tuned"),
 ]
+REFUSED = [row(6_060_000, DOWN, "DH1", MASTER, 3, 5, "refused")]
 BROADCAST = [
     row(7_000_000, DOWN, "DM1", MASTER, 0, 13),
     row(7_000_000, (MASTER, OTHER), "DM1", MASTER, 0, 13),
@@ -108,6 +111,7 @@ ROWS = [
     *PAGED,
     *INQUIRED,
     *SPOILT,
+    *REFUSED,
     *BROADCAST,
 ]  # idle frames are recorded late, others when they end
 
@@ -232,7 +236,7 @@ def test_lt_addr_and_type_are_those_of_the_table(captured: list[Seen]):
 @pytest.mark.slow
 def test_payloads_have_their_lengths_and_crc(captured: list[Seen]):
     whole = {row: packet for row, packet in zip(HEARD, captured, strict=True) if row.kind[0] == "D" and not row.part}
-    assert len(whole) == len(TALKED) + len(BROADCAST) + 1
+    assert len(whole) == len(TALKED) + len(BROADCAST) + len(REFUSED) + 1
     assert all(packet.length == row.length and not packet.crc_error for row, packet in whole.items())
 
 
@@ -310,6 +314,27 @@ def test_a_capture_that_fails_leaves_what_was_there(tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
         write_pcapng(path, LINK_TYPE, [Interface("robot 0", "")], packets())
     assert [(file, file.read_bytes()) for file in tmp_path.iterdir()] == [(path, b"old")]
+
+
+def test_a_link_that_has_been_turned_round_has_the_access_code_of_its_new_master():
+    """Who has so much to say that it never polls."""
+    world = World(2)
+    world.connect(1)
+    now = world.kernel.now
+    for number in range(60):
+        world.at(now + number * 8 * MS, lambda: world.channel.send(1, Outgoing(0, b"x")))
+    world.at(now + 240 * MS, lambda: world.command(0, SwitchRole(1)))
+    world.kernel.run(now + 480 * MS)
+    devices = [device.identity for device in world.channel.devices]
+    frames = world.trace.columns("frames")
+    laps = [(packet.time, *struct.unpack_from("<I", packet.data, 8)) for packet in packets(frames, devices)]
+    old, new = (device.hop_address & 0xFFFFFF for device in devices)
+    turned = world.hosts[1].when(RoleChanged)[0]
+    assert {lap for time, lap in laps if now < time < turned} == {old}
+    later = [lap for time, lap in laps if time >= turned]
+    assert later == [new] * len(later)
+    assert len(later) > 40
+    assert "POLL" not in [kind for kind, time in zip(frames["kind"], frames["time_ns"], strict=True) if time >= turned]
 
 
 def test_a_table_without_parts_is_read_too(tmp_path: Path):

@@ -8,13 +8,8 @@ from pydantic import ValidationError
 from scipy import optimize, stats
 
 from cosim.channels.bluetooth.errors import bit_error_rate
-from cosim.channels.propagation import (
-    POWER_DBM,
-    Propagation,
-    PropagationSettings,
-    noise_dbm,
-    thermal_noise_dbm,
-)
+from cosim.channels.bluetooth.reach import POWER_DBM, noise_dbm, thermal_noise_dbm
+from cosim.channels.propagation import Propagation, PropagationSettings
 from cosim.geometry.segments import segment_grid
 from cosim.randomness import Draws
 from cosim.world.offices import OfficeSettings, office_walls

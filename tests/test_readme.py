@@ -5,6 +5,9 @@ import runpy
 from pathlib import Path
 
 import pytest
+import yaml
+
+from cosim.scenario import Scenario
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
@@ -33,6 +36,14 @@ def test_the_python_lines_run_on_the_scenario_and_cover_the_floor(
 def test_the_examples_are_as_short_as_promised() -> None:
     assert len(block("yaml").splitlines()) <= 11
     assert len([line for line in block("python").splitlines() if line]) <= 10
+
+
+def test_the_lines_on_radio_and_faults_are_a_scenario() -> None:
+    (lines,) = re.findall(r"```\n(channel:.*?)```", README, re.DOTALL)
+    given = yaml.safe_load(block("yaml")) | yaml.safe_load(lines)
+    made = Scenario.model_validate(given)
+    assert [fault.kind for fault in made.faults] == ["kill", "jammer"]
+    assert made.model_dump()["channel"]["propagation"]["exponent"] == 3.0
 
 
 def test_every_experiment_is_in_the_table() -> None:

@@ -35,24 +35,6 @@ class Jammer(NamedTuple):
     end: Time
 
 
-def on_air(jammer: Jammer, start_ns: Time, end_ns: Time, channel: int) -> bool:
-    """Return whether *jammer* is on *channel* at any instant of [start_ns, end_ns)."""
-    place = jammer.channels.index(channel) if channel in jammer.channels else -1
-    found: bool = jams(
-        jammer.mode,
-        jammer.dwell,
-        jammer.on,
-        jammer.period,
-        jammer.start,
-        jammer.end,
-        place,
-        len(jammer.channels),
-        start_ns,
-        end_ns,
-    )
-    return found
-
-
 @njit(cache=True)
 def jams(
     mode: int,

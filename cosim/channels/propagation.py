@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from cosim.channels.bluetooth.errors import SENSITIVITY_BER, es_n0_db_at
 from cosim.geometry.segments import SegmentGrid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
@@ -27,10 +26,6 @@ from cosim.world.sight import wall_losses_db
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
-POWER_DBM: Final = {1: 20.0, 2: 4.0, 3: 0.0}
-"""The most that a Bluetooth device of power class 1, 2 or 3 transmits."""
-THERMAL_NOISE_DBM: Final = -114.0
-"""Of 290 K in a bandwidth of 1 MHz."""
 NEAREST_M: Final = 0.1
 """Robots that are nearer to each other count as so far apart: the law holds for the far field, about a wavelength."""
 
@@ -81,16 +76,6 @@ class Propagation:
         if self._through_walls:
             gains -= wall_losses_db(self._walls, self._loss_db, positions)
         return gains
-
-
-def noise_dbm(sensitivity_dbm: float) -> float:
-    """Return the noise in dBm at a Bluetooth receiver whose sensitivity, at a bit error rate of 1e-3, is this."""
-    return sensitivity_dbm - es_n0_db_at(SENSITIVITY_BER)
-
-
-def thermal_noise_dbm(noise_figure_db: float) -> float:
-    """Return the noise in dBm within 1 MHz at a receiver with the noise figure *noise_figure_db*."""
-    return THERMAL_NOISE_DBM + noise_figure_db
 
 
 # ---------------------------------------------------------------- kernels

@@ -1,9 +1,10 @@
 """Captures of Bluetooth runs: the table of frames as packets of LINKTYPE_BLUETOOTH_BREDR_BB, one interface a radio.
 
 Captured is, at the radio of its receiver, every frame whose header was received, that is each row of the table whose
-outcome is "received", or of which the payload alone was lost; such a one is marked as having a bad CRC. A frame that
-its receiver did not hear is in no capture. Times, channels, addresses, types and lengths are the run's; the bytes of
-payloads, which the table does not hold, are zeros. FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
+outcome is "received" or (a whole payload for which there was no room) "refused", or of which the payload alone was
+lost; such a one is marked as having a bad CRC. A frame that its receiver did not hear is in no capture. Times,
+channels, addresses, types and lengths are the run's; the bytes of payloads, which the table does not hold, are zeros.
+FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ from struct import Struct
 from typing import Any, Final, NamedTuple
 
 from cosim.channels.bluetooth.bits.packet import TYPE_CODES, Fhs, Header, payload_bytes
+from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Identity
 from cosim.channels.bluetooth.hopping import GIAC
 from cosim.channels.bluetooth.packets import ACL, PACKETS
@@ -45,6 +47,8 @@ _HEC_PASSED: Final = 0x0300
 _CRC_CHECKED: Final = 0x0400
 _CRC_PASSED: Final = 0x0800
 
+_WHOLE: Final = (Heard.RECEIVED, Heard.REFUSED)
+"""Outcomes of frames of which no bit was wrong."""
 INQUIRY: Final = -1
 """Stands for the general inquiry access code, which belongs to no device."""
 NO_LLID: Final = 0
@@ -79,8 +83,8 @@ def write_capture(path: Path, frames: Mapping[str, Sequence[Any]], devices: Sequ
 def packets(frames: Mapping[str, Sequence[Any]], devices: Sequence[Identity]) -> Iterator[Packet]:
     """Yield the packets that the receivers of *frames* capture, in the order of time."""
     rows = sorted(_rows(frames), key=attrgetter("time"))
-    for row, owner, called in zip(rows, access_codes(rows), lt_addrs_given(rows), strict=True):
-        if row.outcome == Heard.RECEIVED or row.part == Part.PAYLOAD:
+    for row, owner, called in zip(rows, access_codes(rows, devices), lt_addrs_given(rows), strict=True):
+        if row.outcome in _WHOLE or row.part == Part.PAYLOAD:
             yield _packet(row, owner, called, devices)
 
 
@@ -96,7 +100,7 @@ def _packet(row: Row, owner: Address, called: int, devices: Sequence[Identity]) 
     """Return the packet of *row*, which begins with the access code of *owner*; an FHS says that it is *called* so."""
     word = GIAC if owner == INQUIRY else devices[owner].hop_address
     lap, uap = word & 0xFFFFFF, word >> 24
-    passed = row.outcome == Heard.RECEIVED
+    passed = row.outcome in _WHOLE
     payload = b""
     if row.kind == "ID":
         header, transport, flags = 0, _ANY_TRANSPORT, _LAP_VALID
@@ -144,27 +148,39 @@ def _rows(frames: Mapping[str, Sequence[Any]]) -> Iterator[Row]:
     return starmap(Row, zip(*(frames[name] for name in names), parts, strict=True))
 
 
-def access_codes(rows: Sequence[Row]) -> list[Address]:
+def access_codes(rows: Sequence[Row], devices: Sequence[Identity]) -> list[Address]:
     """Return for each of *rows*, in the order of time, whose access code the frame begins with: a device, or INQUIRY.
 
-    In a piconet it is the master's, who sends the first frame of a link, and every POLL; in a page it is the paged
-    device's. A page's ID or FHS is known by its answer: all answers begin exactly 625 us after what they answer, and in
-    a page an ID or FHS is answered by an ID, in an inquiry an ID by an FHS, or nothing. So the ID of a page that the
-    paged device leaves unanswered, because it is gone by then, passes for one of an inquiry.
+    In a piconet it is the master's, on whose clock all frames begin; it sends every POLL and, where clocks do not tell,
+    the first frame of a link. In a page it is the paged device's. A page's ID or FHS is known by its answer: all
+    answers begin exactly 625 us after what they answer, and in a page an ID or FHS is answered by an ID, in an inquiry
+    an ID by an FHS, or nothing. So the ID of a page that the paged device leaves unanswered, because it is gone by
+    then, passes for one of an inquiry.
     """
     sent = {(row.kind, row.time, row.source, row.destination) for row in rows if row.kind in ("ID", "FHS")}
     masters: dict[frozenset[Address], Address] = {}
-    return [_access_code(row, sent, masters) for row in rows]
+    return [_asked(row, sent) if row.kind in ("ID", "FHS") else _master(row, devices, masters) for row in rows]
 
 
-def _access_code(
-    row: Row, sent: set[tuple[str, Time, Address, Address]], masters: dict[frozenset[Address], Address]
-) -> Address:
+def _master(row: Row, devices: Sequence[Identity], masters: dict[frozenset[Address], Address]) -> Address:
+    """Return the master of the piconet of *row*; *masters* holds that of each link as the rows before have it."""
+    ends = frozenset((row.source, row.destination))
+    down = row.kind == "POLL" or _begins(row.time, devices[row.source].clock, 0)
+    up = row.kind != "POLL" and _begins(row.time, devices[row.destination].clock, 2)
+    if down != up:
+        masters[ends] = row.source if down else row.destination
+    return masters.setdefault(ends, row.source)
+
+
+def _begins(time: Time, clock: NativeClock, phase: int) -> bool:
+    """Return whether a tick of *clock* begins at *time* that is *phase* mod 4: 0 where masters send, 2 where slaves."""
+    tick = clock.tick(time)
+    return tick % 4 == phase and clock.time_of(tick) == time
+
+
+def _asked(row: Row, sent: set[tuple[str, Time, Address, Address]]) -> Address:
+    """Return whose access code an ID or FHS begins with: who is asked for, by what *sent* has before and after it."""
     source, destination = row.source, row.destination
-    if row.kind not in ("ID", "FHS"):
-        if row.kind == "POLL":
-            masters[frozenset((source, destination))] = source
-        return masters.setdefault(frozenset((source, destination)), source)
 
     def answers(time: Time, source: Address, destination: Address) -> bool:
         return any((kind, time - RESPONSE_DELAY, destination, source) in sent for kind in ("ID", "FHS"))

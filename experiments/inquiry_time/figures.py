@@ -88,7 +88,12 @@ def _distributions(plot: Any, rows: pd.DataFrame, interval_s: float) -> None:
             plot.plot(PUBLISHED[procedure], 0.99, "v", color=f"C{rank}", markersize=8, markeredgecolor="k")
     if interval_s == 1.28:
         plot.plot([], [], "kv", label="99 %, Peterson et al.")
-    plot.set(title=f"a scan every {interval_s:g} s, {_drift(drift)}", xlabel="s", xlim=(0, 10), ylim=(0, 1.02))
+    plot.set(
+        title=f"a scan every {interval_s:g} s, {_drift(drift)}",
+        xlabel="discovery time, s",
+        xlim=(0, 10),
+        ylim=(0, 1.02),
+    )
     plot.set_ylabel("share of devices found")
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small", loc="lower right")
@@ -110,7 +115,7 @@ def _tail(plot: Any, observations: pd.DataFrame) -> None:
     rows = observations[(observations["version"] == "1.1") & (observations["scan_interval_s"] == longest)]
     for rank, (drift, part) in enumerate(rows.groupby("drift_ppm")):
         _step(plot, part["discovery_time_s"], late=True, color=f"C{rank + 3}", label=_drift(drift))
-    plot.set(title=f"v1.1, a scan every {longest:g} s: phase lock", xlabel="s", yscale="log")
+    plot.set(title=f"v1.1, a scan every {longest:g} s: phase lock", xlabel="discovery time, s", yscale="log")
     plot.set_ylabel("share of devices not found yet")
     plot.grid(alpha=0.3)
     if len(rows):

@@ -32,14 +32,13 @@ from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S, Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.bluetooth import Bluetooth
+from protocols.pseudonet.bluetooth import Bluetooth, Setup
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.messages import Action, Kind, Message, Sync, decode, encode
-from protocols.pseudonet.parameters import Parameters as SetUpParameters
-from protocols.pseudonet.parameters import Timing
+from protocols.pseudonet.parameters import TeamParameters, Timing
 from protocols.pseudonet.upcalls import Exchanged, MessageWanted, TeamChanged, Upcall
 
-SET_UP: Final = SetUpParameters(inquiries=5, page_attempts=3)
+SET_UP: Final = TeamParameters(inquiries=5, page_attempts=3)
 TIMES: Final = Timing(
     step=S,
     retry=100 * MS,
@@ -123,7 +122,7 @@ class _Endpoint:
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
-        if self.setup.state.name == "OFF":
+        if self.setup.state is Setup.OFF:
             self.setup.start(now)
         else:
             self.began = now
@@ -159,7 +158,7 @@ class UnicastSlave(_Endpoint):
         """Load the state once the link is up."""
         before = self.setup.state
         super().link(event, now)
-        if self.setup.state is not before and self.setup.state.name == "JOINED":
+        if self.setup.state is not before and self.setup.state is Setup.JOINED:
             self.out.append(Outgoing(0, state(self.me)))
 
 

@@ -1,5 +1,6 @@
 """Rates beside the closed form and beside the reference's table."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,16 +26,9 @@ TABLE_KBPS: Final = {
 }
 """The reference's table, to 0.1 kb/s, at ``ES_N0_DB``."""
 BEST: Final[dict[float, str]] = {
-    8: "DM1",
-    10: "DM1",
-    11: "DM3",
-    12: "DM5",
-    13: "DM5",
-    14: "DH5",
-    15: "DH5",
-    16: "DH5",
-    18: "DH5",
+    es_n0_db: max(TABLE_KBPS, key=lambda packet: TABLE_KBPS[packet][column]) for column, es_n0_db in enumerate(ES_N0_DB)
 }
+"""The type with the highest rate of the table at each Es/N0."""
 
 
 def tolerance_kbps(expected_kbps: float) -> float:
@@ -69,7 +63,7 @@ def within_closed_form(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer
     return told, bool(max(shares) <= 1)
 
 
-def _table(runs: pd.DataFrame, packet: str) -> Answer:
+def _table(packet: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return our rates of one type, beside the table's; it holds if all are within 1 % or 0.1 kb/s."""
     known = dict(zip(ES_N0_DB, TABLE_KBPS[packet], strict=True))
     found = [(row["es_n0_db"], row["throughput_kbps"]) for _, row in _means(runs, packet).iterrows()]
@@ -80,34 +74,8 @@ def _table(runs: pd.DataFrame, packet: str) -> Answer:
     return told, all(abs(ours.mean - known[es_n0_db]) <= tolerance_kbps(known[es_n0_db]) for es_n0_db, ours in found)
 
 
-def dm1(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DM1 against the table."""
-    return _table(runs, "DM1")
-
-
-def dh1(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DH1 against the table."""
-    return _table(runs, "DH1")
-
-
-def dm3(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DM3 against the table."""
-    return _table(runs, "DM3")
-
-
-def dh3(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DH3 against the table."""
-    return _table(runs, "DH3")
-
-
-def dm5(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DM5 against the table."""
-    return _table(runs, "DM5")
-
-
-def dh5(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold DH5 against the table."""
-    return _table(runs, "DH5")
+dm1, dh1, dm3, dh3, dm5, dh5 = (partial(_table, packet) for packet in TABLE_KBPS)
+"""Hold a type against the table."""
 
 
 def best_types(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

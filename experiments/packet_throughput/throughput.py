@@ -13,11 +13,10 @@ from pydantic import Field
 
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.errors import throughput_kbps
-from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.packets import ACL, AclName, PacketType
-from cosim.channels.bluetooth.scanning import first_transmission
+from cosim.channels.bluetooth.reach import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.channels.propagation import POWER_DBM, PropagationSettings
+from cosim.channels.propagation import PropagationSettings
 from cosim.errors import CosimError
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, Fate, LinkEvent, Outcome, Outgoing, Page, PageFailed, Reception
@@ -26,6 +25,7 @@ from cosim.settings import Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, SLOT, S, Time, to_seconds
+from experiments.page_time.paging import known_offset
 
 MASTER: Final[Address] = 0
 SLAVE: Final[Address] = 1
@@ -157,9 +157,7 @@ def distance_m(settings: BluetoothSettings, es_n0_db: float) -> float:
 
 def _connect(kernel: Kernel, channel: BluetoothChannel, host: Host) -> None:
     mine, other = (channel.devices[address].identity.clock for address in (MASTER, SLAVE))
-    first = first_transmission(mine, 0)
-    offset = (other.tick(mine.time_of(first)) - first) & ~3
-    channel.command(MASTER, Page(SLAVE, offset % CLOCK_RANGE))
+    channel.command(MASTER, Page(SLAVE, known_offset(mine, other, kernel.now)))
     while not host.connected:
         if host.failed or kernel.now > SET_UP_WITHIN:
             raise CosimError("the link was not set up")

@@ -69,7 +69,7 @@ def _distributions(plot: Any, rows: pd.DataFrame, mode: str) -> None:
             plot.axvline(PUBLISHED_S[mode, str(estimate)] * scale, color="k", linestyle=":")
     plot.plot([], [], "k-", linewidth=1, label="our means")
     plot.plot([], [], "k:", label="published means")
-    plot.set(title=f"{mode}", xlabel=unit, ylim=(0, 1.02))
+    plot.set(title=mode, xlabel=f"page time, {unit}", ylim=(0, 1.02))
     plot.set_ylabel("share of pages answered")
     plot.grid(alpha=0.3)
     plot.legend(fontsize="small", loc="lower right")

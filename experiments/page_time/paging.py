@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from pydantic import Field
 
+from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.paging import PageSettings
@@ -89,6 +90,15 @@ def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
     return rows
 
 
+def known_offset(pager: NativeClock, paged: NativeClock, now: Time) -> int:
+    """Return how far *paged* is ahead of *pager* in ticks, as an inquiry at *now* would have told a host.
+
+    An FHS tells bits 27-2 of a clock, so that is a multiple of 4.
+    """
+    first = first_transmission(pager, now)
+    return ((paged.tick(pager.time_of(first)) - first) & ~3) % CLOCK_RANGE
+
+
 def page_times(given: Parameters, streams: Streams, number: int) -> Times:
     """Return how long it takes from the page to the start of the paged device's first response."""
     stream = streams("page", number)
@@ -102,12 +112,10 @@ def page_times(given: Parameters, streams: Streams, number: int) -> Times:
     for address, host in enumerate(hosts):
         channel.attach(address, host)
     pager, paged = (channel.devices[address].identity.clock for address in (PAGER, PAGED))
-    first = first_transmission(pager, 0)
-    begin = pager.time_of(first)
-    # an FHS tells bits 27-2 of a clock, so what a host can know is a multiple of 4 ticks
-    exact = paged.tick(begin) - first
-    offset = (exact if given.estimate == "exact" else int(stream.integers(CLOCK_RANGE))) & ~3
-    channel.command(PAGER, Page(PAGED, offset % CLOCK_RANGE))
+    begin = pager.time_of(first_transmission(pager, 0))
+    exact = given.estimate == "exact"
+    offset = known_offset(pager, paged, 0) if exact else int(stream.integers(CLOCK_RANGE)) & ~3
+    channel.command(PAGER, Page(PAGED, offset))
     while not hosts[PAGER].over:
         kernel.run(kernel.now + LOOK)
     frames = trace.columns("frames")

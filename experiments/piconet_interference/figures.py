@@ -1,5 +1,6 @@
 """Survival beside the closed forms, and the claims that need all numbers of piconets at once."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def _listed(rows: pd.DataFrame, column: str = "survival") -> list[tuple[int, Est
     return list(zip(found["piconets"], found[column], strict=True))
 
 
-def _against(runs: pd.DataFrame, traffic: str, column: str) -> Answer:
+def _against(traffic: str, column: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return our survival by N beside a closed form; it holds if that lies in all intervals, widened to hold together.
 
     Of k intervals of 95 % one in twenty misses the truth, so each is taken at 1 - 0.05 / k (Bonferroni). Open without
@@ -57,29 +58,14 @@ def _widening(size: int, claims: int) -> float:
     return float(wide / single)
 
 
-def one_slot(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold frames of 366 us against the published form."""
-    return _against(runs, "one_slot", "closed_form")
-
-
-def full_slot(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold frames of 625 us against the published form."""
-    return _against(runs, "full_slot", "closed_form")
-
-
-def synchronised(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold piconets with aligned slots against the published form."""
-    return _against(runs, "synchronised", "closed_form")
-
-
-def one_slot_exact(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold frames of 366 us against the form for hops that do not repeat."""
-    return _against(runs, "one_slot", "without_repeats")
-
-
-def full_slot_exact(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Hold frames of 625 us against the form for hops that do not repeat."""
-    return _against(runs, "full_slot", "without_repeats")
+one_slot, full_slot, synchronised = (
+    partial(_against, traffic, "closed_form") for traffic in ("one_slot", "full_slot", "synchronised")
+)
+"""Hold frames of 366 us, of 625 us, and of 366 us in aligned slots against the published form."""
+one_slot_exact, full_slot_exact = (
+    partial(_against, traffic, "without_repeats") for traffic in ("one_slot", "full_slot")
+)
+"""Hold frames of 366 us and of 625 us against the form for hops that do not repeat."""
 
 
 def spread_of_pairs(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

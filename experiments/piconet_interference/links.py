@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.packets import DH1
-from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import CosimError
 from cosim.kernel import Kernel
@@ -14,6 +12,7 @@ from cosim.machine import Address, Connected, LinkEvent, Outgoing, Page, PageFai
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S
+from experiments.page_time.paging import known_offset
 
 SET_UP_WITHIN: Final = 60 * S
 SUPERVISION_S: Final = 2.0
@@ -34,9 +33,7 @@ class Host:
         """Page the slave, whose clock is known from a former inquiry."""
         self.paging = True
         mine, other = (self._channel.devices[a].identity.clock for a in (self.address, self.address + 1))
-        first = first_transmission(mine, self._channel.kernel.now)
-        offset = other.tick(mine.time_of(first)) - first
-        self._channel.command(self.address, Page(self.address + 1, (offset & ~3) % CLOCK_RANGE))
+        self._channel.command(self.address, Page(self.address + 1, known_offset(mine, other, self._channel.kernel.now)))
 
     def receive(self, data: bytes, reception: Reception, now: int) -> None:
         """Take a payload."""

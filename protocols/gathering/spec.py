@@ -10,14 +10,15 @@ import numpy as np
 from cosim.machine import Address, Metric, ProtocolSpec
 from cosim.units import Time
 from protocols.gathering.gathering import GatheringCoordination
-from protocols.gathering.parameters import Parameters
 from protocols.gathering.referee import GatheringReferee
 from protocols.pseudonet import spec as pseudonet
 from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.machine import Pseudonet
+from protocols.pseudonet.parameters import TeamParameters
 
 OF_COVERAGE: Final = {"coverage", "time_to_cover_s", "overlap_ratio"}
+"""Metrics of Pseudonet that say nothing of a team that gathers."""
 
 METRICS: Final = (
     Metric("gathered", "1", "share of the living robots that stand together at the end, each beside another"),
@@ -25,6 +26,10 @@ METRICS: Final = (
     Metric("spread_m", "m", "distance of the living robots from their common centre at the end, root mean square"),
     *(metric for metric in pseudonet.METRICS if metric.name not in OF_COVERAGE),
 )
+
+
+class Parameters(TeamParameters):
+    """Parameters of gathering, in which a team comes together round its most central robot."""
 
 
 def make(

@@ -30,7 +30,7 @@ from protocols.pseudonet.journal import (
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import Message
 from protocols.pseudonet.messaging import Messaging, Stance
-from protocols.pseudonet.parameters import Parameters
+from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.phases import TABLE, Input, Phase
 from protocols.pseudonet.reconciliation import Reconciliation
 from protocols.pseudonet.records import Records
@@ -45,7 +45,7 @@ class Application:
 
     def __init__(
         self,
-        parameters: Parameters,
+        parameters: TeamParameters,
         knowledge: Knowledge,
         me: Address,
         coordination: Coordination,

@@ -111,6 +111,7 @@ class Assembly:
 
     def _call_roll(self, directory: Directory, now: Time) -> None:
         self.registry.deadline = None
+        # others may be one exchange ahead and take messages of the one after it: none of those is of the new team
         number = (self.exchange + 4) % EXCHANGES
         for census in self.registry.roll(directory, number):
             self._pass_on(encode(census, directory), self.me)

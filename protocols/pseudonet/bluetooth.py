@@ -35,7 +35,7 @@ from cosim.machine import (
     next_state,
 )
 from cosim.units import Time
-from protocols.pseudonet.parameters import Parameters, Timing
+from protocols.pseudonet.parameters import TeamParameters, Timing
 
 FULL_WAITS: Final = 2
 """Robots that may be dead for which the whole stagger is waited; for any others a quarter of it."""
@@ -108,7 +108,7 @@ class Bluetooth:
         size: int,
         links: dict[Address, Role],
         times: Timing,
-        parameters: Parameters,
+        parameters: TeamParameters,
         ready: Callable[[tuple[Address, ...], tuple[int, int], Time], None],
         taken: Callable[[Time], None],
     ) -> None:

@@ -21,7 +21,7 @@ from protocols.pseudonet.bluetooth import Bluetooth
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.knowledge import Knowledge
-from protocols.pseudonet.parameters import Parameters
+from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.scatternet import Scatternet
 from protocols.pseudonet.upcalls import Upcall
@@ -38,7 +38,7 @@ class Pseudonet:
 
     def __init__(
         self,
-        parameters: Parameters,
+        parameters: TeamParameters,
         knowledge: Knowledge,
         me: Address,
         coordination: Coordination,

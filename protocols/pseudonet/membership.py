@@ -19,7 +19,7 @@ from cosim.machine import (
 )
 from cosim.units import Time
 from protocols.pseudonet.bluetooth import Bluetooth, Input, Setup
-from protocols.pseudonet.parameters import Parameters, Timing
+from protocols.pseudonet.parameters import TeamParameters, Timing
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.topology import Directory, Piconet, colour, colours
 from protocols.pseudonet.wide import Assignment, Welcome, encode
@@ -49,7 +49,7 @@ class Membership(Bluetooth):
         size: int,
         links: dict[Address, Role],
         times: Timing,
-        parameters: Parameters,
+        parameters: TeamParameters,
         relay: Relay,
         taken: Callable[[Time], None],
     ) -> None:

@@ -8,36 +8,26 @@ from pydantic import Field
 from cosim.machine import Surroundings
 from cosim.settings import Settings
 from cosim.units import Time, from_seconds
+from protocols.pseudonet.topology import Topology
 
 
-class Parameters(Settings):
-    """Parameters of Pseudonet and its coverage algorithms."""
+class TeamParameters(Settings):
+    """Parameters of a team on Pseudonet's rooms, whatever its task is."""
 
-    algorithm: Literal["oscard", "random_walk", "boustrophedon", "spanning_tree"] = "boustrophedon"
-    topology: Literal["ring", "tree", "bridged"] = Field(
+    topology: Topology = Field(
         default="ring", description="shape of the scatternet of a team that does not fit into one piconet"
     )
     piconet_size: int = Field(default=8, ge=3, le=8, description="devices in a piconet, the master included")
     share_slots: int = Field(
         default=32, ge=4, multiple_of=2, description="slots on end that a bridge spends in each of its piconets"
     )
-    cell_m: float = Field(default=0.5, gt=0, description="side of a coverage cell, the footprint of a robot")
+    cell_m: float = Field(default=0.5, gt=0, description="side of a cell of the grid, the footprint of a robot")
     step_limit: int | None = Field(
         default=None,
         gt=0,
-        description="steps after which the team ends; by default none for the complete algorithms, and for the "
-        "others four times the number of cells that each robot would have to cover",
+        description="steps after which the team ends; by default none for a task that ends by itself, and for OSCARD "
+        "and random walk four times the number of cells that each robot would have to cover",
     )
-    stop_ratio: float = Field(
-        default=1.0,
-        gt=0,
-        le=1,
-        description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
-    )
-    patience: int = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
-    history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
-    revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
-    k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")
     rounds: int = Field(
         default=2, ge=0, description="how often a team tries the cells again that it could not enter, before it ends"
     )
@@ -67,8 +57,26 @@ class Parameters(Settings):
     map_bytes: int = Field(
         default=96, gt=0, le=512, description="bytes of coverage map in a message; DM1 packets carry 5"
     )
-    acknowledge: bool = Field(default=True, description="the master acknowledges help and trap messages")
+    acknowledge: bool = Field(
+        default=True, description="the master of a single piconet acknowledges help and trap messages"
+    )
     trace_calls: bool = Field(default=False, description="report the calls from room to room")
+
+
+class Parameters(TeamParameters):
+    """Parameters of Pseudonet and its coverage algorithms."""
+
+    algorithm: Literal["oscard", "random_walk", "boustrophedon", "spanning_tree"] = "boustrophedon"
+    stop_ratio: float = Field(
+        default=1.0,
+        gt=0,
+        le=1,
+        description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
+    )
+    patience: int = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
+    history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
+    revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
+    k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")
 
 
 class Timing(NamedTuple):
@@ -87,7 +95,7 @@ class Timing(NamedTuple):
     silence: Time
 
 
-def timing(parameters: Parameters, surroundings: Surroundings) -> Timing:
+def timing(parameters: TeamParameters, surroundings: Surroundings) -> Timing:
     """Return the durations: a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached."""
     distance, speed, acceleration = parameters.cell_m, surroundings.speed_mps, surroundings.acceleration_mps2
     if distance * acceleration >= speed * speed:

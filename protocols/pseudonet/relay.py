@@ -188,7 +188,7 @@ class Relay(Assembly):
             self.out.append(Outgoing(BROADCAST, data))
         self._asked = 0
         self._ask_at = now + self._repair
-        self._stall_at = now + self._silence * (1 if self.leads() else 2)
+        self._await_others(now)
         self._complete(now)
 
     def _complete(self, now: Time) -> None:
@@ -214,4 +214,8 @@ class Relay(Assembly):
         self._stored = {}
         self._join(exchange)
         self._roll_call = True
+        self._await_others(now)
+
+    def _await_others(self, now: Time) -> None:
+        """Give those who are silent time from now on; the root acts first, as it alone can go on without them."""
         self._stall_at = now + self._silence * (1 if self.leads() else 2)

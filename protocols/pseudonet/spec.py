@@ -19,7 +19,7 @@ from protocols.pseudonet.journal import EVENTS
 from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import MESSAGE_KINDS
-from protocols.pseudonet.parameters import Parameters, timing
+from protocols.pseudonet.parameters import Parameters, TeamParameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
 from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
@@ -29,7 +29,6 @@ TEAM_LIMIT = ROBOTS
 """The 5-bit numbers of robots in the wide form of packets."""
 COLUMN_LIMIT = 4096
 """The 12-bit columns and rows of messages."""
-MESSAGES = MESSAGE_KINDS
 PLANNERS = {"boustrophedon": boustrophedon, "spanning_tree": spanning_tree}
 FREE_STEPS = 4
 """Default step limit of the algorithms that need not end: so many times each robot's share of the cells."""
@@ -40,7 +39,7 @@ METRICS = (
     Metric("overlap_ratio", "1", "entries of cells that were covered already, over the cells covered"),
     Metric("cells", "1", "cells that could be reached in the beginning"),
     Metric("steps", "1", "steps that the team agreed on"),
-    *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in MESSAGES),
+    *(Metric(f"messages_{kind.name.lower()}", "1", f"{kind.name.lower()} messages sent") for kind in MESSAGE_KINDS),
     Metric("exchanges", "1", "exchanges completed, by the robot that has completed most"),
     Metric("exchange_s", "s", "mean duration of an exchange (cycle time), measured by masters"),
     Metric("radio_wait_s", "s", "time in which the team stood still while messages were exchanged"),
@@ -53,7 +52,9 @@ METRICS = (
 )
 
 
-def _grid(parameters: Parameters, surroundings: Surroundings, starts_m: Sequence[tuple[float, float]]) -> CoverageGrid:
+def _grid(
+    parameters: TeamParameters, surroundings: Surroundings, starts_m: Sequence[tuple[float, float]]
+) -> CoverageGrid:
     if 2 * surroundings.radius_m > parameters.cell_m:
         raise UserError(
             f"protocol.parameters.cell_m: {parameters.cell_m} is not >= {2 * surroundings.radius_m}, "
@@ -83,7 +84,7 @@ def _grid(parameters: Parameters, surroundings: Surroundings, starts_m: Sequence
 
 
 def place(
-    parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator
+    parameters: TeamParameters, surroundings: Surroundings, size: int, stream: np.random.Generator
 ) -> list[tuple[float, float]]:
     """Spread *size* robots over random cells of the largest part of the floor that hangs together (Fig. 10)."""
     grid = _grid(parameters, surroundings, ())
@@ -93,7 +94,7 @@ def place(
     return [grid.centre_m(int(cell)) for cell in stream.choice(cells, size=size, replace=False)]
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Knowledge:
     """Lay the grid over the floor; raise UserError where a robot stands in no free cell, or two in one."""
     grid = _grid(parameters, surroundings, surroundings.starts_m)
     taken: dict[int, int] = {}
@@ -145,7 +146,8 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     resumed = sum(record.resumed for record in records)
     finished = [room for room in rooms if room.finished] or rooms
     sums = {
-        f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms)) for kind in MESSAGES
+        f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms))
+        for kind in MESSAGE_KINDS
     }
     return sums | {
         "cells": float(len(rooms[0].coordination.view.knowledge.cells)),

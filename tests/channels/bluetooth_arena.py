@@ -19,6 +19,7 @@ from cosim.machine import (
 )
 from cosim.units import MS, SLOT, TICK, S, Time
 from tests.bluetooth_world import World
+from tests.radio_scene import equal_powers_dbm
 
 CONTINUOUS = 0.01125
 SUPERVISION = 300 * MS
@@ -33,7 +34,7 @@ QUICK: dict[str, Any] = {
     "inquiry": {"n_inquiry": 1},
     "inquiry_scan": {"interval_s": CONTINUOUS},
 }
-PARTS = {"received", "out_of_range", "not_tuned", "busy", "collided", "bit_errors"}
+OUTCOMES = {"received", "out_of_range", "not_tuned", "busy", "collided", "bit_errors"}
 
 
 class Arena(World):
@@ -48,10 +49,7 @@ class Arena(World):
     def silence(self, ways: Iterable[tuple[Address, Address]], silent: bool = True) -> None:
         """Let nothing go any of the *ways* (transmitter, receiver) from now on, or let it go again."""
         self.silent = self.silent | set(ways) if silent else self.silent - set(ways)
-        powers = np.zeros((len(self.hosts), len(self.hosts)))
-        np.fill_diagonal(powers, -np.inf)
-        for way in self.silent:
-            powers[way] = -np.inf
+        powers = equal_powers_dbm(len(self.hosts), self.silent)
         for device in self.off:
             powers[device, :] = powers[:, device] = -np.inf
         self.channel.air.set_powers(powers, self.kernel.now)
@@ -129,7 +127,7 @@ def check(world: Arena, killed: Address | None) -> None:
         arrivals = Counter((source, data[:2]) for _, source, data, _ in host.received)
         assert max(arrivals.values(), default=1) == 1
     for frame in world.frames():
-        assert frame["outcome"] in PARTS
+        assert frame["outcome"] in OUTCOMES
         # what a slot pair holds is fixed at its start: a slave may answer the longest packet
         grace = 0 if frame["kind"] in ("ID", "FHS") else 6 * SLOT
         if frame["source"] in world.off and frame["time_ns"] > world.off[frame["source"]] + grace:

@@ -10,7 +10,6 @@ from cosim.channels.bluetooth.polling import USED
 from cosim.channels.bluetooth.radio import Heard
 from cosim.channels.jamming import CONSTANT, Jammer
 from cosim.units import MS, SLOT, S, Time
-from tests.channels.bluetooth_bench import RoomyBench
 from tests.piconet_bench import WORD, Bench
 
 JAMMED = tuple(range(30, 50))
@@ -92,7 +91,7 @@ def test_channels_are_given_in_the_order_in_which_the_hop_kernel_counts_them() -
 
 @pytest.mark.slow
 def test_with_a_jammer_on_twenty_channels_the_loss_falls_to_nothing() -> None:
-    bench = RoomyBench(1, 2, t_poll_slots=16, afh=AFH)
+    bench = Bench(1, t_poll_slots=16, afh=AFH)
     bench.jam(jammer())
     bench.run(40 * S)
     assert loss(bench, 30 * S) == (1000, 0.0)
@@ -105,7 +104,7 @@ def test_with_a_jammer_on_twenty_channels_the_loss_falls_to_nothing() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("source", [0, 1])
 def test_payloads_tell_of_bad_channels_as_well_as_polls_do(source: int) -> None:
-    bench = RoomyBench(1, 2, t_poll_slots=16 if source else 4000, first_due=4, afh=(1 * S, 60 * S))
+    bench = Bench(1, t_poll_slots=16 if source else 4000, first_due=4, afh=(1 * S, 60 * S))
     bench.jam(jammer())
     for i in range(1500):
         bench.send(i * 5 * MS, source, 1 - source, bytes(27))
@@ -116,7 +115,7 @@ def test_payloads_tell_of_bad_channels_as_well_as_polls_do(source: int) -> None:
 
 @pytest.mark.slow
 def test_without_it_the_loss_stays() -> None:
-    bench = RoomyBench(1, 2, t_poll_slots=16)
+    bench = Bench(1, t_poll_slots=16)
     bench.jam(jammer())
     bench.run(40 * S)
     polls, part = loss(bench, 0)
@@ -126,7 +125,7 @@ def test_without_it_the_loss_stays() -> None:
 
 @pytest.mark.slow
 def test_when_the_jammer_is_gone_all_channels_come_back() -> None:
-    bench = RoomyBench(1, 2, t_poll_slots=16, afh=(1 * S, 10 * S))
+    bench = Bench(1, t_poll_slots=16, afh=(1 * S, 10 * S))
     bench.jam(jammer(end=20 * S))
     bench.run(11 * S)
     assert bench.air.band.piconets[0, USED] <= 65
@@ -164,7 +163,7 @@ def test_a_new_hop_set_waits_for_the_end_of_the_slot_pair_under_way() -> None:
 
 
 def test_a_new_hop_set_is_used_from_a_slot_pair_on_and_never_within_one() -> None:
-    bench = RoomyBench(3, 4, t_poll_slots=16, afh=(500 * MS + 1, 3 * S))
+    bench = Bench(3, t_poll_slots=16, afh=(500 * MS + 1, 3 * S))
     bench.jam(jammer())
     for i in range(300):
         bench.send(i * 20 * MS, i % 2 * 2, 2 - i % 2 * 2, bytes(300))
@@ -181,6 +180,6 @@ def test_a_new_hop_set_is_used_from_a_slot_pair_on_and_never_within_one() -> Non
 
 
 def test_a_piconet_without_links_assesses_nothing() -> None:
-    bench = RoomyBench(0, 2, afh=AFH)
+    bench = Bench(0, devices=2, afh=AFH)
     bench.run(100 * S)
     assert bench.kernel.executed == 0

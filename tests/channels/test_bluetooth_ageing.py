@@ -5,14 +5,10 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.kernel import Kernel
 from cosim.machine import Connected, Inquire, InquiryComplete, Page
 from cosim.randomness import Streams
-from cosim.trace import CALLS, FRAMES, Trace
 from cosim.units import TICK, S, Time
-from tests.bluetooth_world import Host, World
+from tests.bluetooth_world import World
 
 PPM = (250, -250)
 CASES = 60
@@ -40,25 +36,13 @@ class _DriftingStreams(Streams):
         return _Fixed([phase, PPM[int(names[2])], word])  # type: ignore[return-value]
 
 
-class _DriftingWorld(World):
-    def __init__(self, seed: int) -> None:
-        self.kernel = Kernel()
-        self.trace = Trace((FRAMES, CALLS))
-        settings = BluetoothSettings(clock_ppm=250)
-        self.channel = BluetoothChannel(settings, self.kernel, self.trace, 2, _DriftingStreams(seed))
-        self.commanding = False
-        self.hosts = [Host(self, address) for address in range(2)]
-        for host in self.hosts:
-            self.channel.attach(host.address, host)
-
-
 def page_time_s(seed: int, age: Time) -> float:
     """Seconds from a page to the link, *age* after the inquiry that told the other's clock.
 
     And a part of the scan interval that goes with the seed: the inquiry ends just after one of the other's windows.
     """
     age += seed * SCAN_INTERVAL // CASES
-    world = _DriftingWorld(seed)
+    world = World(2, streams=_DriftingStreams(seed), clock_ppm=250)
     world.command(0, Inquire(11 * S, 1))
     world.kernel.run(12 * S)
     found = world.hosts[0].when(InquiryComplete)[0]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.channels.bluetooth import medium, polling
+from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.errors import section_errors
+from cosim.channels.bluetooth.errors import HEADER, section_errors
 from cosim.channels.bluetooth.hopping import GIAC, basic_channel, inquiry_channel, scan_channels
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import DH1, DM1, FHS, ID
@@ -277,7 +277,7 @@ def test_the_lock_on_an_fhs_and_its_rest_are_judged_with_the_same_draws():
         whole = scene.judge(frame)
         carrier = scene.air.carrier(1, 0)
         lock = scene.air.judge(frame._replace(duration=ID_AIR), 0, carrier)
-        rest = scene.air.judge(frame, 0, carrier, 160, medium.HEADER)
+        rest = scene.air.judge(frame, 0, carrier, 160, HEADER)
         assert (rest if lock == RECEIVED else lock) == whole
         seen.add(whole.part)
     assert seen == set(Part)

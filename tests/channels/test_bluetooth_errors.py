@@ -17,8 +17,6 @@ from cosim.channels.bluetooth.errors import (
     es_n0_db_at,
     failed_section,
     fast_bit_error_rate,
-    id_loss,
-    payload_bits,
     section_errors,
     section_probabilities,
     throughput_kbps,
@@ -107,7 +105,7 @@ def test_beyond_the_table_a_bit_is_guessed_or_never_wrong():
     )
     assert fast_bit_error_rate(math.nextafter(22.0, 0.0)) == pytest.approx(float(bit_error_rate(22.0)), rel=1e-5, abs=0)
     assert fast_bit_error_rate(22.0) == fast_bit_error_rate(1e9) == 0.0
-    assert 1 - (1 - float(bit_error_rate(22.0))) ** payload_bits(DH5, 339) < 2.0**-40
+    assert 1 - (1 - float(bit_error_rate(22.0))) ** DH5.payload_bits(339) < 2.0**-40
 
 
 # ---------------------------------------------------------------- sections
@@ -141,10 +139,10 @@ BITS = [160, 24, 240, 1000, 512, 1824, 2744, 160, 0, 0]
 
 
 def test_the_bits_of_a_payload_are_those_before_coding():
-    assert [payload_bits(kind, length) for kind, length in CASES] == BITS
-    assert payload_bits(ID, 0) == 0
+    assert [kind.payload_bits(length) for kind, length in CASES] == BITS
+    assert ID.payload_bits(0) == 0
     with pytest.raises(ValueError, match="18 bytes do not fit into DM1"):
-        payload_bits(DM1, 18)
+        DM1.payload_bits(18)
 
 
 @pytest.mark.usefixtures("fifty_digits")
@@ -166,8 +164,6 @@ def test_an_id_packet_is_68_bits_of_access_code():
     access, header, payload = section_errors(ID, 0, 7.0)
     assert float(access) == pytest.approx(float(lost(7, 68, wrong)), rel=1e-9, abs=0)
     assert header == payload == 0.0
-    assert id_loss(7.0) == pytest.approx(float(access), rel=1e-4, abs=0)
-    assert id_loss(25.0) == 0.0
 
 
 def test_what_happens_less_often_than_once_in_2_to_the_40_never_happens():
@@ -270,7 +266,7 @@ MIXED = [(DM1, 7.5), (DM1, 9.0), (DH1, 8.0), (DH1, 11.0), (FHS, 8.5), (DM3, 9.5)
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "es_n0_db"), MIXED)
 def test_flipped_bits_break_as_many_packets_as_the_closed_forms_say(kind, es_n0_db: float):
-    bits = payload_bits(kind, kind.capacity)
+    bits = kind.payload_bits(kind.capacity)
     draw = np.random.default_rng([5, kind.capacity, int(10 * es_n0_db)])
     wrong = float(bit_error_rate(es_n0_db))
     counts = sum(flipped_packets(draw, 4000, wrong, bits, kind.coded) for _ in range(5))
@@ -280,7 +276,7 @@ def test_flipped_bits_break_as_many_packets_as_the_closed_forms_say(kind, es_n0_
 
 @pytest.mark.parametrize(("kind", "es_n0_db"), MIXED)
 def test_a_run_draws_failures_as_often_as_they_are_probable(kind, es_n0_db: float):
-    sections = section_probabilities(es_n0_db, payload_bits(kind, kind.capacity), kind.coded)
+    sections = section_probabilities(es_n0_db, kind.payload_bits(kind.capacity), kind.coded)
     draws = Draws(2, "errors", kind.name, int(10 * es_n0_db))
     counts = np.bincount([failed_section(*draws.words(slot), *sections) for slot in range(4000)], minlength=4)
     assert p_value(counts, sections) > 1e-3

@@ -5,23 +5,15 @@ import itertools
 import pytest
 
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.machine import BROADCAST, Address, Hold, LinkEvent, Lost, Mode, ModeChanged, ModeCommand, Outcome, Sniff
+from cosim.machine import BROADCAST, Address, Hold, LinkEvent, Lost, Mode, Outcome, Sniff
 from cosim.units import MS, SLOT, TICK, S, Time
 from tests.piconet_bench import Bench
-
-
-def ask(bench: Bench, at: Time, side: Address, command: ModeCommand) -> None:
-    bench.kernel.at(at, lambda: bench.piconet.modes.command(side, command))
-
-
-def changes(bench: Bench) -> list[tuple[Time, Address, Address, Mode]]:
-    return [(time, host, e.peer, e.mode) for time, host, e in bench.news if isinstance(e, ModeChanged)]
 
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_link_on_hold_is_silent_for_so_long_and_both_hosts_know(side: Address) -> None:
     bench = Bench(2, t_poll_slots=16)
-    ask(bench, 100 * SLOT, side, Hold(1 - side, 200))
+    bench.ask(100 * SLOT, side, Hold(1 - side, 200))
     bench.run(400 * SLOT)
     first = [tick for tick, _, k in bench.on_air("POLL") if k == 1]
     second = [tick for tick, _, k in bench.on_air("POLL") if k == 2]
@@ -29,7 +21,7 @@ def test_a_link_on_hold_is_silent_for_so_long_and_both_hosts_know(side: Address)
     assert 600 in first  # 300 slots: it has been due all the while
     assert max(b - a for a, b in itertools.pairwise(second)) == 32
     begins, ends = 100 * SLOT, 300 * SLOT
-    assert changes(bench) == [
+    assert bench.modes() == [
         (begins, 0, 1, Mode.HOLD),
         (begins, 1, 0, Mode.HOLD),
         (ends, 0, 1, Mode.ACTIVE),
@@ -39,7 +31,7 @@ def test_a_link_on_hold_is_silent_for_so_long_and_both_hosts_know(side: Address)
 
 def test_payloads_wait_for_the_end_of_a_hold_and_broadcasts_are_missed() -> None:
     bench = Bench(2)
-    ask(bench, 100 * SLOT, 0, Hold(1, 200))
+    bench.ask(100 * SLOT, 0, Hold(1, 200))
     bench.send(110 * SLOT, 0, BROADCAST, b"all", token=1)
     bench.send(120 * SLOT, 0, 1, b"down", token=2)
     bench.send(120 * SLOT, 1, 0, b"up", token=3)
@@ -57,7 +49,7 @@ def test_payloads_wait_for_the_end_of_a_hold_and_broadcasts_are_missed() -> None
 
 def test_nothing_is_scheduled_while_a_link_is_on_hold() -> None:
     bench = Bench(1)
-    ask(bench, 100 * SLOT, 0, Hold(1, 8000))
+    bench.ask(100 * SLOT, 0, Hold(1, 8000))
     bench.send(101 * SLOT, 0, 1)
     bench.run(102 * SLOT)
     before = bench.kernel.executed
@@ -70,22 +62,22 @@ def test_nothing_is_scheduled_while_a_link_is_on_hold() -> None:
 )
 def test_a_hold_that_supervision_would_not_survive_is_refused(slots: int, mode: Mode) -> None:
     bench = Bench(1, supervision=1 * S)  # 1600 slots, of which twice T_poll = 40 are for the waits before and after
-    ask(bench, 0, 0, Hold(1, slots))
+    bench.ask(0, 0, Hold(1, slots))
     bench.run(3 * S)
-    assert changes(bench)[0] == (0, 0, 1, mode)
+    assert bench.modes()[0] == (0, 0, 1, mode)
     assert bench.lost() == []
 
 
 def test_a_link_out_of_reach_or_a_strange_one_changes_no_mode() -> None:
     bench = Bench(2)
     bench.outage(1, 1 * S, (1, 0))
-    ask(bench, 10 * MS, 0, Hold(1, 100))
-    ask(bench, 10 * MS, 1, Sniff(0, 100, 0, 2))
-    ask(bench, 10 * MS, 1, Hold(2, 100))
-    ask(bench, 10 * MS, 0, Hold(7, 100))
+    bench.ask(10 * MS, 0, Hold(1, 100))
+    bench.ask(10 * MS, 1, Sniff(0, 100, 0, 2))
+    bench.ask(10 * MS, 1, Hold(2, 100))
+    bench.ask(10 * MS, 0, Hold(7, 100))
     bench.run(2 * S)
     at = 10 * MS
-    assert changes(bench) == [
+    assert bench.modes() == [
         (at, 0, 1, Mode.ACTIVE),
         (at, 1, 0, Mode.ACTIVE),
         (at, 1, 2, Mode.NONE),
@@ -96,28 +88,28 @@ def test_a_link_out_of_reach_or_a_strange_one_changes_no_mode() -> None:
 @pytest.mark.parametrize("phase", [0, 5 * TICK + 7])
 def test_a_sniffing_slave_is_addressed_in_its_attempts_only(phase: Time) -> None:
     bench = Bench(2, t_poll_slots=16, clock=NativeClock(phase))
-    ask(bench, 0, 1, Sniff(0, 100, 20, 4))
+    bench.ask(0, 1, Sniff(0, 100, 20, 4))
     bench.send(55 * SLOT, 0, 1, bytes(300))
     bench.run(1000 * SLOT)
     ticks = [tick for tick, kind, k in bench.on_air("POLL", "DH5") if k == 1]
     assert ticks[:6] == [240, 440, 640, 840, 1040, 1240] if phase == 0 else [t % 200 for t in ticks[:6]] == [40] * 6
     assert all(tick % 200 in (40, 44) for tick in ticks)
     assert len(bench.arrivals) == 1
-    assert changes(bench) == [(0, 0, 1, Mode.SNIFF), (0, 1, 0, Mode.SNIFF)]
+    assert bench.modes() == [(0, 0, 1, Mode.SNIFF), (0, 1, 0, Mode.SNIFF)]
     second = [tick for tick, _, k in bench.on_air("POLL") if k == 2]
     assert len(second) > 50
 
 
 def test_sniffing_ends_when_asked_to() -> None:
     bench = Bench(1, t_poll_slots=16)
-    ask(bench, 0, 0, Sniff(1, 400, 0, 2))
-    ask(bench, 500 * SLOT, 0, Sniff(1, 0, 0, 0))
+    bench.ask(0, 0, Sniff(1, 400, 0, 2))
+    bench.ask(500 * SLOT, 0, Sniff(1, 0, 0, 0))
     bench.run(700 * SLOT)
     ticks = [tick for tick, *_ in bench.on_air("POLL")]
     assert ticks[:1] == [800]
     assert ticks[1:] == [1000 + 32 * i for i in range(len(ticks) - 1)]
     assert len(ticks) > 8
-    assert changes(bench)[2:] == [(500 * SLOT, 0, 1, Mode.ACTIVE), (500 * SLOT, 1, 0, Mode.ACTIVE)]
+    assert bench.modes()[2:] == [(500 * SLOT, 0, 1, Mode.ACTIVE), (500 * SLOT, 1, 0, Mode.ACTIVE)]
 
 
 @pytest.mark.parametrize(
@@ -126,15 +118,15 @@ def test_sniffing_ends_when_asked_to() -> None:
 )
 def test_a_sniff_that_means_nothing_is_refused(wish: tuple[int, int, int]) -> None:
     bench = Bench(1)
-    ask(bench, 0, 0, Sniff(1, *wish))
+    bench.ask(0, 0, Sniff(1, *wish))
     bench.run(100 * SLOT)
-    assert changes(bench) == [(0, 0, 1, Mode.ACTIVE)]
+    assert bench.modes() == [(0, 0, 1, Mode.ACTIVE)]
     assert bench.on_air("POLL")[0][0] == 80
 
 
 def test_a_broadcast_reaches_a_sniffing_slave_in_its_attempt_only() -> None:
     bench = Bench(2)
-    ask(bench, 0, 0, Sniff(1, 100, 0, 8))
+    bench.ask(0, 0, Sniff(1, 100, 0, 8))
     bench.send(50 * SLOT, 0, BROADCAST, b"missed")
     bench.send(100 * SLOT, 0, BROADCAST, b"heard")
     bench.run(200 * SLOT)
@@ -144,10 +136,10 @@ def test_a_broadcast_reaches_a_sniffing_slave_in_its_attempt_only() -> None:
 
 def test_a_link_that_is_lost_on_hold_and_made_again_is_active() -> None:
     bench = Bench(1)
-    ask(bench, 0, 0, Hold(1, 1000))
+    bench.ask(0, 0, Hold(1, 1000))
     bench.kernel.at(100 * SLOT, lambda: bench.piconet.close(0, 1))
     bench.kernel.at(101 * SLOT, lambda: bench.piconet.add_slave(1, 1, 400))
     bench.run(1100 * SLOT)
     assert [event for _, _, event in bench.news if isinstance(event, LinkEvent)][2:] == [Lost(1), Lost(0)]
     assert bench.on_air("POLL")[0] == (400, "POLL", 1)
-    assert changes(bench) == [(0, 0, 1, Mode.HOLD), (0, 1, 0, Mode.HOLD)]
+    assert bench.modes() == [(0, 0, 1, Mode.HOLD), (0, 1, 0, Mode.HOLD)]

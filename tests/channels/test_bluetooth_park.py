@@ -4,34 +4,25 @@ import itertools
 
 import pytest
 
-from cosim.machine import BROADCAST, Address, Lost, Mode, ModeChanged, ModeCommand, Outcome, Park, Unpark
-from cosim.units import MS, SLOT, S, Time
-from tests.channels.bluetooth_bench import RoomyBench
+from cosim.machine import BROADCAST, Address, Lost, Mode, Outcome, Park, Unpark
+from cosim.units import MS, SLOT, S
 from tests.piconet_bench import Bench
 
 INTERVAL = 256
 WINDOW = 32
 
 
-def ask(bench: Bench, at: Time, side: Address, command: ModeCommand) -> None:
-    bench.kernel.at(at, lambda: bench.piconet.modes.command(side, command))
-
-
-def changes(bench: Bench) -> list[tuple[Time, Address, Address, Mode]]:
-    return [(time, host, e.peer, e.mode) for time, host, e in bench.news if isinstance(e, ModeChanged)]
-
-
 def park_and_join(bench: Bench, parked: int, size: int) -> None:
     """Park the first slaves and give their places to others."""
     for slave in range(1, parked + 1):
-        ask(bench, slave * SLOT, 0, Park(slave))
+        bench.ask(slave * SLOT, 0, Park(slave))
     for i in range(size - 7):
         bench.kernel.at((20 + i) * SLOT, lambda i=i: bench.piconet.add_slave(8 + i, 1 + i, 100))
 
 
-def make(size: int, **settings: object) -> RoomyBench:
+def make(size: int, **settings: object) -> Bench:
     """A piconet whose slaves 8 to *size* have taken the places of as many that were parked."""
-    bench = RoomyBench(7, park_interval_slots=INTERVAL, park_window_slots=WINDOW, devices=size + 1, **settings)
+    bench = Bench(7, park_interval_slots=INTERVAL, park_window_slots=WINDOW, devices=size + 1, **settings)
     park_and_join(bench, size - 7, size)
     return bench
 
@@ -66,14 +57,14 @@ def test_links_are_polled_on_while_others_are_parked() -> None:
 
 def test_a_parked_slave_comes_back_with_the_next_beacon_if_a_place_is_free() -> None:
     bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW)
-    ask(bench, 10 * SLOT, 0, Park(1))
-    ask(bench, 300 * SLOT, 0, Unpark(1))
+    bench.ask(10 * SLOT, 0, Park(1))
+    bench.ask(300 * SLOT, 0, Unpark(1))
     bench.send(320 * SLOT, 0, 1, b"refused", token=1)
     bench.send(600 * SLOT, 0, 1, b"down", token=2)
     bench.send(600 * SLOT, 1, 0, b"up", token=3)
     bench.run(1 * S)
     beacon_ends = 2 * INTERVAL * SLOT + 126_000
-    assert changes(bench) == [
+    assert bench.modes() == [
         (10 * SLOT, 0, 1, Mode.PARKED),
         (10 * SLOT, 1, 0, Mode.PARKED),
         (beacon_ends, 0, 1, Mode.ACTIVE),
@@ -89,19 +80,19 @@ def test_a_parked_slave_comes_back_with_the_next_beacon_if_a_place_is_free() -> 
 
 def test_without_a_free_place_a_slave_stays_parked() -> None:
     bench = make(9)
-    ask(bench, 100 * SLOT, 0, Unpark(1))
+    bench.ask(100 * SLOT, 0, Unpark(1))
     bench.run(1 * S)
-    assert changes(bench)[-1] == (100 * SLOT, 0, 1, Mode.PARKED)
+    assert bench.modes()[-1] == (100 * SLOT, 0, 1, Mode.PARKED)
     assert len(bench.piconet.members()) == 7
 
 
 def test_only_so_many_are_asked_back_as_there_are_places() -> None:
-    bench = RoomyBench(7, park_interval_slots=INTERVAL, park_window_slots=WINDOW, devices=9)
+    bench = Bench(7, park_interval_slots=INTERVAL, park_window_slots=WINDOW, devices=9)
     park_and_join(bench, 2, 8)
     for slave in (1, 2):
-        ask(bench, 100 * SLOT, 0, Unpark(slave))
+        bench.ask(100 * SLOT, 0, Unpark(slave))
     bench.run(1 * S)
-    assert changes(bench)[4:] == [
+    assert bench.modes()[4:] == [
         (100 * SLOT, 0, 2, Mode.PARKED),
         (INTERVAL * SLOT + 126_000, 0, 1, Mode.ACTIVE),
         (INTERVAL * SLOT + 126_000, 1, 0, Mode.ACTIVE),
@@ -114,7 +105,7 @@ def test_parking_flushes_what_waits_on_either_side() -> None:
     bench.send(1, 0, 1, b"d", token=1)
     bench.send(1, 1, 0, b"u", token=2)
     bench.send(1, 0, 2, b"kept", token=3)
-    ask(bench, 6 * SLOT, 1, Park(0))
+    bench.ask(6 * SLOT, 1, Park(0))
     bench.run(100 * MS)
     assert {token: outcome for *_, token, outcome in bench.fates()} == {
         1: Outcome.FLUSHED,
@@ -129,7 +120,7 @@ def test_beacons_keep_parked_members_and_without_them_each_side_notices_for_itse
 ) -> None:
     """A slave that hears nothing says nothing, so the master misses it as well; one that is not heard hears on."""
     bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW, supervision=1 * S)
-    ask(bench, 10 * SLOT, 0, Park(1))
+    bench.ask(10 * SLOT, 0, Park(1))
     last = 20 * INTERVAL * SLOT  # 3.2 s
     bench.outage(last + 1 * MS, last + 1 * S + 10 * MS, way)
     bench.run(8 * S)
@@ -139,7 +130,7 @@ def test_beacons_keep_parked_members_and_without_them_each_side_notices_for_itse
 
 def test_a_parked_member_can_be_dismissed_and_the_beacons_end_with_the_last() -> None:
     bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW)
-    ask(bench, 10 * SLOT, 0, Park(1))
+    bench.ask(10 * SLOT, 0, Park(1))
     bench.kernel.at(300 * SLOT, lambda: bench.piconet.close(0, 1))
     bench.send(405 * SLOT, 0, BROADCAST, b"at once")
     bench.run(1 * S)
@@ -151,7 +142,7 @@ def test_a_parked_member_can_be_dismissed_and_the_beacons_end_with_the_last() ->
 
 def test_a_master_that_was_away_sends_its_beacon_in_the_next_window() -> None:
     bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW)
-    ask(bench, 10 * SLOT, 0, Park(1))
+    bench.ask(10 * SLOT, 0, Park(1))
     bench.kernel.at(200 * SLOT, bench.piconet.suspend)
     bench.kernel.at(300 * SLOT, bench.piconet.resume)
     bench.send(300 * SLOT, 0, 2)
@@ -163,14 +154,14 @@ def test_a_master_that_was_away_sends_its_beacon_in_the_next_window() -> None:
 
 def test_nobody_is_parked_where_beacons_are_too_rare_for_supervision() -> None:
     bench = Bench(1, supervision=1 * S, park_interval_slots=1522)
-    ask(bench, 0, 0, Park(1))
+    bench.ask(0, 0, Park(1))
     bench.run(10 * MS)
-    assert changes(bench) == [(0, 0, 1, Mode.ACTIVE)]
+    assert bench.modes() == [(0, 0, 1, Mode.ACTIVE)]
 
 
 def test_a_parked_slave_whose_radio_is_off_hears_nothing_and_its_master_notices() -> None:
     bench = Bench(2, park_interval_slots=INTERVAL, park_window_slots=WINDOW, supervision=1 * S)
-    ask(bench, 10 * SLOT, 0, Park(1))
+    bench.ask(10 * SLOT, 0, Park(1))
     bench.kernel.at(20 * SLOT, lambda: bench.piconet.vanish(1))
     bench.send(100 * SLOT, 0, BROADCAST, b"all")
     bench.run(2 * S)

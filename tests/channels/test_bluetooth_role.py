@@ -21,6 +21,7 @@ from cosim.machine import (
 )
 from cosim.units import MS, SLOT, S
 from tests.bluetooth_world import World
+from tests.radio_scene import equal_powers_dbm
 
 
 def switch(world: World, device: Address, peer: Address) -> None:
@@ -30,7 +31,6 @@ def switch(world: World, device: Address, peer: Address) -> None:
 def connected(size: int, *slaves: Address, **settings: object) -> World:
     world = World(size, idle_frames=True, **settings)
     world.connect(*slaves)
-    world.hosts[0].react = lambda event: None
     return world
 
 
@@ -89,13 +89,11 @@ def test_a_payload_arrives_once_whether_it_or_its_acknowledgement_was_lost_befor
 ) -> None:
     world = connected(2, 1, t_poll_slots=16)
     now = world.kernel.now
-    powers = world.channel.air.band.medium.power_dbm.copy()
-    deaf = powers.copy()
-    deaf[lost] = float("-inf")
-    world.at(now, lambda: world.channel.air.set_powers(deaf, world.kernel.now))
+    air = world.channel.air
+    world.at(now, lambda: air.set_powers(equal_powers_dbm(2, [lost]), world.kernel.now))
     world.at(now, lambda: world.channel.send(source, Outgoing(1 - source, b"first", 1)))
     world.at(now, lambda: world.channel.send(source, Outgoing(1 - source, b"second", 2)))
-    world.at(now + slots * SLOT, lambda: world.channel.air.set_powers(powers, world.kernel.now))
+    world.at(now + slots * SLOT, lambda: air.set_powers(equal_powers_dbm(2), world.kernel.now))
     world.at(now + slots * SLOT, lambda: switch(world, 0, 1))
     world.kernel.run(now + 2 * S)
     assert len(world.hosts[0].got(RoleChanged)) == 1

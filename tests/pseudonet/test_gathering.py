@@ -23,6 +23,7 @@ from protocols.gathering.spec import SPEC
 from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
+from protocols.pseudonet.parameters import Parameters as CoverageParameters
 from tests.pseudonet.floors import floor, view_of
 
 ROOMS: dict[str, Any] = {
@@ -242,12 +243,11 @@ def test_machines_that_gather_keep_the_laws(size: int, more: Mapping[str, Any]) 
     check_machine(maker(size, **more), [(2.0 * robot + 0.5, 0.5) for robot in range(size)], duration=5 * S)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [{"algorithm": "oscard"}, {"stop_ratio": 0.5}, {"patience": 3}, {"history": 3}, {"revisits": 2}, {"k_forced": 8}],
-)
-def test_parameters_of_coverage_algorithms_are_refused(given: dict[str, Any]) -> None:
-    with pytest.raises(ValidationError, match=f"{next(iter(given))} is a parameter of the coverage algorithms"):
+@pytest.mark.parametrize("name", ["algorithm", "stop_ratio", "patience", "history", "revisits", "k_forced"])
+def test_parameters_of_coverage_algorithms_are_refused_even_with_their_default(name: str) -> None:
+    given = {name: CoverageParameters.model_fields[name].default}
+    assert CoverageParameters.model_validate(given)
+    with pytest.raises(ValidationError, match=rf"{name}\n  Extra inputs are not permitted"):
         SPEC.parameters.model_validate(given)
 
 
@@ -361,6 +361,13 @@ def test_in_every_step_somebody_comes_nearer_and_nobody_goes_farther_away() -> N
         )
         for of_place in ways
     )
+
+
+@pytest.mark.slow
+def test_a_step_limit_ends_a_team_that_gathers_as_any_other() -> None:
+    _, outcome = run(3, step_limit=3)
+    assert outcome.metrics["steps"] == 3
+    assert outcome.metrics["gathered"] < 1
 
 
 @pytest.mark.slow

@@ -108,7 +108,9 @@ class Scripted:
         self.commits.append((action, cell))
 
 
-def team(me: int = 0, stop_at: int | None = None, *actions: Action) -> tuple[Coordination, Scripted, dict[str, int]]:
+def team(
+    me: int = 0, stop_at: int | None = None, *actions: Action, rounds: int = 0
+) -> tuple[Coordination, Scripted, dict[str, int]]:
     """Return robot *me* of three, 0 at a, 1 at c, 2 at h."""
     knowledge, cells = floor(
         """
@@ -118,7 +120,7 @@ def team(me: int = 0, stop_at: int | None = None, *actions: Action) -> tuple[Coo
         """.replace(" ", "")
     )
     algorithm = Scripted(*actions)
-    coordination = Coordination(knowledge, me, algorithm, stop_at)
+    coordination = Coordination(knowledge, me, algorithm, stop_at, rounds)
     coordination.team_changed((0, 1, 2))
     coordination.view.cells |= {0: cells["a"], 1: cells["c"], 2: cells["h"]}
     return coordination, algorithm, cells
@@ -279,13 +281,11 @@ def test_cells_that_could_not_be_entered_are_tried_again_but_not_for_ever() -> N
 
 
 def test_nothing_is_tried_again_when_all_is_covered_or_all_have_stopped() -> None:
-    coordination, _, cells = team(0)
-    coordination._rounds_left = 5
+    coordination, _, cells = team(0, rounds=5)
     coordination.view.obstacles = frozenset({cells["b"]})
     coordination.view.covered |= set(cells.values())
     assert not coordination.try_again()
-    stopped, _, _ = team(0, 1)
-    stopped._rounds_left = 5
+    stopped, _, _ = team(0, 1, rounds=5)
     stopped.view.obstacles = frozenset({cells["b"]})
     stopped.take_positions({robot: at(robot, 0, 0, kind=Kind.STOP) for robot in range(3)})
     assert not stopped.try_again()

@@ -156,8 +156,6 @@ class Controller:
         self._update_presence()
         self.update_scan()
 
-    _linked = linked  # what tests/band_channel.py calls it
-
     def share(self, share: Share) -> None:
         """Divide the time among piconets from now on."""
         self._attendance.share(share)

@@ -21,11 +21,11 @@ from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
 from cosim.channels.bluetooth.radio import Air, Fate, Frame
-from cosim.channels.bluetooth.reach import Disc, Fading
+from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import POWER_DBM, Propagation
+from cosim.channels.propagation import Propagation
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import WAKE, Kernel

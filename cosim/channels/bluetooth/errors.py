@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from cosim.channels.bluetooth.packets import PacketType
+from cosim.channels.bluetooth.packets import ACCESS_CODE_BITS, HEADER_BITS, ID_BITS, TOLERATED_BITS, PacketType
 from cosim.jit import njit
 from cosim.units import MS, SLOT
 
@@ -37,16 +37,12 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 MODULATION_INDEX: Final = 0.32
 """Nominal; the specification allows 0.28 to 0.35."""
-ACCESS_CODE_BITS: Final = 72
-ID_BITS: Final = 68
-TOLERATED_BITS: Final = 7
-"""Wrong bits with which an access code is still recognised: 65 of 72 agree."""
-HEADER_BITS: Final = 18
 NEGLIGIBLE: Final = 2.0**-40
 """A kernel returns 0 for what is less probable."""
 SENSITIVITY_BER: Final = 1e-3
 """The bit error rate at which the specification measures sensitivity."""
 
+# the sections of a packet
 NONE: Final = 0
 ACCESS_CODE: Final = 1
 HEADER: Final = 2
@@ -92,25 +88,13 @@ def section_errors(kind: PacketType, length: int, es_n0_db: npt.ArrayLike) -> tu
     """
     wrong = bit_error_rate(es_n0_db)
     never = np.zeros_like(wrong)
-    bits = payload_bits(kind, length)
+    bits = kind.payload_bits(length)
     access = _more_than(TOLERATED_BITS, ID_BITS if kind.name == "ID" else ACCESS_CODE_BITS, wrong)
     if kind.name == "ID":
         return access, never, never
     header = _any_of(HEADER_BITS, _more_than(1, 3, wrong))
     payload = _any_of(-(-bits // 10), _more_than(1, 15, wrong)) if kind.coded else _any_of(bits, wrong)
     return access, header, payload
-
-
-def payload_bits(kind: PacketType, length: int) -> int:
-    """Return how many bits payload header, *length* bytes of user data and CRC have before they are coded.
-
-    Raise ValueError if the bytes do not fit.
-    """
-    if not 0 <= length <= kind.capacity:
-        raise ValueError(f"{length} bytes do not fit into {kind.name} ({kind.capacity} bytes)")
-    if kind.name == "FHS":
-        return 160
-    return 8 * (kind.header + length + 2) if kind.header else 0
 
 
 def throughput_kbps(kind: PacketType, es_n0_db: npt.ArrayLike) -> Floats:
@@ -191,12 +175,6 @@ def _at_least_one(count: int, each: float) -> float:
 
 
 @njit(cache=True)
-def id_loss(es_n0_db: float) -> float:
-    """Return how probably an ID packet is lost at *es_n0_db*; 0 stands for less than 2**-40. A kernel for kernels."""
-    return _at_least_one(1, _tail(TOLERATED_BITS, ID_BITS, fast_bit_error_rate(es_n0_db)))
-
-
-@njit(cache=True)
 def section_probabilities(es_n0_db: float, payload_bits: int, coded: bool) -> tuple[float, float, float]:
     """Return how probably access code, header and payload of a packet at *es_n0_db* are broken; a kernel for kernels.
 
@@ -246,4 +224,4 @@ def best_type(types: Iterable[PacketType], length: int, es_n0_db: float) -> Pack
 
 def _payload_success(kind: PacketType, length: int, es_n0_db: float) -> float:
     # access codes and headers, those of the answer too, break alike whatever the type
-    return 1.0 - section_probabilities(es_n0_db, payload_bits(kind, length), kind.coded)[2]
+    return 1.0 - section_probabilities(es_n0_db, kind.payload_bits(length), kind.coded)[2]

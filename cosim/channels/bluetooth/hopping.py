@@ -94,7 +94,7 @@ def _narrow_hop(address: int, x: int, y1: int, mix: int, f: int) -> int:
         e |= ((address >> (2 * i + 1)) & 1) << i
     control = (((address >> 10) ^ (mix >> 7)) & 511) | ((((c ^ (mix >> 16)) & 31) ^ (31 * y1)) << 9)
     index = _perm4(((x + a) & 15) ^ b, control) + e + f + 16 * y1
-    return 2 * (index % 23) % 23
+    return 2 * (index % NARROW_CHANNELS) % NARROW_CHANNELS
 
 
 @njit(cache=True)

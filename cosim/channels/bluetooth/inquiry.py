@@ -22,6 +22,7 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.errors import HEADER
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -30,7 +31,6 @@ from cosim.channels.bluetooth.hopping import (
     inquiry_response_channel,
     scan_channels,
 )
-from cosim.channels.bluetooth.medium import HEADER
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
 from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
 from cosim.channels.bluetooth.scanning import (

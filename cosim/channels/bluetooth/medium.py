@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.channels.bluetooth.errors import failed_section, section_probabilities
+from cosim.channels.bluetooth.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
 from cosim.channels.bluetooth.hopping import train_phase_of
 from cosim.channels.bluetooth.packets import ACCESS_AIR, HEADER_AIR, ID_AIR
 from cosim.channels.jamming import Jammer, jams
@@ -36,18 +36,15 @@ NONE: Final = 0
 CO_CHANNEL: Final = 1
 NEIGHBOURING: Final = 2
 
-# what becomes of a frame: RECEIVED, or one of these plus the section (1 to 3) that failed first
+# what becomes of a frame: RECEIVED, or COLLIDED or BIT_ERRORS plus the section (1 to 3) that failed first
 RECEIVED: Final = 0
 COLLIDED: Final = 0
 BIT_ERRORS: Final = 4
 OUT_OF_RANGE: Final = 8
 NOT_TUNED: Final = 9
-ACCESS_CODE: Final = 1
-HEADER: Final = 2
-PAYLOAD: Final = 3
 
 DETECTABLE_DB: Final = 0.0
-"""Es/N0 below which no receiver notices a frame: its access code would correlate once in ten thousand times."""
+"""Es/N0 below which no receiver notices a frame: its access code correlates less than once in ten thousand times."""
 CARRIER_TO_INTERFERENCE: Final = 10.0**-1.1
 WEIGHTS: Final = (1.0, 10.0**-1.1, 10.0**-4.1, 10.0**-5.1)
 ERRORS_PURPOSE: Final = 2
@@ -251,7 +248,8 @@ def judge(
     """Return what becomes at *receiver* of the frame [start, end) of *source*, in its sections from *first* on.
 
     *carrier_dbm* is its power there, *bits* the length of its payload with header and CRC before coding. A frame no
-    longer than an ID is access code only. Everything that starts before *end* must be on the air by now.
+    longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
+    before *end* must be on the air by now.
     """
     carrier = 10.0 ** (carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE
     lost = _noise(medium, source, receiver, start, carrier_dbm, bits, coded)

@@ -12,11 +12,17 @@ from cosim.units import US, Time
 
 AclName: TypeAlias = Literal["DM1", "DH1", "DM3", "DH3", "DM5", "DH5"]
 
-ID_AIR: Final[Time] = 68 * US
+ID_BITS: Final = 68
 """The access code without its trailer: all there is of an ID packet."""
-ACCESS_AIR: Final[Time] = 72 * US
+ACCESS_CODE_BITS: Final = 72
 """The access code with its trailer, as every packet with a header begins."""
-HEADER_AIR: Final[Time] = 126 * US
+TOLERATED_BITS: Final = 7
+"""Wrong bits with which an access code is still recognised: 65 of 72 agree."""
+HEADER_BITS: Final = 18
+"""Each is sent three times."""
+ID_AIR: Final[Time] = ID_BITS * US
+ACCESS_AIR: Final[Time] = ACCESS_CODE_BITS * US
+HEADER_AIR: Final[Time] = ACCESS_AIR + 3 * HEADER_BITS * US
 """Access code and header: all there is of POLL and NULL."""
 FHS_AIR: Final[Time] = 366 * US
 FHS_BITS: Final = 160
@@ -37,23 +43,26 @@ class PacketType(NamedTuple):
     """Whether the payload is protected by the (15, 10) code."""
 
     def payload_bits(self, length: int) -> int:
-        """Return the bits of the payload with *length* bytes of user data, before coding: header, data and CRC."""
+        """Return the bits of the payload with *length* bytes of user data, before coding: header, data and CRC.
+
+        Raise ValueError if they do not fit.
+        """
+        if not 0 <= length <= self.capacity:
+            raise ValueError(f"{length} bytes do not fit into {self.name} ({self.capacity} bytes)")
         if not self.header:
             return FHS_BITS if self.name == "FHS" else 0
         return 8 * (self.header + length + 2)
 
     def air_time(self, length: int) -> Time:
         """Return the duration in ns with *length* bytes of user payload; ValueError if they do not fit."""
-        if not 0 <= length <= self.capacity:
-            raise ValueError(f"{length} bytes do not fit into {self.name} ({self.capacity} bytes)")
         return _air_time(self, length)
 
 
 @cache
 def _air_time(kind: PacketType, length: int) -> Time:
+    bits = kind.payload_bits(length)
     if not kind.header:
         return {"ID": ID_AIR, "FHS": FHS_AIR}.get(kind.name, HEADER_AIR)
-    bits = kind.payload_bits(length)
     return HEADER_AIR + (-(-bits // 10) * 15 if kind.coded else bits) * US
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import basic_hop
 from cosim.channels.bluetooth.medium import (
     BIT_ERRORS,
@@ -279,7 +280,7 @@ class Air:
             return FAR
         if self.calm and frame.start >= self.stray:
             return GOOD
-        return self._sections(frame, receiver, carrier_dbm, bits, coded, mediums.ACCESS_CODE)
+        return self._sections(frame, receiver, carrier_dbm, bits, coded, ACCESS_CODE)
 
     # ------------------------------------------------------------ frames of inquiries and pages
 

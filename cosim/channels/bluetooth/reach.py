@@ -1,17 +1,36 @@
-"""How strongly devices receive each other, from where they are: a plain disc, or a law of propagation with walls."""
+"""How strongly devices receive each other, from where they are: a plain disc, or a law of propagation with walls.
+
+And the noise that they receive besides, within the 1 MHz of a channel.
+"""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from cosim.channels.base import Positions
+from cosim.channels.bluetooth.errors import SENSITIVITY_BER, es_n0_db_at
 from cosim.channels.bluetooth.medium import Floats
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Propagation
 from cosim.jit import njit
 
 Bools = np.ndarray[Any, np.dtype[np.bool_]]
+
+POWER_DBM: Final = {1: 20.0, 2: 4.0, 3: 0.0}
+"""The most that a device of power class 1, 2 or 3 transmits."""
+THERMAL_NOISE_DBM: Final = -114.0
+"""Of 290 K in a bandwidth of 1 MHz."""
+
+
+def noise_dbm(sensitivity_dbm: float) -> float:
+    """Return the noise in dBm at a receiver whose sensitivity, at a bit error rate of 1e-3, is this."""
+    return sensitivity_dbm - es_n0_db_at(SENSITIVITY_BER)
+
+
+def thermal_noise_dbm(noise_figure_db: float) -> float:
+    """Return the noise in dBm within 1 MHz at a receiver with the noise figure *noise_figure_db*."""
+    return THERMAL_NOISE_DBM + noise_figure_db
 
 
 class Disc:

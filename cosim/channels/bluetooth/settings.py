@@ -9,9 +9,10 @@ from cosim.channels.bluetooth.packets import ACL, AclName
 from cosim.channels.bluetooth.paging import PageSettings
 from cosim.channels.bluetooth.piconet import PiconetSettings
 from cosim.channels.bluetooth.radio import Interference
+from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.channels.bluetooth.schedule import Scheduler
-from cosim.channels.propagation import PropagationSettings, noise_dbm, thermal_noise_dbm
+from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Settings
 from cosim.units import from_seconds
 

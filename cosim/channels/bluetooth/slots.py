@@ -166,7 +166,7 @@ class Slots:
                 arrivals = self._traffic.received(pair.slave, question, self.address)
         pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
         links.table[FULL_UNTIL, k] = self._traffic.full_until(pair.slave, self.address)
-        self._answer(pair, frame)
+        self._answer(pair)
         if arrivals or news:
             self._deliver(arrivals, news)
 
@@ -177,7 +177,7 @@ class Slots:
             return False
         return self._traffic.full_until(pair.slave, self.address) > 0
 
-    def _answer(self, pair: _Pair, frame: Frame) -> None:
+    def _answer(self, pair: _Pair) -> None:
         """Let the slave answer what it has just heard, in the slot after it."""
         links, answer = self.links, pair.answer
         slots = 1 if pair.question is None else pair.question.kind.slots

@@ -25,18 +25,23 @@ from cosim.channels.bluetooth.bits.codes import (
     vote,
     whitening,
 )
-from cosim.channels.bluetooth.packets import FHS, ID, PACKETS, PacketType
+from cosim.channels.bluetooth.packets import (
+    ACCESS_CODE_BITS,
+    FHS,
+    HEADER_BITS,
+    ID,
+    ID_BITS,
+    PACKETS,
+    TOLERATED_BITS,
+    PacketType,
+)
 from cosim.channels.bluetooth.radio import Part
 
 TYPE_CODES: Final = {"NULL": 0, "POLL": 1, "FHS": 2, "DM1": 3, "DH1": 4, "DM3": 10, "DH3": 11, "DM5": 14, "DH5": 15}
 """TYPE of the packet header, by the type's name (section 6.5, table 6.2)."""
 KINDS: Final = {code: PACKETS[name] for name, code in TYPE_CODES.items()}
 
-ID_BITS: Final = 68
-ACCESS_BITS: Final = 72
-HEADER_BITS: Final = 54
-WRONG_ACCESS_BITS: Final = 7
-"""An access code with more wrong bits does not correlate."""
+_HEADER_END: Final = ACCESS_CODE_BITS + 3 * HEADER_BITS
 FHS_BYTES: Final = 18
 START_OF_MESSAGE: Final = 2
 """LLID of the first, or only, fragment of an L2CAP message."""
@@ -170,10 +175,10 @@ def encode(
     if header is None:
         raise ValueError(f"{kind.name} has a header")
     word = header._replace(type=TYPE_CODES[kind.name]).checked(uap)
-    plain = to_bits(word, 18) + bytes_to_bits(payload_bytes(kind, uap, body, llid))
+    plain = to_bits(word, HEADER_BITS) + bytes_to_bits(payload_bytes(kind, uap, body, llid))
     white = _whitened(plain, seed)
-    payload = white[18:]
-    return [*access_code(lap), *repeat(white[:18]), *(protect(payload) if kind.coded else payload)]
+    payload = white[HEADER_BITS:]
+    return [*access_code(lap), *repeat(white[:HEADER_BITS]), *(protect(payload) if kind.coded else payload)]
 
 
 def _whitened(bits: Sequence[int], seed: int | None) -> Bits:
@@ -187,22 +192,22 @@ def decode(bits: Sequence[int], lap: int, uap: int, seed: int | None = None) -> 
 
     The other arguments are those of :func:`encode`. Nothing is raised for bad bits: ``failed`` names the part.
     """
-    wanted = access_code(lap)[: ACCESS_BITS if len(bits) > ID_BITS else ID_BITS]
+    wanted = access_code(lap)[: ACCESS_CODE_BITS if len(bits) > ID_BITS else ID_BITS]
     wrong = len(wanted) - sum(one == other for one, other in zip(wanted, bits, strict=False))
-    if wrong > WRONG_ACCESS_BITS:
+    if wrong > TOLERATED_BITS:
         return Decoded(None, None, b"", 0, Part.ACCESS_CODE)
     if len(bits) <= ID_BITS:
         return Decoded(ID, None, b"", 0, Part.NONE)
-    if len(bits) < ACCESS_BITS + HEADER_BITS:
+    if len(bits) < _HEADER_END:
         return Decoded(None, None, b"", 0, Part.HEADER)
-    voted = vote(bits[ACCESS_BITS : ACCESS_BITS + HEADER_BITS])
+    voted = vote(bits[ACCESS_CODE_BITS:_HEADER_END])
     word = from_bits(_whitened(voted.bits, seed))
     header = header_of(word & 0x3FF)
     if hec(uap, header.word()) != word >> 10:
         return Decoded(None, None, b"", 0, Part.HEADER, voted.corrected)
     kind = KINDS.get(header.type)
     failed = Decoded(kind, header, b"", 0, Part.PAYLOAD, voted.corrected)
-    return failed if kind is None else _decode_payload(failed, kind, bits[ACCESS_BITS + HEADER_BITS :], uap, seed)
+    return failed if kind is None else _decode_payload(failed, kind, bits[_HEADER_END:], uap, seed)
 
 
 def _decode_payload(failed: Decoded, kind: PacketType, coded: Sequence[int], uap: int, seed: int | None) -> Decoded:
@@ -217,7 +222,7 @@ def _decode_payload(failed: Decoded, kind: PacketType, coded: Sequence[int], uap
     failed = failed._replace(corrected=failed.corrected + corrected)
     if beyond:
         return failed
-    plain = _whitened([0] * 18 + bits, seed)[18:]
+    plain = _whitened([0] * HEADER_BITS + bits, seed)[HEADER_BITS:]
     data = bits_to_bytes(plain[: len(plain) // 8 * 8])
     length, llid = FHS_BYTES, 0
     if kind is not FHS:
