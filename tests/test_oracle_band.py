@@ -18,7 +18,9 @@ from tests.oracles.band_corners import corners
 from tests.oracles.band_scene import KINDS
 from tests.oracles.campaign import Drawn, Seeded, soak_count
 
-DEFAULT = 300
+DEFAULT = 314
+FIRST_SEED = 20
+"""Of the default cases that are not corners."""
 
 
 def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
@@ -27,7 +29,7 @@ def seeded_cases(count: int, first: int = 0) -> Iterator[Case]:
 
 @cache
 def _default_case(number: int) -> tuple[Case, Outcome]:
-    case = corners()[number] if number < len(corners()) else next(seeded_cases(1, number))
+    case = corners()[number] if number < len(corners()) else next(seeded_cases(1, FIRST_SEED + number - len(corners())))
     return case, outcome_of(case)
 
 
@@ -60,6 +62,7 @@ def test_the_band_equals_the_oracle_and_every_outcome_occurs() -> None:
     failures = [(how, part) for how in ("collided", "bit_errors") for part in ("access_code", "header", "payload")]
     fates = ("delivered", "sent", "flushed", "no_link", "too_long")
     news = ("master", "slave", "page failed", "discovered", "complete", "lost", "broadcast")
+    failures.append(("refused", None))
     frequent = [*((kind, outcome) for kind in kinds for outcome in outcomes), *failures, *fates, *news]
     assert all(seen[what] >= 3 for what in frequent), [what for what in frequent if seen[what] < 3]
     rare = [
@@ -71,6 +74,18 @@ def test_the_band_equals_the_oracle_and_every_outcome_occurs() -> None:
         ("ID", "out_of_range"),
     ]
     assert all(seen[what] for what in rare), [what for what in rare if not seen[what]]
+
+
+@pytest.mark.slow
+def test_slow_hosts_stop_the_other_side_and_slaves_refuse() -> None:
+    notes: Counter[str] = Counter()
+    slow = [case for case, _ in default_cases() if case.scene.host_bps is not None]
+    for case in slow:
+        notes.update({note.what for note in case.book().flow})
+    assert len(slow) > 60
+    often = ("slave stops", "polled though stopped", "slave's payload waits", "stop unheard", "go by lost answer")
+    assert all(notes[what] >= 10 for what in (*often, "refused")), notes
+    assert all(notes[what] >= 3 for what in ("master stops", "go without answer")), notes
 
 
 @pytest.mark.soak

@@ -6,6 +6,7 @@ from math import inf
 import pytest
 
 from cosim.channels.bluetooth.hopping import basic_channel
+from tests.oracles import band_corners
 from tests.oracles.band import live
 from tests.oracles.band_air import Jammer, Matrix, Mode, Radio
 from tests.oracles.band_scene import ALL, Body, Book, Input, Join, Scene, Seen, Send
@@ -183,3 +184,101 @@ def test_errors_depend_on_the_key_and_hit_each_receiver_by_itself() -> None:
     assert 3 < len(other) < 27
     assert one != other
     assert heard(replace(scene, radio=replace(radio, key=(1, 3)))) != [one, other]
+
+
+# ---------------------------------------------------------------- slow hosts
+
+
+MS = 1_000_000
+
+
+def data(book: Book, kind: str = "DH5") -> list[tuple[int, str]]:
+    return [(row.start, row.outcome) for row in sorted(book.seen) if row.kind == kind]
+
+
+@pytest.mark.parametrize(
+    ("length", "bps", "delivered", "again"),
+    [(246, 246_000, 11_376_000, 12_500_000), (250, 251_004, 11_376_001, 22_500_000)],
+)
+def test_a_slaves_place_is_free_at_the_delivery(length: int, bps: int, delivered: int, again: int) -> None:
+    """The POLL of 11.25 ms ends at 11.376 ms, the next one follows at 21.25 ms; data go two slots after a "go"."""
+    book = book_of(band_corners.place_of_the_slave(length, bps).scene)
+    assert data(book) == [(1_250_000, "received"), (again, "received")]
+    assert book.deliveries[0].time == delivered
+    assert [(row.time, row.outcome) for row in book.verdicts] == [
+        (1_250_000 + 5 * SLOT + 126 * US, "delivered"),
+        (again + 5 * SLOT + 126 * US, "delivered"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("length", "bps", "delivered", "again"),
+    [(335, 409_974, 17_500_000, 17_500_000), (300, 352_061, 17_500_001, 27_500_000)],
+)
+def test_a_masters_place_is_free_at_the_delivery(length: int, bps: int, delivered: int, again: int) -> None:
+    """Polls at 7.5, 17.5 and 27.5 ms: a slave with a payload answers NULL to the one that says "stop"."""
+    book = book_of(band_corners.place_of_the_master(length, bps).scene)
+    assert data(book) == [(7_500_000 + SLOT, "received"), (again + SLOT, "received")]
+    assert book.deliveries[0].time == delivered
+
+
+def one_slave(lost: tuple[tuple[int, int], ...], *sends: Send, ms: int = 100, slaves: int = 1) -> Scene:
+    """Return a master 0 with slaves, polled every 10 ms from 7.5 ms on; 27 bytes take *ms* to a host, one has a place.
+
+    From slave 1 nothing arrives in the times *lost*.
+    """
+    whole = all_equal(-50.0, slaves + 1)
+    mute = tuple(row if source != 1 else (-inf,) * (slaves + 1) for source, row in enumerate(whole))
+    powers = [(0, whole)] + [piece for start, until in lost for piece in ((start, mute), (until, whole))]
+    bodies = tuple(Body(FIRST * TICK, 0, WORD) for _ in range(slaves + 1))
+    joins = tuple(Join(0, 0, slave, slave, FIRST + 24 + 4 * slave) for slave in range(1, slaves + 1))
+    radio = Radio(tuple(powers))
+    rate = 27 * 8 * 1_000 // ms
+    return Scene(bodies, radio, (*joins, *sends), 400 * SLOT, t_poll=16, kinds=("DH1",), host_bps=rate, room=1)
+
+
+def test_a_payload_without_a_place_is_refused_and_its_header_counts() -> None:
+    """The poll of 11.25 ms says "stop" and is not heard, so the next payload goes, in vain; the slave's own is sent."""
+    sends = Send(1_000, 0, 1, 27, 1), Send(1_001, 0, 1, 27, 2), Send(12_000_000, 1, 0, 27, 3)
+    book = book_of(one_slave(((11 * MS, 12 * MS),), *sends))
+    assert data(book, "DH1")[:4] == [
+        (1_250_000, "received"),
+        (12_500_000, "refused"),
+        (13_125_000, "received"),
+        (103_750_000, "received"),
+    ]
+    lost = [row for row in book.seen + book.idle if row.start == 11_250_000 + SLOT]
+    assert [(row.kind, row.outcome) for row in lost] == [("NULL", "out_of_range")]
+    fates = {row.token: row.time for row in book.verdicts}
+    assert fates[1] == 1_250_000 + SLOT + 126 * US
+    assert fates[3] == 22_500_000 + 126 * US  # by the next poll, 10 ms after the refused packet
+    assert fates[2] == 103_750_000 + SLOT + 126 * US  # the poll of 102.5 ms was the first to be told "go"
+
+
+def test_hosts_get_broadcasts_in_their_turn_and_these_need_no_place() -> None:
+    sends = Send(1_000, 0, 1, 27, 1), Send(1_001, 0, ALL, 27, 2), Send(1_002, 0, ALL, 27, 3), Send(1_003, 0, 1, 0, 4)
+    book = book_of(one_slave((), *sends, ms=4))
+    assert [(row.start, row.lt_addr) for row in sorted(book.seen) if row.kind == "DH1"] == [
+        (1_250_000, 1),
+        (2_500_000, 0),
+        (3_750_000, 0),
+        (12_500_000, 1),  # the place was free at 5.6 ms, which the poll of 11.25 ms was told
+    ]
+    first = 1_250_000 + 366 * US + 4 * MS
+    assert [(row.time, row.token) for row in book.deliveries] == [
+        (first, 1),
+        (first + 4 * MS, 2),
+        (first + 8 * MS, 3),
+        (first + 8 * MS + 1, 4),
+    ]
+
+
+def test_a_payload_for_another_slave_overtakes_and_a_broadcast_does_not() -> None:
+    sends = [Send(1_000, 0, to, 27, token) for token, to in enumerate((1, 1, 2, ALL))]
+    book = book_of(one_slave((), *sends, slaves=2))
+    assert [(row.start, row.destination) for row in sorted(book.seen) if row.kind == "DH1"][:2] == [
+        (1_250_000, 1),
+        (2_500_000, 2),
+    ]
+    broadcast = next(row for row in sorted(book.seen) if row.lt_addr == 0)
+    assert broadcast.start > 100 * MS

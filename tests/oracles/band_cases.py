@@ -14,6 +14,7 @@ from cosim.channels.bluetooth.hopping import basic_channel
 from cosim.randomness import Draws
 from tests.oracles.band import live
 from tests.oracles.band_air import Radio
+from tests.oracles.band_flow import lose_stops, rejoin, slow_hosts
 from tests.oracles.band_powers import draw_radio, near_frames
 from tests.oracles.band_scene import (
     ALL,
@@ -66,11 +67,27 @@ class Case:
 
 
 def draw_case(choice: Choice) -> Case:
-    """Draw cases until the readings settle one of them."""
-    while True:
+    """Draw cases until the readings settle one of them; one in four gets slow hosts."""
+    case = draw_any_case(choice)
+    while not settled(case):
         case = draw_any_case(choice)
+    return draw_slow_hosts(choice, case) if chance(choice, 4) else case
+
+
+def draw_slow_hosts(choice: Choice, fast: Case) -> Case:
+    """Return *fast* with hosts that are slow, if possible so that they stop somebody and the readings settle it."""
+    found = fast
+    for _ in range(6):
+        case = replace(fast, scene=slow_hosts(choice, fast.scene))
+        flow = case.book().flow
+        case = replace(case, scene=lose_stops(choice, case.scene, flow))
+        if chance(choice, 2):
+            case = replace(case, scene=rejoin(choice, case.scene, case.book().losses))
         if settled(case):
-            return case
+            found = case
+            if flow:
+                break
+    return found
 
 
 def settled(case: Case) -> bool:

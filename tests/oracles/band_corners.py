@@ -29,6 +29,13 @@ def corners() -> list[Case]:
         master_that_does_not_hear(),
         page_in_the_midst_of_a_pair(),
         equal_replies(),
+        leaves_in_the_midst_of_a_poll(),
+        full_of_an_earlier_link(),
+        full_of_an_earlier_link(turned=True),
+        place_of_the_slave(246, 246_000),
+        place_of_the_slave(250, 251_004),
+        place_of_the_master(335, 409_974),
+        place_of_the_master(300, 352_061),
     ]
     return cases + [replace(case, idle=not case.idle) for case in cases]
 
@@ -105,6 +112,41 @@ def page_in_the_midst_of_a_pair() -> Case:
     inputs = (Join(0, 0, 1, 1, DUE + 80), Send(POLL - 1, 0, 1, 339, 0), PageFor(POLL + 1_000, 1, 2, 0))
     powers = ((-inf, 0.0, -inf), (0.0, -inf, -inf), (-inf, -inf, -inf))
     return Case(Scene(bodies(0, 0, 0), Radio(((0, powers),)), inputs, 80 * SLOT, page_timeout=40), 1, idle=False)
+
+
+def leaves_in_the_midst_of_a_poll() -> Case:
+    """A slave gets a link in another piconet, where it is from then on, while an idle POLL of its first one arrives."""
+    joins = (Join(0, 0, 1, 1, DUE), Join(0, 2, 3, 1, DUE), Join(POLL + 1_000, 2, 1, 2, DUE + 40))
+    scene = Scene(bodies(0, 0, 60 * US, 60 * US), Radio(((0, equal_powers(4)),), mode="none"), joins, 60 * SLOT)
+    return Case(scene, 1, idle=False)
+
+
+def full_of_an_earlier_link(turned: bool = False) -> Case:
+    """A link is lost and comes up again, perhaps *turned* round, while its slave's host is busy with the first one."""
+    gone = ((-inf,) * 2,) * 2
+    radio = Radio(((0, equal_powers(2)), (20_000_000, gone), (60_000_000, equal_powers(2))))
+    again = Join(61_000_000, 1, 0, 1, FIRST + 224) if turned else Join(61_000_000, 0, 1, 1, FIRST + 224)
+    inputs = (Join(0, 0, 1, 1, DUE), Send(1_000, 0, 1, 27, 0), again, Send(85_000_000, 0, 1, 27, 1))
+    scene = Scene(bodies(0, 0), radio, inputs, 400 * SLOT, t_poll=16, supervision=30 * SLOT, host_bps=1080, room=1)
+    return Case(scene, 1, idle=False)
+
+
+def place_of_the_slave(length: int, bps: int) -> Case:
+    """A slave's only place is free as it hears the next POLL, or 1 ns later; transports of 8 ms, or 7.968001 ms."""
+    return _one_place(0, 1, length, bps)
+
+
+def place_of_the_master(length: int, bps: int) -> Case:
+    """A master's only place is free as it polls again, or 1 ns later; transports of 6.537 ms, or 6.817001 ms."""
+    return _one_place(1, 0, length, bps)
+
+
+def _one_place(source: int, destination: int, length: int, bps: int) -> Case:
+    sends = tuple(Send(1_000, source, destination, length, token) for token in (0, 1))
+    radio = Radio(((0, equal_powers(2)),))
+    inputs = (Join(0, 0, 1, 1, DUE), *sends)
+    scene = Scene(bodies(0, 0), radio, inputs, 80 * SLOT, t_poll=16, kinds=("DH5",), host_bps=bps, room=1)
+    return Case(scene, 1, idle=False)
 
 
 def equal_replies() -> Case:

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 
 from cosim.channels.bluetooth.hopping import basic_channel
 from tests.oracles.band_air import POLLING
-from tests.oracles.band_scene import ALL, KINDS, Delivery, Seen
+from tests.oracles.band_hosts import REFUSED
+from tests.oracles.band_scene import ALL, KINDS, FlowNote, Seen
 from tests.oracles.band_stage import AIR, DELIVER, Device, Entry, Link, Stage
 from tests.oracles.medium import HEADER_AIR, NOT_TUNED, OUT_OF_RANGE, RECEIVED, OnAir
+
+
+def heard(outcome: str, part: str | None) -> bool:
+    """Return whether the header of a frame with that fate was received, and so all that it says."""
+    return outcome in (RECEIVED, REFUSED) or part == "payload"
 
 
 @dataclass
@@ -61,7 +67,7 @@ class Piconet:
                 return entry if not before and self.here(entry.slots) else None
             link = self.master.to(entry.destination)
             assert link is not None
-            if entry.destination not in before and self.can_poll(link, entry.slots):
+            if entry.destination not in before and not link.stopped and self.can_poll(link, entry.slots):
                 return entry
             before.append(entry.destination)
         return None
@@ -113,11 +119,11 @@ class Piconet:
             slave = stage.devices[link.slave]
             outcome, part = self.outcome(frame, slave.address, carrier, data, here and link.below.alive)
             stage.book.seen.append(self.seen(frame, data.kind, slave.address, 0, outcome, part))
-            if outcome == RECEIVED or part == "payload":
+            if heard(outcome, part):
                 stage.hear(link, slave, frame.end)
             if outcome == RECEIVED and data.token not in link.broadcasts:
                 link.broadcasts.add(data.token)
-                stage.book.deliveries.append(Delivery(frame.end, self.master.address, slave.address, data.token, True))
+                stage.deliver(slave, self.master.address, data)
         if last:
             stage.verdict(self.master.address, data.token, "sent")
 
@@ -160,7 +166,12 @@ class Pair:
         self.up = stage.air.power(slave.address, master.address, now)
         self.here = stage.present(slave, master.address, piconet.need(self.slots))
         self.acknowledged, link.above.owes_ack = link.above.owes_ack, None
-        waiting = [entry for entry in link.queue if entry.token != self.acknowledged]
+        stop = not master.transport.has_place(slave.address, now)
+        if stop:
+            self.flow("slave's payload waits" if link.queue else "master stops")
+        if link.stopped:
+            self.flow("polled though stopped")
+        waiting = [] if stop else [entry for entry in link.queue if entry.token != self.acknowledged]
         self.reply = waiting[0] if waiting else None
         if self.reply:
             self.reply.chosen = True
@@ -175,14 +186,26 @@ class Pair:
         into = book.idle if self.idle else book.seen
         into.append(self.piconet.seen(frame, kind, to, self.link.lt_addr, outcome, part))
 
+    def flow(self, what: str) -> None:
+        stage = self.piconet.stage
+        start = self.piconet.master.clock.start(self.tick)
+        stage.book.flow.append(FlowNote(start, what, self.link.master, self.link.slave))
+
     def end_of_packet(self, frame: OnAir) -> None:
         """Judge the master's packet at its slave."""
         piconet, link, stage = self.piconet, self.link, self.piconet.stage
         slave = stage.devices[link.slave]
         tuned = self.here and link.below.alive
         outcome, part = piconet.outcome(frame, slave.address, self.down, self.data, tuned)
+        fresh = self.data if outcome == RECEIVED and self.data and link.below.taken != self.data.token else None
+        if fresh and not slave.transport.has_place(piconet.master.address, frame.end):
+            outcome = REFUSED
+            self.flow("refused")
         self.note(frame, self.kind, slave.address, outcome, part)
-        if outcome != RECEIVED and part != "payload":
+        if not heard(outcome, part):
+            if link.stopped:
+                self.flow("go without answer")
+            link.stopped = False
             if self.reply:
                 self.reply.chosen = False
             return
@@ -190,10 +213,10 @@ class Pair:
         if link.queue and link.queue[0].token == self.acknowledged:
             stage.verdict(slave.address, link.queue.pop(0).token, "delivered")
         self.payload_taken = outcome == RECEIVED
-        if self.data and outcome == RECEIVED and link.below.taken != self.data.token:
-            link.below.taken = self.data.token
-            delivery = Delivery(frame.end, piconet.master.address, slave.address, self.data.token, False)
-            stage.book.deliveries.append(delivery)
+        if fresh and outcome == RECEIVED:
+            link.below.taken = fresh.token
+            stage.deliver(slave, piconet.master.address, fresh)
+        self.says_stop = not slave.transport.has_place(piconet.master.address, frame.end)
         stage.book.counts[self.reply.kind if self.reply else "NULL"] += 1
         tick = self.tick + 2 * self.slots
         piconet.master.free = tick + 2 * (self.reply.slots if self.reply else 1)
@@ -215,8 +238,17 @@ class Pair:
         piconet, link, reply, stage = self.piconet, self.link, self.reply, self.piconet.stage
         master = piconet.master
         outcome, part = piconet.outcome(frame, master.address, self.up, reply, link.above.alive)
+        fresh = reply if outcome == RECEIVED and reply and link.above.taken != reply.token else None
+        if fresh and not master.transport.has_place(link.slave, frame.end):
+            outcome = REFUSED
+            self.flow("refused by master")
         self.note(frame, reply.kind if reply else "NULL", master.address, outcome, part)
-        if outcome != RECEIVED and part != "payload":
+        if self.says_stop:
+            self.flow("slave stops" if heard(outcome, part) else "stop unheard")
+            if link.stopped and not heard(outcome, part):
+                self.flow("go by lost answer")
+        link.stopped = heard(outcome, part) and self.says_stop
+        if not heard(outcome, part):
             return
         stage.hear(link, master, frame.end)
         if self.data and self.payload_taken and self.data in master.queue:
@@ -224,6 +256,6 @@ class Pair:
             stage.verdict(master.address, self.data.token, "delivered")
         if reply and outcome == RECEIVED:
             link.above.owes_ack = reply.token
-            if link.above.taken != reply.token:
-                link.above.taken = reply.token
-                stage.book.deliveries.append(Delivery(frame.end, link.slave, master.address, reply.token, False))
+        if fresh and outcome == RECEIVED:
+            link.above.taken = fresh.token
+            stage.deliver(master, link.slave, fresh)

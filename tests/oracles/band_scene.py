@@ -161,6 +161,20 @@ class News(NamedTuple):
     offset: int = 0
 
 
+class FlowNote(NamedTuple):
+    """Something about FLOW in the slot pair that begins at *start*, of no consequence by itself.
+
+    "master stops": a packet says so, or "slave's payload waits" for that; "slave stops": an answer says so, or "stop
+    unheard", if that is lost; "polled though stopped"; "go by lost answer" and "go without answer": the link is not
+    stopped any more, for no good reason; "refused": a payload has found no place, at a slave or "refused by master".
+    """
+
+    start: int
+    what: str
+    master: int
+    slave: int
+
+
 @dataclass
 class Book:
     """All that happened."""
@@ -174,6 +188,7 @@ class Book:
     news: list[News] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
     """Packets of connected devices by type, and idle polls; an answer counts once it is known that it comes."""
+    flow: list[FlowNote] = field(default_factory=list)
     doubts: list[tuple[int, str]] = field(default_factory=list)
     """What the readings do not settle; a case in which it happens proves nothing."""
 
@@ -223,3 +238,7 @@ class Scene:
     first_train: str = "A"
     repetitions: int = 1
     page_timeout: int = 16384
+    host_bps: int | None = None
+    """Bit/s from a device to its host; None: at once."""
+    room: int = 8
+    """Payloads of each peer that a device holds until its host has them."""

@@ -95,6 +95,8 @@ class Inquiry:
             if scanner is None or other is self.device:
                 continue
             offset = scanner.listens(frame.start)
+            if scanner.heard == (frame.start, frame.channel) and self.stage.scene.radio.mode == "none":
+                self.stage.doubt("two IDs of the same instant can be heard")
             if offset is None:
                 continue
             if inquiry_scan_channel(scanner.clock.tick(frame.start), offset) != frame.channel:
@@ -103,6 +105,7 @@ class Inquiry:
             if air.judge(frame, other.address, carrier, IDENT, self.stage.now, ("access_code",))[0] != RECEIVED:
                 continue
             see(self.stage, frame, "ID", other.address, RECEIVED)
+            scanner.heard = (frame.start, frame.channel)
             if scanner.hear(frame.start):
                 self.expect(tick, frame, scanner, offset)
 
@@ -245,12 +248,15 @@ class Page:
             return
         scanner, stage = self.scanner, self.stage
         part = scanner.hears(frame.start)
+        if scanner.heard == (frame.start, frame.channel) and stage.scene.radio.mode == "none":
+            stage.doubt("two IDs of the same instant can be heard")
         if part is None or page_scan_channel(scanner.word, scanner.clock_at(frame.start, part)) != frame.channel:
             return
         carrier = stage.air.power(self.device.address, self.peer.address, frame.start)
         if stage.air.judge(frame, self.peer.address, carrier, IDENT, stage.now, ("access_code",))[0] != RECEIVED:
             return
         see(stage, frame, "ID", self.peer.address, RECEIVED)
+        scanner.heard = (frame.start, frame.channel)
         scanner.frozen = scanner.clock_at(frame.start, part)
         scanner.partner = self.device.address
         scanner.state, scanner.limit = RESPONSE, frame.start + SLOT + 8 * SLOT

@@ -10,7 +10,8 @@ from heapq import heappop, heappush
 from typing import Any
 
 from tests.oracles.band_air import Air, Contents
-from tests.oracles.band_scene import ALL, KINDS, Body, Book, Flush, Loss, Scene, Send, Share, Verdict
+from tests.oracles.band_hosts import Transport
+from tests.oracles.band_scene import ALL, KINDS, Body, Book, Delivery, Flush, Loss, Scene, Send, Share, Verdict
 from tests.oracles.medium import HEADER_AIR, US, Clock, Windows
 from tests.oracles.scanners import CONNECTED, SCAN, Paged, Scanner
 
@@ -75,6 +76,8 @@ class Link:
     """The slave's queue."""
     broadcasts: set[int] = field(default_factory=set)
     """Tokens of broadcasts delivered."""
+    stopped: bool = False
+    """The slave's last answer has said that it has no place for a payload."""
 
     def side(self, device: int) -> Side:
         return self.above if device == self.master else self.below
@@ -87,6 +90,9 @@ class Device:
     address: int
     body: Body
     clock: Clock
+    transport: Transport
+    last_taken: int = -1
+    """When it received a payload last."""
     inquiry_scan: Scanner | None = None
     page_scan: Paged | None = None
     links: list[Link] = field(default_factory=list)
@@ -135,7 +141,7 @@ class Stage:
 
     def device(self, address: int, body: Body) -> Device:
         clock = Clock(body.phase, body.ppm)
-        device = Device(address, body, clock)
+        device = Device(address, body, clock, Transport(self.scene.host_bps, self.scene.room))
         if body.inquiry_scan is not None:
             offset, interval, interlaced, version, n = body.inquiry_scan
             windows = Windows(clock, offset, interval, interlaced)
@@ -233,6 +239,16 @@ class Stage:
         for entry in [entry for entry in queue if unwanted(entry)]:
             queue.remove(entry)
             self.verdict(device.address, entry.token, "flushed")
+
+    def deliver(self, receiver: Device, source: int, entry: Entry) -> None:
+        """Let *receiver* take a payload now, and its host have it when it is its turn."""
+        if receiver.transport.bps is not None and receiver.last_taken == self.now:
+            self.doubt("two payloads are received at the same instant")
+        receiver.last_taken = self.now
+        to_all = entry.destination == ALL
+        time = receiver.transport.take(entry.length, None if to_all else source, self.now)
+        if time < self.scene.end:
+            self.book.deliveries.append(Delivery(time, source, receiver.address, entry.token, to_all))
 
     def verdict(self, owner: int, token: int, outcome: str) -> None:
         self.book.verdicts.append(Verdict(self.now, owner, token, outcome))

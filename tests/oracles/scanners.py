@@ -33,6 +33,8 @@ class Scanner:
     """End of the response substate of v1.1; None in any other state."""
     reply: int | None = None
     """Start of an FHS that is still to come or on the air: it does not listen meanwhile."""
+    heard: tuple[int, int] | None = None
+    """Start and channel of the last ID heard."""
 
     @property
     def clock(self) -> Clock:
@@ -89,6 +91,8 @@ class Paged:
     """It hears nothing that ends at or after this instant."""
     partner: int = -1
     """With whom it speaks, unless it scans."""
+    heard: tuple[int, int] | None = None
+    """Start and channel of the last ID heard."""
 
     def settle(self, now: int) -> None:
         """Go back to page scan if the other side has stayed silent for too long."""
