@@ -22,13 +22,13 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Metric,
-    Observation,
     Outgoing,
     Page,
     ProtocolSpec,
     Reception,
     Surroundings,
 )
+from cosim.observation import Observation
 from cosim.settings import Settings
 from cosim.units import MS, S, Time
 

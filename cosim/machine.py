@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from cosim.errors import LocalProtocolError
+from cosim.observation import Observation
 from cosim.settings import Settings
 from cosim.units import Time
 
@@ -41,21 +42,6 @@ class Reception(NamedTuple):
     """Received power, where the channel knows it."""
     bearing_rad: float | None = None
     """Direction of the source in the receiver's frame, where the channel knows it."""
-
-
-class Observation(NamedTuple):
-    """What a robot knows of itself and sees at one world tick. SI units; angles counter-clockwise from the x axis."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-    speed_mps: float
-    arrived: bool
-    """The last ``GoTo`` has been carried out (or there was none)."""
-    blocked: bool
-    """A wall or another body has kept the robot from moving as commanded in the tick that just ended."""
-    visible: tuple[Address, ...] = ()
-    """The robots in line of sight within the sensor's range, in order of their numbers."""
 
 
 class Outcome(StrEnum):
@@ -408,6 +394,8 @@ class ProtocolSpec:
     """The largest team that the protocol can address."""
     needs_sight: bool = False
     """Observations name the robots in sight."""
+    needs_view: bool = False
+    """Observations tell as well where robots are seen, how far the walls are, and what points are in sight."""
 
 
 class Surroundings(NamedTuple):
@@ -435,6 +423,8 @@ class Surroundings(NamedTuple):
     """Speed limit of each robot."""
     accelerations_mps2: tuple[float, ...] = ()
     """Acceleration limit of each robot."""
+    frames: tuple[tuple[float, float, float], ...] = ()
+    """Origin (x, y, m) and direction (rad) in the world of each robot's own frame."""
 
 
 def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:

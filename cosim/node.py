@@ -5,7 +5,8 @@ from typing import Any
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import Address, Call, Command, LinkEvent, Machine, Observation, Outgoing, Reception
+from cosim.machine import Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
+from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
 from cosim.units import Time
 

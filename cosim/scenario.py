@@ -29,11 +29,13 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
+from cosim.channels.vision import OpticalSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
 from cosim.faults import FaultSettings, misplaced
 from cosim.machine import ProtocolSpec
 from cosim.robots.body import BodySettings
+from cosim.robots.senses import SenseSettings
 from cosim.settings import Settings
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
@@ -96,6 +98,9 @@ class TeamSettings(Settings):
     )
     sight_range_m: float | None = Field(
         default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
+    )
+    senses: SenseSettings = Field(
+        default_factory=SenseSettings, description="sensors, for protocols whose robots look around"
     )
 
     @property
@@ -175,7 +180,7 @@ class Scenario(Settings):
     tick_s: float = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
-    channel: Annotated[IdealSettings | BluetoothSettings, Field(discriminator="kind")] = Field(
+    channel: Annotated[IdealSettings | OpticalSettings | BluetoothSettings, Field(discriminator="kind")] = Field(
         default_factory=IdealSettings, description="what carries their messages"
     )
     protocol: ProtocolChoice = Field(description="what they run")

@@ -6,6 +6,7 @@ observe. Everything else happens between ticks, when frames arrive or deadlines 
 """
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,15 +17,18 @@ from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.vision import OpticalChannel, OpticalSettings
 from cosim.errors import LocalProtocolError
 from cosim.faults import EVENTS as FAULT_EVENTS
 from cosim.faults import Faults
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Machine, Metric, ProtocolSpec, Referee, Surroundings
+from cosim.machine import Command, Machine, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.node import Node
+from cosim.observation import Observation
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
 from cosim.robots.placement import checked_starts
+from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.scenario import Scenario
 from cosim.trace import POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
@@ -73,6 +77,7 @@ class Simulation:
         surroundings = self._surroundings(parameters, streams)
         knowledge = self.spec.prepare(parameters, surroundings)
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
+        self.senses = self._senses(surroundings, streams)
         self.channel = _channel(scenario, self.kernel, self.trace, streams, self.floorplan)
         self.referee: Referee = self.spec.referee(parameters, knowledge)
         self.machines: list[Machine] = [
@@ -87,7 +92,6 @@ class Simulation:
         self.faults = Faults(scenario.faults, self.kernel, self.nodes, self.channel, self.fleet, self.trace)
         self.faults.schedule(scenario.duration)
         self._distance_m = 0.0
-        self._sight_m = scenario.team.sight_range_m or float("inf")
         self._poses_wanted = self.trace.wants(POSES)
 
     def run(self) -> Outcome:
@@ -124,7 +128,15 @@ class Simulation:
         if starts is None:
             starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
         checked_starts(starts, radii_m, floor)
-        return surroundings._replace(starts_m=tuple(starts))
+        return surroundings._replace(starts_m=tuple(starts), frames=_frames(scenario, starts, streams))
+
+    def _senses(self, surroundings: Surroundings, streams: Streams) -> Senses | None:
+        team = self.scenario.team
+        if not self.spec.needs_view and team.senses.frames == "world":
+            return None
+        range_m = team.sight_range_m or float("inf")
+        bodies = surroundings.radii_m, surroundings.frames
+        return Senses(team.senses, self.floorplan.grid, *bodies, range_m, self.scenario.tick, streams)
 
     def _first_tick(self) -> None:
         for node in self.nodes:
@@ -137,7 +149,7 @@ class Simulation:
         self.channel.advance(now)
         for node in self.nodes:
             if node.motion:
-                self.fleet.apply((node.address, command) for command in node.motion)
+                self.fleet.apply((node.address, self._in_world(node.address, command)) for command in node.motion)
                 node.motion.clear()
         self._distance_m += self.fleet.step()
         self.channel.moved(self.fleet.positions_m)
@@ -145,10 +157,10 @@ class Simulation:
 
     def _sense(self, now: Time) -> None:
         positions = self.fleet.positions_m
-        visible = self._visible(positions)
-        for node, observation in zip(self.nodes, self.fleet.observations(visible), strict=True):
-            if self._poses_wanted:
-                self.trace.row(POSES, now, node.address, observation.x_m, observation.y_m, observation.heading_rad)
+        if self._poses_wanted:
+            for robot, (x, y, heading, *_) in enumerate(self.fleet.observed.tolist()):
+                self.trace.row(POSES, now, robot, x, y, heading)
+        for node, observation in zip(self.nodes, self._observations(positions), strict=True):
             node.observe(observation, now)
         for death in self.faults.deaths():
             self.referee.died(death)
@@ -157,10 +169,16 @@ class Simulation:
             self._ticks.cancel()
             self.kernel.stop()
 
-    def _visible(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[tuple[int, ...]]:
+    def _observations(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[Observation]:
+        if self.senses is not None:
+            return self.senses.observe(self.fleet)
         if not self.spec.needs_sight:
-            return []
-        return seen_by_each(lines_of_sight(self.floorplan.grid, positions, self._sight_m))
+            return self.fleet.observations()
+        seen = lines_of_sight(self.floorplan.grid, positions, self.scenario.team.sight_range_m or float("inf"))
+        return self.fleet.observations(seen_by_each(seen))
+
+    def _in_world(self, robot: int, command: Command) -> Command:
+        return command if self.senses is None else self.senses.in_world(robot, command)
 
     def _outcome(self) -> Outcome:
         now = self.kernel.now
@@ -187,11 +205,21 @@ class Simulation:
         return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
 
 
+def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: Streams) -> tuple[Frame, ...]:
+    """Return each robot's own frame: the world, or where it starts, turned by any angle."""
+    if scenario.team.senses.frames == "world":
+        return (WORLD_FRAME,) * len(starts)
+    turns = (float(streams("frame", robot).uniform(-math.pi, math.pi)) for robot in range(len(starts)))
+    return tuple((x, y, turn) for (x, y), turn in zip(starts, turns, strict=True))
+
+
 def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan) -> Channel:
     team = scenario.team
     match scenario.channel:
         case IdealSettings() as settings:
             return IdealChannel(settings, kernel, trace, team.size)
+        case OpticalSettings() as settings:
+            return OpticalChannel(settings, kernel, trace, team.size, floor.grid)
         case BluetoothSettings() as settings:
             walls = floor.grid, floor.wall_loss_db
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)

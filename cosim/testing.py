@@ -35,7 +35,6 @@ from cosim.machine import (
     Machine,
     Mode,
     ModeChanged,
-    Observation,
     Outcome,
     Outgoing,
     PageFailed,
@@ -44,6 +43,7 @@ from cosim.machine import (
     RoleChanged,
 )
 from cosim.node import Node
+from cosim.observation import Observation
 from cosim.randomness import Streams
 from cosim.trace import Trace
 from cosim.units import MS, S, Time

@@ -15,7 +15,7 @@ SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob
 LINES = (
     "units errors jit",
     "randomness settings geometry documents",
-    "machine navigation",
+    "observation machine navigation",
     "trace kernel",
     "world",
     "robots channels",
@@ -25,7 +25,7 @@ LINES = (
 """The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
-PROTOCOLS_MAY = {"units", "errors", "settings", "randomness", "machine", "geometry", "navigation", "jit"}
+PROTOCOLS_MAY = {"units", "errors", "settings", "randomness", "observation", "machine", "geometry", "navigation", "jit"}
 
 OWNERS = {
     "simpy": {"kernel"},

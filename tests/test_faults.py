@@ -21,12 +21,12 @@ from cosim.machine import (
     LinkEvent,
     Lost,
     Metric,
-    Observation,
     Outgoing,
     ProtocolSpec,
     Reception,
     Surroundings,
 )
+from cosim.observation import Observation
 from cosim.scenario import Scenario, build, dump
 from cosim.settings import Settings
 from cosim.simulation import Simulation, simulate

@@ -21,12 +21,12 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Lost,
-    Observation,
     Outgoing,
     Page,
     Reception,
 )
 from cosim.node import Node
+from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace, events_table
 from cosim.units import Time
 

@@ -22,12 +22,12 @@ from cosim.machine import (
     GoTo,
     LinkEvent,
     Metric,
-    Observation,
     Outgoing,
     ProtocolSpec,
     Reception,
     Surroundings,
 )
+from cosim.observation import Observation
 from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import METRICS, Outcome, Simulation, simulate

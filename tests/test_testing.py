@@ -21,12 +21,12 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Lost,
-    Observation,
     Outgoing,
     Page,
     Reception,
     Role,
 )
+from cosim.observation import Observation
 from cosim.testing import LawError, _inputs, check_machine
 from cosim.units import MS, S, Time
 

@@ -6,7 +6,7 @@ manages links runs here unchanged.
 """
 
 from functools import partial
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -61,7 +61,7 @@ class IdealSettings(Settings):
 class IdealChannel(Channel):
     """Instant links between all devices that are switched on, and a fixed delay without loss."""
 
-    metrics = (Metric("frames_sent", "1", "payloads sent"),)
+    metrics: ClassVar[tuple[Metric, ...]] = (Metric("frames_sent", "1", "payloads sent"),)
 
     def __init__(self, settings: IdealSettings, kernel: Kernel, trace: Trace, size: int) -> None:
         super().__init__(kernel, trace, size)
@@ -108,6 +108,7 @@ class IdealChannel(Channel):
             case Scan(enabled=enabled):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._hears(source, peer):
+                self._paged -= {(source, peer), (peer, source)}
                 self._tell((source, Lost(peer)), (peer, Lost(source)))
             case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
                 mode = Mode.ACTIVE if self._hears(source, peer) else Mode.NONE  # links are never at rest

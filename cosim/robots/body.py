@@ -15,7 +15,8 @@ class BodySettings(Settings):
     acceleration_mps2: float = Field(default=1.0, gt=0, description="greatest change of speed, both ways")
     turn_radps: float = Field(default=2.0, gt=0, description="greatest angular speed")
     turn_acceleration_radps2: float = Field(default=4.0, gt=0, description="greatest change of angular speed")
-    drive: Literal["differential", "grid"] = Field(
+    drive: Literal["differential", "grid", "omni"] = Field(
         default="grid",
-        description='"differential" turns on the spot before it drives to a point; "grid" needs no time to turn',
+        description='"differential" turns on the spot before it drives to a point; "grid" stops, but needs no time to'
+        ' turn; "omni" goes any way at once',
     )

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cosim.geometry.segments import SegmentGrid, cells_near, free_fraction
+from cosim.geometry.segments import SegmentGrid, cells_near, free_fraction, unpacked
 from cosim.jit import njit
 from cosim.robots.table import DX, DY, PART, RADIUS, ROOM, X, Y
 
@@ -29,29 +29,6 @@ BODY_SLACK_M: Final = 1e-9
 """By how much two bodies may seem to overlap that pass in touch."""
 
 
-def packed_walls(grid: SegmentGrid) -> tuple[Floats, Ints]:
-    """Return *grid* as two arrays, numbers and members, which are handed to a kernel faster than eight fields."""
-    numbers = np.concatenate(([grid.x_m, grid.y_m, grid.cell_m], grid.walls_m.ravel()))
-    sizes = np.array([grid.nx, grid.ny], np.int32)
-    return numbers, np.concatenate((sizes, grid.first, grid.member))
-
-
-@njit(cache=True)
-def _unpacked(numbers: Floats, members: Ints) -> SegmentGrid:
-    nx, ny = members[0], members[1]
-    first_end = 2 + nx * ny + 1
-    return SegmentGrid(
-        numbers[3:].reshape((numbers.shape[0] - 3) // 4, 4),
-        numbers[0],
-        numbers[1],
-        numbers[2],
-        nx,
-        ny,
-        members[2:first_end],
-        members[first_end:],
-    )
-
-
 @njit(cache=True)
 def cut(table: Floats, wall_numbers: Floats, wall_members: Ints) -> None:
     """Write to the row PART which fraction, 0 to 1, of its way (DX, DY) each disc can go; see ``table``.
@@ -66,7 +43,7 @@ def cut(table: Floats, wall_numbers: Floats, wall_members: Ints) -> None:
             if table[ROOM, i] >= table[RADIUS, i] + way:
                 table[ROOM, i] -= way
             else:
-                grid = _unpacked(wall_numbers, wall_members)
+                grid = unpacked(wall_numbers, wall_members)
                 table[PART, i], table[ROOM, i] = _free_of_walls(
                     grid, table[X, i], table[Y, i], dx, dy, table[RADIUS, i], way, table[ROOM, i]
                 )

@@ -15,13 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cosim.errors import LocalProtocolError
-from cosim.geometry.segments import SegmentGrid
+from cosim.geometry.segments import SegmentGrid, packed_walls
 from cosim.jit import njit
-from cosim.machine import Address, Command, GoTo, Observation
+from cosim.machine import Address, Command, GoTo
+from cosim.observation import Observation
 from cosim.robots.body import BodySettings
-from cosim.robots.contact import cut, packed_walls
+from cosim.robots.contact import cut
 from cosim.robots.drive import ALIGNED_RAD, LAND_M, approach, chord, towards, wrapped
 from cosim.robots.table import (
+    ANY_WAY,
     ARRIVED,
     BLOCKED,
     CUT,
@@ -153,11 +155,16 @@ class Fleet:
         radii: Floats = self._table[RADIUS]
         return radii
 
+    @property
+    def observed(self) -> Floats:
+        """What each body observes of itself at the last tick: rows x, y, heading, speed, arrived, blocked."""
+        return self._observed
+
     def observations(self, visible: Sequence[tuple[Address, ...]] = ()) -> list[Observation]:
         """Return what each body observes at the last tick; *visible* names for each body the others in its sight."""
         others = visible or (_NOBODY,) * len(self)
         return [
-            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, seen))
+            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, seen, (), (), None))
             for (x, y, heading, speed, arrived, blocked), seen in zip(self._observed.tolist(), others, strict=True)
         ]
 
@@ -169,6 +176,7 @@ def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float)
     table[MOST_TURN] = [body.turn_radps * seconds for body in bodies]
     table[TURN_CHANGE] = [body.turn_acceleration_radps2 * seconds**2 for body in bodies]
     table[TURNS_FIRST] = [body.drive == "differential" for body in bodies]
+    table[ANY_WAY] = [body.drive == "omni" for body in bodies]
     table[SECONDS] = seconds
 
 
@@ -229,7 +237,8 @@ def _to_goal(table: Floats, i: int) -> tuple[float, float]:
         return goal_x, goal_y
     table[LANDING, i] = 0.0
     bearing = math.atan2(goal_y, goal_x)
-    if table[WAY, i] == 0.0 and table[TURN, i] == 0.0 and not table[TURNS_FIRST, i]:
+    still = table[WAY, i] == 0.0 and table[TURN, i] == 0.0
+    if table[ANY_WAY, i] or (still and not table[TURNS_FIRST, i]):
         table[HEADING, i] = bearing
     error = wrapped(bearing - table[HEADING, i])
     astray = abs(error) > ALIGNED_RAD

@@ -35,4 +35,5 @@ MOST_TURN: Final = 24
 TURN_CHANGE: Final = 25
 TURNS_FIRST: Final = 26
 SECONDS: Final = 27  # of a tick
-ROWS: Final = 28
+ANY_WAY: Final = 28  # it may change its direction as it drives
+ROWS: Final = 29

@@ -14,19 +14,9 @@ from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import CosimError
 from cosim.kernel import Kernel
-from cosim.machine import (
-    BROADCAST,
-    Address,
-    Command,
-    Event,
-    Fate,
-    LinkCommand,
-    LinkEvent,
-    Observation,
-    Outgoing,
-    Reception,
-)
+from cosim.machine import BROADCAST, Address, Command, Event, Fate, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.node import Node
+from cosim.observation import Observation
 from cosim.randomness import Streams
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace

@@ -13,7 +13,8 @@ to the cell that it is on the way to, and stands there until it is called up aga
 from collections.abc import Callable, Mapping
 
 from cosim.geometry.grids import Cell
-from cosim.machine import Address, Observation, next_state
+from cosim.machine import Address, next_state
+from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination, accepted, in_trouble

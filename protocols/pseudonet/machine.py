@@ -2,19 +2,8 @@
 
 from functools import partial
 
-from cosim.machine import (
-    Address,
-    Command,
-    Event,
-    Fate,
-    LinkCommand,
-    LinkEvent,
-    Lost,
-    Observation,
-    Outgoing,
-    Reception,
-    Role,
-)
+from cosim.machine import Address, Command, Event, Fate, LinkCommand, LinkEvent, Lost, Outgoing, Reception, Role
+from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth

@@ -4,7 +4,8 @@ from enum import Enum, auto
 from typing import Final
 
 from cosim.geometry.grids import Cell
-from cosim.machine import Command, GoTo, Observation
+from cosim.machine import Command, GoTo
+from cosim.observation import Observation
 from protocols.pseudonet.knowledge import Knowledge
 
 ARRIVAL_TOLERANCE_M: Final = 1e-6

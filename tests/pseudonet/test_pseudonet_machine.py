@@ -18,7 +18,6 @@ from cosim.machine import (
     Inquire,
     InquiryComplete,
     Lost,
-    Observation,
     Outcome,
     Outgoing,
     Page,
@@ -28,6 +27,7 @@ from cosim.machine import (
     Scan,
     Surroundings,
 )
+from cosim.observation import Observation
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
 from protocols.pseudonet.knowledge import Knowledge

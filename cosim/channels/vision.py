@@ -1,0 +1,147 @@
+"""Messages in sight: every payload reaches those in mutual line of sight, at a rate, after a latency.
+
+With an unlimited rate and the default latency it is the paper's assumption that robots in sight of each other talk at
+once (Sgorbissa and Arkin, "Local navigation strategies for a team of robots", section 1). With a rate and a latency it
+is an optical link: light signals that a camera reads picture by picture. One payload is on its way from a sender at a
+time; it is received by who is in sight of the sender when it begins and when it arrives.
+
+What looks like a link to a host is the line of sight: inquiry finds who is in sight, and a link ends with it.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from cosim.channels.base import Arrival, Positions
+from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.geometry.segments import SegmentGrid
+from cosim.kernel import Kernel
+from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Lost, Metric, Outcome, Outgoing, Reception
+from cosim.settings import Settings
+from cosim.trace import FRAMES, Trace
+from cosim.units import S, Time
+from cosim.world.sight import lines_of_sight, seen_by_each
+
+
+class OpticalSettings(Settings):
+    """Parameters of the optical channel."""
+
+    kind: Literal["optical"] = "optical"
+    range_m: float | None = Field(default=None, gt=0, description="m, how far one sees; without limit if not given")
+    rate_bps: int | None = Field(default=None, gt=0, description="bit/s of a sender; unlimited if not given")
+    latency_s: float = Field(default=1e-6, gt=0, description="s from the end of a payload to its arrival")
+
+
+class _Flight(NamedTuple):
+    """A payload on its way."""
+
+    source: Address
+    outgoing: Outgoing
+    begin: Time
+    audience: tuple[Address, ...]
+    """Who was in sight when it began."""
+
+
+class OpticalChannel(IdealChannel):
+    """All robots see and are seen all around; walls hide them, bodies do not."""
+
+    metrics: ClassVar[tuple[Metric, ...]] = (
+        Metric("frames_sent", "1", "payloads sent"),
+        Metric("frames_missed", "1", "payloads times robots that were in sight at the beginning, not at the arrival"),
+    )
+
+    def __init__(self, settings: OpticalSettings, kernel: Kernel, trace: Trace, size: int, walls: SegmentGrid) -> None:
+        super().__init__(IdealSettings(delay_s=settings.latency_s), kernel, trace, size)
+        self._frames_wanted = trace.wants(FRAMES)
+        self._walls = walls
+        self._range_m = settings.range_m or float("inf")
+        self._rate_bps = settings.rate_bps
+        self._free_at: list[Time] = [0] * size
+        self._in_flight: dict[Time, list[_Flight]] = {}
+        """By the time of arrival."""
+        self._seen: list[frozenset[Address]] = [frozenset()] * size
+        self._missed = 0
+
+    def moved(self, positions_m: Positions) -> None:
+        """Look who sees whom; links between robots that no longer do are lost."""
+        seen = lines_of_sight(self._walls, positions_m, self._range_m)
+        self._seen = [frozenset(others) for others in seen_by_each(seen)]
+        if self._paged:
+            for pair in sorted(self._paged):
+                if not self._hears(*pair):
+                    self._paged.discard(pair)
+                    self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Send as soon as all before it has been sent; NO_LINK, at once, to a robot that is not in sight.
+
+        A device that is switched off sends nothing.
+        """
+        if not self._on[source]:
+            return
+        if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
+            if outgoing.token is not None:
+                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
+            return
+        if self._rate_bps is None:
+            self._begin(source, outgoing, 0)
+            return
+        begin = max(self.kernel.now, self._free_at[source])
+        duration = -(-8 * len(outgoing.payload) * S // self._rate_bps)
+        self._free_at[source] = begin + duration
+        if begin == self.kernel.now:
+            self._begin(source, outgoing, duration)
+        else:
+            self.kernel.at(begin, partial(self._begin, source, outgoing, duration))
+
+    def _begin(self, source: Address, outgoing: Outgoing, duration: Time) -> None:
+        """Let a payload begin that takes *duration* without the latency."""
+        if not self._on[source]:  # it was switched off while this waited
+            return
+        audience = self.in_reach(source) if outgoing.destination == BROADCAST else (outgoing.destination,)
+        self.sent += 1
+        arrival = self.kernel.now + duration + self.delay
+        if arrival not in self._in_flight:
+            self._in_flight[arrival] = []
+            self.kernel.at(arrival, partial(self._land, arrival))
+        self._in_flight[arrival].append(_Flight(source, outgoing, self.kernel.now, audience))
+
+    def _land(self, arrival: Time) -> None:
+        """Deliver what arrives now to who is still in sight, and tell the senders."""
+        arrivals: list[Arrival] = []
+        news: list[tuple[Address, LinkEvent]] = []
+        for source, outgoing, begin, audience in self._in_flight.pop(arrival):
+            to_all = outgoing.destination == BROADCAST
+            heard = [address for address in audience if self._hears(source, address)]
+            self._missed += len(audience) - len(heard)
+            reception = Reception(source, to_all)
+            arrivals += [(address, outgoing.payload, reception) for address in heard]
+            if self._frames_wanted:
+                self._note(source, outgoing, begin, audience, heard)
+            if outgoing.token is not None and self._on[source]:
+                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
+                news.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, news)
+
+    def _note(
+        self,
+        source: Address,
+        outgoing: Outgoing,
+        begin: Time,
+        audience: Sequence[Address],
+        heard: Sequence[Address],
+    ) -> None:
+        duration, length = self.kernel.now - begin, len(outgoing.payload)
+        for address in audience:
+            outcome = "received" if address in heard else "out_of_range"
+            self.trace.row(FRAMES, begin, source, address, duration, "OPTICAL", -1, 0, length, outcome, "")
+
+    def summary(self) -> dict[str, float]:
+        """Return how many payloads and bytes were sent, and how often a robot left sight before one arrived."""
+        numbers = {"frames_sent": self.sent, "frames_missed": self._missed}
+        return {name: float(number) for name, number in numbers.items()}
+
+    def _hears(self, one: Address, other: Address) -> bool:
+        return other in self._seen[one] and super()._hears(one, other)

@@ -1,0 +1,51 @@
+"""What a robot senses at one world tick: its own pose, who is in sight and where, how far the walls are.
+
+Everything is told in the robot's own frame F_i, which is fixed in space. Where a scenario says so, that is the world;
+else it is odometry: it begins at an unknown place, turned by an unknown angle, and nobody knows another's.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+
+class Sighting(NamedTuple):
+    """Another robot, where it is seen: in the observer's frame, with the errors of its sensor."""
+
+    address: int
+    x_m: float
+    y_m: float
+
+
+class View(Protocol):
+    """What a robot can look at, as long as it is at the pose of an observation."""
+
+    def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
+        """Return which points of the robot's frame lie in its visibility region: in range, and no wall before them."""
+
+
+class Observation(NamedTuple):
+    """What a robot knows of itself and sees at one world tick. SI units; angles counter-clockwise from the x axis."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    arrived: bool
+    """The last ``GoTo`` has been carried out (or there was none)."""
+    blocked: bool
+    """A wall or another body has kept the robot from moving as commanded in the tick that just ended."""
+    visible: tuple[int, ...] = ()
+    """The robots in line of sight within the sensor's range, in order of their numbers."""
+    sightings: tuple[Sighting, ...] = ()
+    """Where they are seen, in the same order; as old as the last picture of the camera."""
+    ranges_m: tuple[float, ...] = ()
+    """A ring of n beams: beam k, at the angle 2 pi k / n of the frame, meets a wall or a body after so many metres."""
+    view: View | None = None
+    """Where the robot looks from."""
+
+    def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
+        """Return which points of the robot's frame lie in its visibility region V(R); to be asked at this tick only.
+
+        (Sgorbissa and Arkin, section 2.) A robot without a sensor for it sees nothing.
+        """
+        return [False] * len(points_m) if self.view is None else self.view.sees(points_m)
