@@ -12,6 +12,7 @@ Addresses are small integers, the robots' numbers in the team; channels map them
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -425,6 +426,10 @@ class Surroundings(NamedTuple):
     """Acceleration limit of each robot."""
     frames: tuple[tuple[float, float, float], ...] = ()
     """Origin (x, y, m) and direction (rad) in the world of each robot's own frame."""
+    places_m: Mapping[str, tuple[tuple[float, float], ...]] = MappingProxyType({})
+    """Points that the floor names: rooms, for example."""
+    seed: int = 0
+    """The seed of the run: it differs from replicate to replicate, not between the arms of one."""
 
 
 def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:

@@ -123,12 +123,15 @@ class Simulation:
             radii_m=radii_m,
             speeds_mps=speeds_mps,
             accelerations_mps2=accelerations_mps2,
+            places_m=floor.places_m,
         )
         starts = scenario.team.starts
         if starts is None:
             starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
         checked_starts(starts, radii_m, floor)
-        return surroundings._replace(starts_m=tuple(starts), frames=_frames(scenario, starts, streams))
+        return surroundings._replace(
+            starts_m=tuple(starts), frames=_frames(scenario, starts, streams), seed=streams.seed
+        )
 
     def _senses(self, surroundings: Surroundings, streams: Streams) -> Senses | None:
         team = self.scenario.team

@@ -8,7 +8,7 @@ line, so each side costs half: a wall costs the same however it is drawn, and ho
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -68,6 +68,9 @@ class FloorSettings(Settings):
     )
     walls: tuple[Wall, ...] = Field(default=(), description="wall segments x1, y1, x2, y2 in metres")
     polygons: Polygons = Field(default=(), description="solid polygons, vertices in metres")
+    places: Mapping[str, tuple[Point, ...]] = Field(
+        default={}, description="named points or lines, in metres, for protocols whose robots go somewhere"
+    )
     wall_kind: str = Field(default=LIGHT, description="kind of these walls and polygons")
     walls_by_kind: WallsByKind = Field(default={}, description="further wall segments, by their kind")
     wall_loss_db: Losses = Field(default={}, description=f"dB, loss of a signal through a wall, by kind; {_USUAL}")
@@ -138,6 +141,8 @@ class Floorplan:
     occupancy: OccupancyMap | None = None
     """The map that the floor was read from, if it was."""
     unknown_is_occupied: bool = True
+    places_m: Mapping[str, tuple[Point, ...]] = field(default_factory=dict)
+    """Points that the floor names."""
 
     def forbidden(self, points_m: Floats) -> Bools:
         """Return at which of *points_m*, shape (n, 2), the floor is occupied, unknown (if that is solid) or ends."""
@@ -253,9 +258,10 @@ def _drawn(
         bounds = x_min, y_min, x_max, y_max
     walls.append(_Walls(_open_edges(rows, bounds), HEAVY))
     rows = np.concatenate((rows, walls[-1].rows))
-    polygons, losses = (floor.polygons, floor.wall_loss_db) if floor else ((), {})
-    losses_db = _losses_db(name, walls, losses | settings.wall_loss_db)
-    return Floorplan(name, rows, losses_db, bounds, (*polygons, *settings.polygons))
+    floor = floor or FloorSettings(bounds_m=bounds)
+    losses_db = _losses_db(name, walls, {**floor.wall_loss_db, **settings.wall_loss_db})
+    polygons = (*floor.polygons, *settings.polygons)
+    return Floorplan(name, rows, losses_db, bounds, polygons, places_m=floor.places)
 
 
 def _mapped(name: str, settings: FloorplanSettings, occupancy: OccupancyMap) -> Floorplan:

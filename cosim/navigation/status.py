@@ -1,0 +1,15 @@
+"""What every local navigation algorithm says of its way to the goal."""
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """How far the robot is on its way; numbers, so that kernels can hold them."""
+
+    UNDERWAY = 0
+    ARRIVED = 1
+    """The goal is nearer than the algorithm's tolerance."""
+    UNREACHABLE = 2
+    """Proved: no way leads to the goal."""
+    STUCK = 3
+    """The robot has made no progress for a while; it may still, if something changes."""

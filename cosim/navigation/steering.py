@@ -1,0 +1,290 @@
+"""One convention for all local navigation algorithms: what a robot perceives goes in, where it steps next comes out.
+
+A navigator is a small object that holds its own memory and calls pure functions for the rest: ``PotentialField`` and
+``AvoidPast`` here (motor schemas, see ``schemas`` and ``past``). It knows no simulator, no clock and no channel.
+
+The defaults are those of MissionLab's demos (reference algorithms 5.2, 5.3), fitted to an office: robots with a radius
+of 0.2 to 0.25 m that step 0.1 m, doors of 0.9 to 1.2 m. MissionLab's margin of 0.5 m reaches to the middle of a door of
+1 m, and its jambs throw a robot from side to side; 0.3 m leaves a way free between them. With its sphere of 1.4 m or
+more the walls beside a door turn away more robots that come aslant. Its marks of 1 m to each side count what lies
+behind walls as visited no less than what is near, and its ceiling of 100 lets the past outweigh both goal and walls, so
+that the robot stays at the walls: marks are smaller than the horizon here, and the push at most twice the attraction of
+the goal.
+"""
+
+import math
+from collections.abc import Sequence
+from struct import Struct
+from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from cosim.jit import njit
+from cosim.navigation.past import Past
+from cosim.navigation.schemas import (
+    Vector,
+    avoid_robots,
+    beam_directions,
+    clipped,
+    direction,
+    noise,
+    potential_field,
+)
+from cosim.navigation.status import Status
+from cosim.randomness import Draws
+from cosim.settings import Settings
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+
+_STILL: Final = 0.05
+"""Less than this share of a step is no motion."""
+_HELD_STEPS: Final = 3
+"""After so many steps without motion a robot is held; a command may act a tick or two late."""
+
+_FREEING: Final = 1
+"""The purpose of the draws for steps that free a robot."""
+
+
+class Steer(NamedTuple):
+    """Where to step next, in the robot's frame F_i."""
+
+    dx: float
+    dy: float
+    status: Status
+    """(dx, dy) is a unit vector, or (0, 0) to stay; of a navigator that chooses speeds it is the share of the greatest
+    speed, its length at most 1."""
+
+
+class Navigator(Protocol):
+    """A local navigation algorithm: what the paper calls A."""
+
+    def steer(
+        self,
+        x_m: float,
+        y_m: float,
+        goal_m: Vector,
+        ranges_m: Sequence[float] | Floats,
+        sightings_m: Sequence[Vector] = (),
+        step_m: float = 0.1,
+    ) -> Steer:
+        """Return the next step of a robot at (x, y), all in F_i, metres; called once a motion step.
+
+        *ranges_m* is the scan, beam k at the angle 2 pi k / n; *sightings_m* are the places of the robots in sight;
+        *step_m* is the length of the next step, or what the greatest speed makes of it.
+        """
+        ...
+
+    def restart(self) -> None:
+        """Forget the way so far: the goal is a new one."""
+        ...
+
+
+class PotentialFieldParameters(Settings):
+    """Gains and distances of the motor schemas. Distances from walls are from the robot's centre."""
+
+    drive: Literal["step", "speed"] = Field(
+        default="step", description="steps of one length, or speeds that shrink with the field (greatest at length 1)"
+    )
+    goal_gain: float = Field(default=1.0, ge=0, description="weight of the unit vector to the goal")
+    avoid_gain: float = Field(default=1.0, ge=0, description="weight of the repulsion of what the scan hits")
+    avoid_sphere_m: float = Field(default=0.8, gt=0, description="walls farther off than this do not repel")
+    avoid_margin_m: float = Field(
+        default=0.3, ge=0, description="nearer walls repel with all force: more than the radius, less than half a door"
+    )
+    robot_gain: float = Field(default=1.0, ge=0, description="weight of the repulsion of robots in sight")
+    robot_sphere_m: float = Field(default=1.0, gt=0, description="robots farther off, centre to centre, do not repel")
+    robot_margin_m: float = Field(default=0.5, ge=0, description="robots nearer than this repel with all force")
+    noise_gain: float = Field(default=0.1, ge=0, description="weight of a unit vector of random direction")
+    noise_persistence: int = Field(default=10, ge=1, description="motion steps for which a random direction is held")
+    arrival_m: float = Field(default=0.1, ge=0, description="a goal as near as this is reached")
+    progress_m: float = Field(
+        default=0.1, ge=0, description="who has come nearer to the goal than ever by more than this makes progress"
+    )
+    patience: int = Field(default=50, ge=1, description="motion steps without progress after which a robot is stuck")
+
+    @model_validator(mode="after")
+    def _margins_lie_inside(self) -> "PotentialFieldParameters":
+        if not self.avoid_margin_m < self.avoid_sphere_m:
+            raise ValueError(f"avoid_margin_m {self.avoid_margin_m} is not < avoid_sphere_m {self.avoid_sphere_m}")
+        if not self.robot_margin_m < self.robot_sphere_m:
+            raise ValueError(f"robot_margin_m {self.robot_margin_m} is not < robot_sphere_m {self.robot_sphere_m}")
+        return self
+
+
+class AvoidPastParameters(PotentialFieldParameters):
+    """The potential field's parameters, and those of the memory of visits."""
+
+    patience: int = Field(default=1000, ge=1, description="motion steps without progress after which a robot is stuck")
+    past_gain: float = Field(default=1.0, ge=0, description="weight of the push away from where the robot has been")
+    past_ceiling: float = Field(default=2.0, gt=0, description="greatest length of that push, before its gain")
+    horizon_m: float = Field(default=0.5, gt=0, description="visits farther off, along x or y, do not push")
+    mark_m: float = Field(default=0.3, ge=0, description="how far around the robot, along x and y, ground is visited")
+    cells_per_m: float = Field(default=10.0, gt=0, description="cells of the memory per metre")
+    side_m: float = Field(default=30.0, gt=0, description="side of the square that is remembered, around the robot")
+
+    @model_validator(mode="after")
+    def _windows_fit(self) -> "AvoidPastParameters":
+        if self.horizon_cells < 1:
+            raise ValueError(f"horizon_m {self.horizon_m} is less than a cell of {1.0 / self.cells_per_m} m")
+        if not 2 * max(self.horizon_cells, self.mark_cells) < self.side_cells:
+            raise ValueError(f"side_m {self.side_m} is not more than twice horizon_m and twice mark_m")
+        return self
+
+    @property
+    def horizon_cells(self) -> int:
+        """The horizon in whole cells."""
+        return round(self.horizon_m * self.cells_per_m)
+
+    @property
+    def mark_cells(self) -> int:
+        """The reach of a mark in whole cells."""
+        return round(self.mark_m * self.cells_per_m)
+
+    @property
+    def side_cells(self) -> int:
+        """The side of the map in whole cells."""
+        return round(self.side_m * self.cells_per_m)
+
+
+@njit(cache=True)
+def _step(
+    ranges_m: Floats, beams: Floats, field: Floats, to_x_m: float, to_y_m: float, x: float, y: float, speeds: bool
+) -> Vector:
+    """Return the motion along the potential field: one call a robot and step."""
+    sum_x, sum_y = potential_field(ranges_m, beams, field, to_x_m, to_y_m, x, y)
+    return clipped(sum_x, sum_y) if speeds else direction(sum_x, sum_y)
+
+
+class _Ring:
+    """Takes scans in, as tuples of any length or as arrays, in the form in which a kernel reads them fastest."""
+
+    def __init__(self) -> None:
+        self._size(0)
+
+    def _size(self, count: int) -> None:
+        self.beams = beam_directions(count)
+        self._ranges: Floats = np.zeros(count)
+        self._bytes = self._ranges.data
+        self._pack = Struct(f"{count}d").pack_into
+
+    def take(self, ranges_m: Sequence[float] | Floats) -> Floats:
+        """Return the scan as an array that is good until the next call; ``beams`` fits it from then on."""
+        if len(ranges_m) != len(self.beams):
+            self._size(len(ranges_m))
+        if isinstance(ranges_m, np.ndarray):
+            return ranges_m
+        self._pack(self._bytes, 0, *ranges_m)  # a third faster than to assign the slice
+        return self._ranges
+
+
+class PotentialField:
+    """The paper's algorithm 1: the sum of motor schemas, without memory but for progress and the number of the step."""
+
+    def __init__(self, parameters: PotentialFieldParameters, draws: Draws) -> None:
+        """Take the noise from *draws*: step n's depends on n, counted over all goals, and on nothing else."""
+        own = parameters
+        self._own = own
+        self._field = np.array([own.goal_gain, own.avoid_gain, own.avoid_sphere_m, own.avoid_margin_m])
+        self._speeds = own.drive == "speed"
+        self._draws = draws
+        self._ring = _Ring()
+        self._steps = 0
+        self._noise: Vector = (0.0, 0.0)
+        self._nearest_m = math.inf
+        self._without_progress = 0
+        self._last_m: Vector = (0.0, 0.0)
+        self._asked = 0.0
+        self._still = 0
+
+    def steer(
+        self,
+        x_m: float,
+        y_m: float,
+        goal_m: Vector,
+        ranges_m: Sequence[float] | Floats,
+        sightings_m: Sequence[Vector] = (),
+        step_m: float = 0.1,
+    ) -> Steer:
+        """Return the next step along the field, see :meth:`Navigator.steer`; stay where the goal is reached."""
+        to_x, to_y = goal_m[0] - x_m, goal_m[1] - y_m
+        status = self._progress(math.hypot(to_x, to_y))
+        if status is Status.ARRIVED:
+            return Steer(0.0, 0.0, status)
+        x, y = self._urge(x_m, y_m, sightings_m)
+        if self._is_held(x_m, y_m, step_m):
+            dx, dy = noise(self._draws, self._steps, 1, _FREEING)
+        else:
+            ring = self._ring
+            ranges = ring.take(ranges_m)
+            dx, dy = _step(ranges, ring.beams, self._field, to_x, to_y, x, y, self._speeds)
+        self._asked = max(abs(dx), abs(dy))
+        return Steer(dx, dy, status)
+
+    def restart(self) -> None:
+        """Forget the progress: the goal is a new one."""
+        self._nearest_m, self._without_progress = math.inf, 0
+
+    def _progress(self, distance_m: float) -> Status:
+        """Return the status at this distance from the goal, and remember the nearest one."""
+        own = self._own
+        if distance_m <= own.arrival_m:
+            return Status.ARRIVED
+        if distance_m < self._nearest_m - own.progress_m:
+            self._nearest_m, self._without_progress = distance_m, 0
+        else:
+            self._without_progress += 1
+        return Status.STUCK if self._without_progress >= own.patience else Status.UNDERWAY
+
+    def _is_held(self, x_m: float, y_m: float, step_m: float) -> bool:
+        """Return whether the robot has not moved for a few steps, though the field has told it to.
+
+        A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what repels
+        nobody. A step in a random direction frees it.
+        """
+        last_x, last_y = self._last_m
+        self._last_m = x_m, y_m
+        least = _STILL * step_m * self._asked
+        if least == 0.0 or abs(x_m - last_x) > least or abs(y_m - last_y) > least:
+            self._still = 0
+            return False
+        self._still += 1
+        return self._still >= _HELD_STEPS
+
+    def _urge(self, x_m: float, y_m: float, sightings_m: Sequence[Vector]) -> Vector:
+        """Return the weighted sum of all schemas that need neither the goal nor the scan."""
+        own = self._own
+        if self._steps % own.noise_persistence == 0:
+            x, y = noise(self._draws, self._steps, own.noise_persistence)
+            self._noise = own.noise_gain * x, own.noise_gain * y
+        self._steps += 1
+        if not sightings_m:
+            return self._noise
+        x, y = avoid_robots(x_m, y_m, sightings_m, own.robot_sphere_m, own.robot_margin_m)
+        return self._noise[0] + own.robot_gain * x, self._noise[1] + own.robot_gain * y
+
+
+class AvoidPast(PotentialField):
+    """The paper's algorithm 2: the potential field, and a push away from where the robot has been on its way so far."""
+
+    def __init__(self, parameters: AvoidPastParameters, draws: Draws) -> None:
+        super().__init__(parameters, draws)
+        self._past_gain = parameters.past_gain
+        self._past = Past(
+            parameters.side_cells,
+            parameters.cells_per_m,
+            parameters.horizon_cells,
+            parameters.mark_cells,
+            parameters.past_ceiling,
+        )
+
+    def restart(self) -> None:
+        """Forget the progress and the ground visited: the goal is a new one."""
+        super().restart()
+        self._past.clear()
+
+    def _urge(self, x_m: float, y_m: float, sightings_m: Sequence[Vector]) -> Vector:
+        x, y = super()._urge(x_m, y_m, sightings_m)
+        past_x, past_y = self._past.push(x_m, y_m)
+        return x + self._past_gain * past_x, y + self._past_gain * past_y
