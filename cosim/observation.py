@@ -22,6 +22,9 @@ class View(Protocol):
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         """Return which points of the robot's frame lie in its visibility region: in range, and no wall before them."""
 
+    def ranges_m(self) -> Sequence[float]:
+        """Return how far each beam of a ring goes."""
+
 
 class Observation(NamedTuple):
     """What a robot knows of itself and sees at one world tick. SI units; angles counter-clockwise from the x axis."""
@@ -38,8 +41,6 @@ class Observation(NamedTuple):
     """The robots in line of sight within the sensor's range, in order of their numbers."""
     sightings: tuple[Sighting, ...] = ()
     """Where they are seen, in the same order; as old as the last picture of the camera."""
-    ranges_m: tuple[float, ...] = ()
-    """A ring of n beams: beam k, at the angle 2 pi k / n of the frame, meets a wall or a body after so many metres."""
     view: View | None = None
     """Where the robot looks from."""
 
@@ -49,3 +50,11 @@ class Observation(NamedTuple):
         (Sgorbissa and Arkin, section 2.) A robot without a sensor for it sees nothing.
         """
         return [False] * len(points_m) if self.view is None else self.view.sees(points_m)
+
+    @property
+    def ranges_m(self) -> Sequence[float]:
+        """How far n beams go: beam k, at the angle 2 pi k / n of the frame, meets a wall or a body so many metres off.
+
+        inf beyond the scanner's range. To be asked at this tick only; nothing is scanned unless it is asked.
+        """
+        return () if self.view is None else self.view.ranges_m()

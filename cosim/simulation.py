@@ -139,7 +139,7 @@ class Simulation:
             return None
         range_m = team.sight_range_m or float("inf")
         bodies = surroundings.radii_m, surroundings.frames
-        return Senses(team.senses, self.floorplan.grid, *bodies, range_m, self.scenario.tick, streams)
+        return Senses(team.senses, self.floorplan.packed, *bodies, range_m, self.scenario.tick, streams)
 
     def _first_tick(self) -> None:
         for node in self.nodes:
@@ -177,7 +177,7 @@ class Simulation:
             return self.senses.observe(self.fleet)
         if not self.spec.needs_sight:
             return self.fleet.observations()
-        seen = lines_of_sight(self.floorplan.grid, positions, self.scenario.team.sight_range_m or float("inf"))
+        seen = lines_of_sight(self.floorplan.packed, positions, self.scenario.team.sight_range_m or float("inf"))
         return self.fleet.observations(seen_by_each(seen))
 
     def _in_world(self, robot: int, command: Command) -> Command:
@@ -222,7 +222,7 @@ def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams,
         case IdealSettings() as settings:
             return IdealChannel(settings, kernel, trace, team.size)
         case OpticalSettings() as settings:
-            return OpticalChannel(settings, kernel, trace, team.size, floor.grid)
+            return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
         case BluetoothSettings() as settings:
             walls = floor.grid, floor.wall_loss_db
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)

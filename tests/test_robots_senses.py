@@ -8,7 +8,7 @@ import pytest
 import shapely
 from scipy import stats
 
-from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.geometry.segments import SegmentGrid, packed_walls, segment_grid
 from cosim.machine import Drive, GoTo
 from cosim.observation import Observation
 from cosim.randomness import Streams
@@ -39,7 +39,13 @@ class Scene:
         self.fleet = Fleet([body] * len(places), [place[:2] for place in places], walls, TICK, headings_rad=headings)
         self.frames = frames or [(0.0, 0.0, 0.0)] * len(places)
         self.senses = Senses(
-            SenseSettings(**settings), walls, [RADIUS_M] * len(places), self.frames, range_m, TICK, Streams(seed)
+            SenseSettings(**settings),
+            packed_walls(walls),
+            [RADIUS_M] * len(places),
+            self.frames,
+            range_m,
+            TICK,
+            Streams(seed),
         )
 
     def look(self) -> list[Observation]:

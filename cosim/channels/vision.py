@@ -16,7 +16,7 @@ from pydantic import Field
 
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
-from cosim.geometry.segments import SegmentGrid
+from cosim.geometry.segments import PackedWalls
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Lost, Metric, Outcome, Outgoing, Reception
 from cosim.settings import Settings
@@ -40,6 +40,8 @@ class _Flight(NamedTuple):
     source: Address
     outgoing: Outgoing
     begin: Time
+    looks: int
+    """Which look at who sees whom that was."""
     audience: tuple[Address, ...]
     """Who was in sight when it began."""
 
@@ -52,27 +54,44 @@ class OpticalChannel(IdealChannel):
         Metric("frames_missed", "1", "payloads times robots that were in sight at the beginning, not at the arrival"),
     )
 
-    def __init__(self, settings: OpticalSettings, kernel: Kernel, trace: Trace, size: int, walls: SegmentGrid) -> None:
+    def __init__(self, settings: OpticalSettings, kernel: Kernel, trace: Trace, size: int, walls: PackedWalls) -> None:
         super().__init__(IdealSettings(delay_s=settings.latency_s), kernel, trace, size)
         self._frames_wanted = trace.wants(FRAMES)
+        self._all_on = True
         self._walls = walls
         self._range_m = settings.range_m or float("inf")
         self._rate_bps = settings.rate_bps
+        self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._free_at: list[Time] = [0] * size
         self._in_flight: dict[Time, list[_Flight]] = {}
         """By the time of arrival."""
-        self._seen: list[frozenset[Address]] = [frozenset()] * size
+        self._in_sight: list[tuple[Address, ...]] = [()] * size
+        """Who sees whom, whether they are switched on or not."""
+        self._looks = 0
+        """How often that has changed, or may have."""
         self._missed = 0
 
     def moved(self, positions_m: Positions) -> None:
         """Look who sees whom; links between robots that no longer do are lost."""
-        seen = lines_of_sight(self._walls, positions_m, self._range_m)
-        self._seen = [frozenset(others) for others in seen_by_each(seen)]
+        self._in_sight = seen_by_each(lines_of_sight(self._walls, positions_m, self._range_m))
+        self._looks += 1
         if self._paged:
             for pair in sorted(self._paged):
                 if not self._hears(*pair):
                     self._paged.discard(pair)
                     self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch a device on or off; those in sight lose a dead one at once."""
+        super().power(address, on)
+        self._looks += 1
+        self._all_on = all(self._on)
+
+    def in_reach(self, address: Address) -> tuple[Address, ...]:
+        """Return all other devices in sight that are switched on, if this one is."""
+        if self._all_on:
+            return self._in_sight[address]
+        return super().in_reach(address)
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Send as soon as all before it has been sent; NO_LINK, at once, to a robot that is not in sight.
@@ -106,18 +125,21 @@ class OpticalChannel(IdealChannel):
         if arrival not in self._in_flight:
             self._in_flight[arrival] = []
             self.kernel.at(arrival, partial(self._land, arrival))
-        self._in_flight[arrival].append(_Flight(source, outgoing, self.kernel.now, audience))
+        self._in_flight[arrival].append(_Flight(source, outgoing, self.kernel.now, self._looks, audience))
 
     def _land(self, arrival: Time) -> None:
         """Deliver what arrives now to who is still in sight, and tell the senders."""
         arrivals: list[Arrival] = []
         news: list[tuple[Address, LinkEvent]] = []
-        for source, outgoing, begin, audience in self._in_flight.pop(arrival):
+        for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
             to_all = outgoing.destination == BROADCAST
-            heard = [address for address in audience if self._hears(source, address)]
-            self._missed += len(audience) - len(heard)
-            reception = Reception(source, to_all)
-            arrivals += [(address, outgoing.payload, reception) for address in heard]
+            heard = audience
+            if looks != self._looks:  # robots have moved meanwhile
+                heard = tuple(address for address in audience if self._hears(source, address))
+                self._missed += len(audience) - len(heard)
+            reception, payload = self._receptions[source, to_all], outgoing.payload
+            for address in heard:
+                arrivals.append((address, payload, reception))
             if self._frames_wanted:
                 self._note(source, outgoing, begin, audience, heard)
             if outgoing.token is not None and self._on[source]:
@@ -144,4 +166,4 @@ class OpticalChannel(IdealChannel):
         return {name: float(number) for name, number in numbers.items()}
 
     def _hears(self, one: Address, other: Address) -> bool:
-        return other in self._seen[one] and super()._hears(one, other)
+        return super()._hears(one, other) and other in self._in_sight[one]

@@ -68,7 +68,11 @@ def segment_grid(walls_m: npt.ArrayLike) -> SegmentGrid:
     return SegmentGrid(walls, x, y, cell, nx, ny, first, member)
 
 
-def packed_walls(grid: SegmentGrid) -> tuple[Floats, Ints]:
+PackedWalls: TypeAlias = tuple[Floats, Ints]
+"""A grid of walls as two arrays, numbers and members."""
+
+
+def packed_walls(grid: SegmentGrid) -> PackedWalls:
     """Return *grid* as two arrays, numbers and members: a kernel gets them faster than eight fields (``unpacked``)."""
     numbers = np.concatenate(([grid.x_m, grid.y_m, grid.cell_m], grid.walls_m.ravel()))
     sizes = np.array([grid.nx, grid.ny], np.int32)

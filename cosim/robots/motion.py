@@ -164,7 +164,7 @@ class Fleet:
         """Return what each body observes at the last tick; *visible* names for each body the others in its sight."""
         others = visible or (_NOBODY,) * len(self)
         return [
-            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, seen, (), (), None))
+            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, seen, (), None))
             for (x, y, heading, speed, arrived, blocked), seen in zip(self._observed.tolist(), others, strict=True)
         ]
 

@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from cosim.geometry.segments import SegmentGrid, in_sight, packed_walls, range_along, unpacked
+from cosim.geometry.segments import PackedWalls, SegmentGrid, in_sight, range_along, unpacked
 from cosim.jit import njit
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
@@ -26,6 +26,7 @@ from cosim.units import Time, to_seconds
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
+Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Frame: TypeAlias = tuple[float, float, float]
 """Origin (x, y, m) and direction (rad) in the world."""
@@ -33,6 +34,7 @@ Frame: TypeAlias = tuple[float, float, float]
 WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
 _SIGHT_PURPOSE: Final = 1
 _DRIFT_PURPOSE: Final = 2
+_NO_PLACES: Final = np.empty((0, 0, 2))
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 # columns of the table of poses: the truth, then what the robot takes for it
@@ -51,6 +53,8 @@ _OCCLUDE: Final = 2
 _DISTANCE_ERROR: Final = 3
 _BEARING_ERROR: Final = 4
 _BEAM_RANGE: Final = 5
+_SLIP: Final = 6
+_TURN: Final = 7
 
 
 class SenseSettings(Settings):
@@ -88,7 +92,7 @@ class Senses:
     def __init__(
         self,
         settings: SenseSettings,
-        walls: SegmentGrid,
+        walls: PackedWalls,
         radii_m: Sequence[float],
         frames: Sequence[Frame],
         sight_range_m: float,
@@ -96,11 +100,10 @@ class Senses:
         streams: Streams,
     ) -> None:
         count = len(radii_m)
-        self._walls = packed_walls(walls)
+        self._walls = walls
         self._radii = np.array(radii_m, dtype=np.float64)
         self._frames = np.array(frames, dtype=np.float64).reshape(count, 3)
         self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
-        self._errors = np.array([settings.odometry_slip, settings.odometry_turn_rad])
         self._poses = np.zeros((count, _COLUMNS))
         self._limits = np.array(
             [
@@ -110,9 +113,12 @@ class Senses:
                 settings.distance_error,
                 settings.bearing_error,
                 settings.beam_range_m,
+                settings.odometry_slip,
+                settings.odometry_turn_rad,
             ]
         )
-        self._keys = np.array([streams.draws("senses").key], dtype=np.int64)[0]
+        self._key = np.array(streams.draws("senses").key, dtype=np.int64)
+        self._places = np.empty((count, count, 2))
         self._period = max(1, round((settings.camera_period_s or 0.0) / to_seconds(tick)))
         self._beams = settings.beams
         self._ticks = 0
@@ -124,30 +130,32 @@ class Senses:
         """Return what each robot senses now."""
         rows = fleet.observed
         moved = self._drifts and self._ticks > 0
-        _locate(self._poses, rows, self._frames, self._errors, self._keys, self._ticks, moved)
-        ranges = np.empty((len(rows), self._beams))
-        _scan(self._poses, *self._walls, self._radii, self._limits, ranges)
-        if self._ticks % self._period == 0:
-            self._take_pictures()
+        picture = self._ticks % self._period == 0
+        _sense(
+            self._poses,
+            rows,
+            self._frames,
+            self._radii,
+            self._limits,
+            *self._walls,
+            self._key,
+            self._ticks,
+            moved,
+            self._places if picture else _NO_PLACES,
+        )
+        if picture:
+            self._sightings = [
+                tuple([_new(Sighting, (j, x, y)) for j, (x, y) in enumerate(row) if x == x])
+                for row in self._places.tolist()
+            ]
+            self._visible = [tuple([seen[0] for seen in row]) for row in self._sightings]
         self._ticks += 1
-        own = self._poses[:, _OWN_X:].tolist()
         return [
-            _new(
-                Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, tuple(scan), view)
-            )
-            for (x, y, heading), (_, _, _, speed, arrived, blocked), visible, sightings, scan, view in zip(
-                own, rows.tolist(), self._visible, self._sightings, ranges.tolist(), self._views, strict=True
+            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, view))
+            for (_, _, _, x, y, heading), (_, _, _, speed, arrived, blocked), visible, sightings, view in zip(
+                self._poses.tolist(), rows.tolist(), self._visible, self._sightings, self._views, strict=True
             )
         ]
-
-    def _take_pictures(self) -> None:
-        count = len(self._poses)
-        places = np.empty((count, count, 2))
-        _see(self._poses, *self._walls, self._radii, self._limits, self._keys, self._ticks, places)
-        self._sightings = [
-            tuple(_new(Sighting, (j, x, y)) for j, (x, y) in enumerate(row) if x == x) for row in places.tolist()
-        ]
-        self._visible = [tuple(sighting[0] for sighting in row) for row in self._sightings]
 
     def sees(self, robot: int, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         """Return which points of the frame of *robot* lie in its visibility region, from where it was observed last."""
@@ -156,6 +164,13 @@ class Senses:
         points = np.array(points_m, dtype=np.float64)
         seen: list[bool] = _in_region(self._poses, *self._walls, self._radii, self._limits, robot, points).tolist()
         return seen
+
+    def ranges_m(self, robot: int) -> list[float]:
+        """Return how far the beams of *robot* go, in turn of its frame, from where it was observed last."""
+        ranges = np.empty(self._beams)
+        _scan(self._poses, *self._walls, self._radii, self._limits, robot, ranges)
+        found: list[float] = ranges.tolist()
+        return found
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
@@ -176,16 +191,39 @@ class _View:
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         return self._senses.sees(self._robot, points_m)
 
+    def ranges_m(self) -> list[float]:
+        return self._senses.ranges_m(self._robot)
+
 
 @njit(cache=True)
-def _uniform(key: Ints, tick: int, link: int, purpose: int) -> tuple[float, float]:
+def _uniform(key: Integers, tick: int, link: int, purpose: int) -> tuple[float, float]:
     """Return two numbers in [-1, 1)."""
     words = philox_words(tick & 0xFFFFFFFF, tick >> 32, link, purpose, key[0], key[1])
     return words[0] * 2.0**-31 - 1.0, words[1] * 2.0**-31 - 1.0
 
 
 @njit(cache=True)
-def _locate(poses: Floats, rows: Floats, frames: Floats, errors: Floats, key: Ints, tick: int, moved: bool) -> None:
+def _sense(
+    poses: Floats,
+    rows: Floats,
+    frames: Floats,
+    radii: Floats,
+    limits: Floats,
+    numbers: Floats,
+    members: Ints,
+    key: Integers,
+    tick: int,
+    moved: bool,
+    places: Floats,
+) -> None:
+    """Do :func:`_locate`, and :func:`_see` if there is room for a picture."""
+    _locate(poses, rows, frames, limits, key, tick, moved)
+    if places.shape[0]:
+        _see(poses, unpacked(numbers, members), radii, limits, key, tick, places)
+
+
+@njit(cache=True)
+def _locate(poses: Floats, rows: Floats, frames: Floats, limits: Floats, key: Integers, tick: int, moved: bool) -> None:
     """Write where robots are, and where they take themselves to be: exactly, or, if *moved*, from how they moved."""
     for i in range(poses.shape[0]):
         x, y, heading = rows[i, 0], rows[i, 1], rows[i, 2]
@@ -195,10 +233,10 @@ def _locate(poses: Floats, rows: Floats, frames: Floats, errors: Floats, key: In
             way = math.sqrt(dx * dx + dy * dy)
             slip, turn = _uniform(key, tick, i, _DRIFT_PURPOSE)
             # with the root, what adds up over a metre has the same spread whatever the ticks
-            error = errors[1] * turn * math.sqrt(way)
+            error = limits[_TURN] * turn * math.sqrt(way)
             angle = pose[_OWN_HEADING] - pose[_HEADING] + error
             cos, sin = math.cos(angle), math.sin(angle)
-            stretch = 1.0 + errors[0] * slip
+            stretch = 1.0 + limits[_SLIP] * slip
             pose[_OWN_X] += stretch * (cos * dx - sin * dy)
             pose[_OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[_OWN_HEADING] = _wrapped(heading + angle)
@@ -258,10 +296,9 @@ def _looks_at(
 
 @njit(cache=True)
 def _see(
-    poses: Floats, numbers: Floats, members: Ints, radii: Floats, limits: Floats, key: Ints, tick: int, places: Floats
+    poses: Floats, grid: SegmentGrid, radii: Floats, limits: Floats, key: Integers, tick: int, places: Floats
 ) -> None:
     """Write where each robot sees each other one, in its own frame; NaN where it does not."""
-    grid = unpacked(numbers, members)
     for i in range(poses.shape[0]):
         for j in range(poses.shape[0]):
             x, y = poses[j, _X], poses[j, _Y]
@@ -295,17 +332,16 @@ def _in_region(
 
 
 @njit(cache=True)
-def _scan(poses: Floats, numbers: Floats, members: Ints, radii: Floats, limits: Floats, ranges: Floats) -> None:
-    """Write how far each beam of each robot, in turn of its own frame, meets a wall or a body; inf if it meets none."""
+def _scan(poses: Floats, numbers: Floats, members: Ints, radii: Floats, limits: Floats, i: int, ranges: Floats) -> None:
+    """Write how far each beam of robot *i*, in turn of its own frame, meets a wall or a body; inf if it meets none."""
     grid = unpacked(numbers, members)
-    beams, limit = ranges.shape[1], limits[_BEAM_RANGE]
-    for i in range(poses.shape[0]):
-        x, y = poses[i, _X], poses[i, _Y]
-        turn = poses[i, _HEADING] - poses[i, _OWN_HEADING]
-        for k in range(beams):
-            angle = turn + 2.0 * math.pi * k / beams
-            dx, dy = limit * math.cos(angle), limit * math.sin(angle)
-            ranges[i, k] = min(range_along(grid, x, y, dx, dy), _first_body(poses, radii, i, dx, dy)) * limit
+    limit = limits[_BEAM_RANGE]
+    turn = poses[i, _HEADING] - poses[i, _OWN_HEADING]
+    for k in range(ranges.shape[0]):
+        angle = turn + 2.0 * math.pi * k / ranges.shape[0]
+        dx, dy = limit * math.cos(angle), limit * math.sin(angle)
+        wall = range_along(grid, poses[i, _X], poses[i, _Y], dx, dy)
+        ranges[k] = min(wall, _first_body(poses, radii, i, dx, dy)) * limit
 
 
 @njit(cache=True)

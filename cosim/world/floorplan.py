@@ -20,7 +20,7 @@ from pydantic import Field, field_validator, model_validator
 
 from cosim.documents import nearest, read_yaml, validated
 from cosim.errors import UserError
-from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
 from cosim.settings import Settings
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
@@ -160,6 +160,11 @@ class Floorplan:
     def grid(self) -> SegmentGrid:
         """The walls, sorted for the kernels of :mod:`cosim.geometry.segments`."""
         return segment_grid(self.walls_m)
+
+    @cached_property
+    def packed(self) -> PackedWalls:
+        """The same for kernels that are called once a tick or more often."""
+        return packed_walls(self.grid)
 
     @cached_property
     def geometry(self) -> shapely.MultiLineString:

@@ -5,23 +5,24 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from cosim.geometry.segments import SegmentGrid, crossed_weights, in_sight
+from cosim.geometry.segments import PackedWalls, SegmentGrid, crossed_weights, in_sight, unpacked
 from cosim.jit import njit
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 _LOSS_UNIT_DB: Final = 2.0**-20
 
 
-def lines_of_sight(walls: SegmentGrid, positions_m: npt.ArrayLike, range_m: float) -> Bools:
+def lines_of_sight(walls: PackedWalls, positions_m: npt.ArrayLike, range_m: float) -> Bools:
     """Return which robots see each other, shape (n, n), symmetric, False for oneself.
 
     *positions_m* has the shape (n, 2). Two robots see each other if they are at most *range_m* (may be infinite) apart
     and no wall meets the line between their centres; bodies do not hide each other.
     """
     positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-    return _all_pairs(walls, positions, float(range_m))
+    return _all_pairs(*walls, positions, float(range_m))
 
 
 def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike) -> Floats:
@@ -46,7 +47,8 @@ def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
 
 
 @njit(cache=True)
-def _all_pairs(walls: SegmentGrid, positions: Floats, limit: float) -> Bools:
+def _all_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float) -> Bools:
+    walls = unpacked(numbers, members)
     robots = positions.shape[0]
     seen = np.zeros((robots, robots), np.bool_)
     for i in range(robots):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.channels.vision import OpticalChannel, OpticalSettings
-from cosim.geometry.segments import segment_grid
+from cosim.geometry.segments import packed_walls, segment_grid
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import (
     BROADCAST,
@@ -48,7 +48,7 @@ class Field:
 
     def __init__(self, *places: tuple[float, float], walls: Any = (), **settings: Any) -> None:
         self.kernel, self.trace = Kernel(), Trace((FRAMES,))
-        grid = segment_grid(np.array(walls, dtype=float).reshape(-1, 4))
+        grid = packed_walls(segment_grid(np.array(walls, dtype=float).reshape(-1, 4)))
         self.channel = OpticalChannel(OpticalSettings(**settings), self.kernel, self.trace, len(places), grid)
         self.hosts = [Host() for _ in places]
         for address, host in enumerate(self.hosts):
