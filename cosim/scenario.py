@@ -40,7 +40,11 @@ from cosim.settings import Settings
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
-CHANNELS: dict[str, type[Settings]] = {"ideal": IdealSettings, "bluetooth": BluetoothSettings}
+CHANNELS: dict[str, type[Settings]] = {
+    "ideal": IdealSettings,
+    "optical": OpticalSettings,
+    "bluetooth": BluetoothSettings,
+}
 """The settings of every kind of channel."""
 
 
