@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import simpy
 
-from benchmarks import workloads
+from benchmarks import reflection, workloads
 
 ROUNDS = 7
 TIMEOUTS = 200_000
@@ -50,6 +50,10 @@ FIGURES = (
     Figure("inquiry of 10.24 s with 7 scanners", workloads.inquiries),
     Figure("delivered broadcast: one packet to one of 7 slaves", workloads.broadcasts),
     Figure("delivered Pseudonet message, machines included (8 robots)", workloads.pseudonet_messages),
+    *(
+        Figure(f"robot-step of goal reflection, teams of 1 to 4: {algorithm}", reflection.robot_steps(algorithm))
+        for algorithm in ("potential_field", "avoid_past", "visbug")
+    ),
 )
 
 

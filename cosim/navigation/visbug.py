@@ -89,7 +89,7 @@ _SEEN: Final = SIZE
 _ASKED_X: Final = 2 * SIZE
 _ASKED_Y, _FROM_X, _FROM_Y, _IDLE, LOST = range(_ASKED_X + 1, _ASKED_X + 6)
 MEMORY: Final = _ASKED_X + 6
-"""How many numbers the memory has; those of :data:`LOST` count how often a displaced robot began anew."""
+"""How many numbers the memory has; number :data:`LOST` counts how often a displaced robot began anew."""
 
 
 def visbug_step(

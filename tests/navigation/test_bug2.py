@@ -216,8 +216,17 @@ def test_a_robot_that_is_moved_begins_anew_and_still_ends_right():
 @pytest.mark.parametrize("left", [True, False])
 def test_a_goal_anywhere_on_an_outline_is_reached(left):
     loops = boundary([SQUARE], [ROOM], left=left)
+    rng = np.random.default_rng(10)
     for edge, (x1, y1, x2, y2) in enumerate(loops.grid.walls_m.tolist()):
-        for share in (0.0, 0.25, 0.5, 0.7, 1.0):
+        for share in (0.0, 0.5, 1.0, *rng.random(5)):
             goal = (x1 + share * (x2 - x1), y1 + share * (y2 - y1))
-            for start in ((1, 0), (5, -3), (8, 2), (6, 3), (1, 2), (2.0, -1.0)):
+            for start in (
+                (1, 0),
+                (5, -3),
+                (8, 2),
+                (6, 3),
+                (1, 2),
+                (2.0, -1.0),
+                *rng.uniform((0, 2.1), (10, 5), (5, 2)),
+            ):
                 assert bug2_path(loops, start, goal).status is Status.ARRIVED, (edge, share, start)

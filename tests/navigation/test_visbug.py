@@ -15,6 +15,7 @@ from tests.navigation.scenes import Scene, scenes, spiral
 from tests.oracles.campaign import soak_count
 
 SQUARE = [(4, -1), (6, -1), (6, 2), (4, 2)]
+TOWER = [(4, -1), (5.5, -1), (5.4, 1), (5.2, 1), (5.2, 0.5), (5, 0.5), (5, 4), (4, 4)]
 ROOM = [(0, -5), (10, -5), (10, 5), (0, 5)]
 ENDED = (Status.ARRIVED, Status.UNREACHABLE)
 ROUNDING_M = 1e-5
@@ -64,6 +65,12 @@ def test_on_a_thousand_scenes_it_is_right_on_bug2s_path_and_never_longer(part, r
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("number", "vision_m"), [(2264, 23.163), (2741, 28.97)])
+def test_an_m_line_that_runs_along_a_wall_leads_through_nothing_solid(number, vision_m):
+    compare(next(scenes(1, number)), vision_m, 0.3)  # seen from its main side, the end of the wall looks free
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("step_m", [0.02, 0.07, 0.5, 1.5])
 def test_no_length_of_step_makes_it_longer_than_bug2(step_m):
     for number, scene in enumerate(scenes(9, 3_000)):
@@ -90,7 +97,7 @@ def test_with_a_far_sight_it_goes_straight_to_the_corner_it_has_to_pass():
 
 
 def test_from_the_main_half_plane_it_takes_the_farthest_visible_point_of_the_m_line():
-    loops = boundary([[(4, -1), (5.5, -1), (5.4, 1), (5.2, 1), (5.2, 0.5), (5, 0.5), (5, 4), (4, 4)]])
+    loops = boundary([TOWER])
     position, memory, target = (0.0, 0.0), None, (0.0, 0.0)
     while target[0] <= 5.0:
         x, y, status, memory = visbug_step(loops, position, (20, 0), memory, vision_m=8.0, step_m=0.1, near_m=0.01)
@@ -257,6 +264,21 @@ def test_a_robot_that_is_pushed_about_or_kidnapped_still_ends_right():
     assert restarts > 10
 
 
+def test_a_robot_that_is_stopped_before_a_corner_goes_back_to_the_target_that_it_saw():
+    loops = boundary([TOWER])
+    position, memory, target = (0.0, 0.0), None, (0.0, 0.0)
+    while target[0] <= 5.0:
+        before = position
+        *position, _, memory = visbug_step(
+            loops, tuple(position), (20, 0), memory, vision_m=8.0, step_m=0.1, near_m=0.01
+        )
+        target = target_of(loops, memory)
+    short = (before[0] + 0.02, before[1])  # from here the corner (5, 4) hides the M-line
+    *_, memory = visbug_step(loops, short, (20, 0), memory, vision_m=8.0, step_m=0.01, near_m=0.01)
+    assert memory[LOST] == 0
+    assert target_of(loops, memory) == (5.0, 4.0)
+
+
 def test_a_robot_that_is_pushed_back_along_a_wall_or_around_a_corner_keeps_its_search():
     loops = boundary([SQUARE])
     position, memory = (3.9, 0.0), None
@@ -310,10 +332,16 @@ def test_a_robot_that_is_held_is_stuck_until_it_moves():
 
 
 def test_a_step_ends_at_a_sharp_corner_and_goes_on_around_a_round_one():
-    sharp = visbug_step(boundary([SQUARE]), (3.95, 2.0), (10, -0.5), None, vision_m=5.0, step_m=0.2, near_m=0.01)
-    assert sharp.status is Status.UNDERWAY
-    octagon = [(math.cos(a), math.sin(a)) for a in np.arange(16) * math.pi / 8]
-    loops = boundary([octagon])
+    position, memory, places = (3.95, 0.0), None, []
+    for _ in range(30):
+        x, y, _, memory = visbug_step(
+            boundary([SQUARE]), position, (10, 0), memory, vision_m=5.0, step_m=0.13, near_m=0.01
+        )
+        position = (x, y)
+        places.append(position)
+    assert (4.0, 2.0) in places
+    round_one = [(math.cos(a), math.sin(a)) for a in np.arange(16) * math.pi / 8]
+    loops = boundary([round_one])
     position, memory = (-1.0, 0.0), None
     lengths = []
     for _ in range(5):

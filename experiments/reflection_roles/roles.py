@@ -1,0 +1,62 @@
+"""Who seeks and who helps: a run of goal reflection with so many explorers and so many helpers.
+
+The work is the same whoever does it: the explorers share out as many targets. Steps are counted by the robots
+themselves, as long as they have a target.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import Field
+
+from cosim.scenario import Scenario
+from cosim.settings import Settings
+from cosim.simulation import simulate
+from cosim.trace import Field as Column
+
+COLUMNS: Final = (
+    Column("steps", "float", "1", "motion steps a target; one that is given up counts with the steps until then"),
+    Column("given_up", "float", "1", "share of the targets that were given up"),
+    Column("done_s", "float", "s", "when the last explorer had done with its targets, or the run was over"),
+    Column("promise_share", "float", "1", "share of the steps that were headed for a promise"),
+    Column("troubles", "float", "1", "times that a robot got into trouble"),
+    Column("payload_bytes", "float", "B", "bytes in the frames of all robots"),
+)
+STEPS: Final = ("steps_to_goal", "steps_to_promise", "steps_to_helper", "steps_to_algorithm")
+
+
+class Parameters(Settings):
+    """A run of goal reflection, and who does what in it."""
+
+    scenario: Scenario = Field(description="the run; the team's size and the number of targets are set from the rest")
+    explorers: int = Field(ge=1, description="robots that have targets")
+    helpers: int = Field(ge=0, description="robots that patrol")
+    targets: int = Field(gt=0, description="targets of all explorers together; a remainder is left out")
+
+
+def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
+    """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
+    given = Parameters.model_validate(parameters)
+    each = given.targets // given.explorers
+    changes = {"explorers": given.explorers, "target_count": each}
+    scenario = with_team(given.scenario, given.explorers + given.helpers, changes)
+    metrics = simulate(scenario, seed).metrics
+    wanted = each * given.explorers
+    steps = sum(metrics[name] for name in STEPS)
+    return {
+        "steps": steps / wanted,
+        "given_up": metrics["targets_given_up"] / wanted,
+        "done_s": metrics["simulated_s"],
+        "promise_share": metrics["steps_to_promise"] / steps,
+        "troubles": metrics["troubles"],
+        "payload_bytes": metrics["payload_bytes"],
+    }
+
+
+def with_team(scenario: Scenario, size: int, changes: Mapping[str, Any]) -> Scenario:
+    """Return *scenario* with a team of *size* and other parameters of its protocol; maps are looked for from here."""
+    plain = scenario.model_dump(mode="json")
+    plain["team"]["size"] = size
+    plain["protocol"]["parameters"] |= changes
+    return Scenario.model_validate(plain).placed(Path(__file__).parent)

@@ -1,0 +1,48 @@
+"""How goal reflection grows with the team: bytes of a frame and of the team, and targets in a given time."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import Field
+
+from cosim.scenario import Scenario
+from cosim.settings import Settings
+from cosim.simulation import simulate
+from cosim.trace import Field as Column
+from experiments.reflection_roles.roles import with_team
+
+COLUMNS: Final = (
+    Column("bytes_a_frame", "float", "B", "mean size of what a robot tells at once, the payload of a frame"),
+    Column("bytes_a_period", "float", "B", "what all robots tell in one period, together"),
+    Column("targets_an_hour", "float", "1/h", "targets that an explorer has come to, by its own count, in an hour"),
+    Column("steps_a_target", "float", "1", "motion steps of explorers over targets that they have come to"),
+    Column("targets_given_up", "float", "1", "targets that explorers did without"),
+    Column("promise_share", "float", "1", "share of explorers' steps that were headed for a promise"),
+)
+STEPS: Final = ("steps_to_goal", "steps_to_promise", "steps_to_helper", "steps_to_algorithm")
+
+
+class Parameters(Settings):
+    """A run of goal reflection, and how many robots are in it."""
+
+    scenario: Scenario = Field(description="the run; its length is the same for all teams")
+    robots: int = Field(ge=1, description="robots in the team")
+    everybody: bool = Field(description="all have targets; else the first has, and the others patrol")
+
+
+def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
+    """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
+    given = Parameters.model_validate(parameters)
+    explorers = given.robots if given.everybody else 1
+    scenario = with_team(given.scenario, given.robots, {"explorers": explorers})
+    metrics = simulate(scenario, seed).metrics
+    steps, reached = sum(metrics[name] for name in STEPS), metrics["targets_reached"]
+    period_s = getattr(scenario.protocol.parameters, "period_s", None) or scenario.tick_s
+    return {
+        "bytes_a_frame": metrics["payload_bytes"] / metrics["frames"] if metrics["frames"] else float("nan"),
+        "bytes_a_period": metrics["payload_bytes"] * period_s / metrics["simulated_s"],
+        "targets_an_hour": reached / explorers * 3600 / metrics["simulated_s"],
+        "steps_a_target": steps / reached if reached else float("nan"),
+        "targets_given_up": metrics["targets_given_up"],
+        "promise_share": metrics["steps_to_promise"] / steps,
+    }

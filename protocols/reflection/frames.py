@@ -1,0 +1,115 @@
+"""The one message of goal reflection: what a robot tells everybody who can hear it (paper 000, sections 3.1, 3.2, 5).
+
+Big-endian: a header, the bearings of the robots that the sender sees, its goal terms (rules 1 and 2), its promises
+(rules 3 and 4), and a CRC-16 (see ``protocols.wire``). A team of M makes at most M - 1 bearings, M terms, M promises.
+
+A goal's place is told relative to the sender's position along the axes of the sender's frame, as in the paper, where
+the frame is centred on the robot. Numbers on the wire are IEEE single floats: a length of 64 to 128 m is rounded by at
+most 3.8 um, an angle by at most 0.12 urad, which moves a point that is 10 m away by 1.2 um.
+
+The paper's messages arrive in the instant in which they are sent. Ours do not, so a frame bears the time of its
+observation, and a promise the time at which its goal was seen, both in ms since the start, mod 2**32. The clocks of the
+team are taken to be set alike.
+"""
+
+from binascii import crc_hqx
+from collections.abc import Iterable, Sequence
+from functools import cache, lru_cache
+from itertools import chain
+from struct import Struct
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from cosim.errors import WireError
+from cosim.machine import Address
+
+Bearing: TypeAlias = tuple[Address, float]
+"""(robot, direction in which the sender sees it, radians in the sender's frame)"""
+GoalTerm: TypeAlias = tuple[Address, int, float, float]
+"""(owner, Id, x, y): the goal's place relative to the sender, metres along the axes of the sender's frame"""
+Pledge: TypeAlias = tuple[Address, int, float, int]
+"""(owner, Id, D, seen): the way from the sender to the goal, metres, and when that was seen last, ms since the start"""
+
+MAGIC: Final = 0x52
+IN_TROUBLE: Final = 1
+OBJECTS: Final = 2
+FAR_M: Final = 1e6
+"""Nothing on the wire is farther away than this."""
+HEADER: Final = Struct(">BBIBBB")
+CRC_BYTES: Final = 2
+CLOCK_MS: Final = 1 << 32
+"""Stamps count modulo this."""
+REMEMBERED: Final = 256
+"""Frames whose meaning is remembered."""
+
+
+class Frame(NamedTuple):
+    """What a frame says."""
+
+    in_trouble: bool
+    """The state bit Tr."""
+    objects: bool
+    """Goals are objects, which are known by their owner and number: the places in the terms mean nothing."""
+    stamp_ms: int
+    """When the sender observed what it tells, ms since the start, mod 2**32."""
+    bearings: Sequence[Bearing]
+    terms: Sequence[GoalTerm]
+    pledges: Sequence[Pledge]
+
+
+@cache
+def _layout(bearings: int, terms: int, pledges: int) -> Struct:
+    return Struct(f">BBIBBB{'Bf' * bearings}{'BIff' * terms}{'BIfI' * pledges}")
+
+
+def encode(frame: Frame) -> bytes:
+    """Return the bytes of *frame*; numbers have to fit (addresses below 256, lengths up to FAR_M)."""
+    flags = (IN_TROUBLE if frame.in_trouble else 0) | (OBJECTS if frame.objects else 0)
+    _, _, stamp_ms, bearings, terms, pledges = frame
+    flat = chain.from_iterable(chain(bearings, terms, pledges))
+    return pack(flags, stamp_ms, len(bearings), len(terms), len(pledges), flat)
+
+
+def pack(flags: int, stamp_ms: int, bearings: int, terms: int, pledges: int, flat: Iterable[float]) -> bytes:
+    """Return the bytes of a frame with so many bearings, terms and pledges, whose numbers are *flat*, in that order."""
+    data = _layout(bearings, terms, pledges).pack(MAGIC, flags, stamp_ms, bearings, terms, pledges, *flat)
+    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+
+
+@lru_cache(maxsize=REMEMBERED)
+def decode(data: bytes) -> Frame:
+    """Return what *data* says; raise :exc:`WireError` for anything that ``encode`` would not have made.
+
+    The last frames are remembered: a broadcast is decoded once for all that hear it.
+    """
+    if len(data) < HEADER.size + CRC_BYTES or data[0] != MAGIC:
+        raise WireError("not a frame of goal reflection")
+    layout = _layout(data[6], data[7], data[8])
+    if len(data) != layout.size + CRC_BYTES:
+        raise WireError(f"{len(data)} bytes where {layout.size + CRC_BYTES} were expected")
+    if crc_hqx(data, 0xFFFF):  # over a message and its own CRC it is 0
+        raise WireError("the CRC does not fit")
+    values = layout.unpack_from(data)
+    flags = values[1]
+    end = 6 + 2 * values[3]
+    bearings = tuple(zip(values[6:end:2], values[7:end:2], strict=True))
+    start, end = end, end + 4 * values[4]
+    terms = _quadruples(values[start:end])
+    pledges = _quadruples(values[end:])
+    if flags > IN_TROUBLE | OBJECTS or not _plausible(bearings, terms, pledges):
+        raise WireError("a number that no robot sends")
+    return Frame(flags & IN_TROUBLE != 0, flags & OBJECTS != 0, values[2], bearings, terms, pledges)
+
+
+def _quadruples(values: tuple[Any, ...]) -> tuple[tuple[Any, Any, Any, Any], ...]:
+    return tuple(zip(values[::4], values[1::4], values[2::4], values[3::4], strict=True))
+
+
+def _plausible(bearings: Sequence[Bearing], terms: Sequence[GoalTerm], pledges: Sequence[Pledge]) -> bool:
+    """Return whether all numbers are such as ``encode`` takes; a NaN is not."""
+    for _, angle in bearings:
+        if not -4.0 <= angle <= 4.0:
+            return False
+    for _, number, x, y in terms:
+        if not (-FAR_M <= x <= FAR_M and -FAR_M <= y <= FAR_M and number):
+            return False
+    return all(0.0 <= length <= FAR_M and number for _, number, length, _ in pledges)

@@ -1,0 +1,107 @@
+"""The algorithm A of a robot, as its parameters name it."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.geometry.boundary import Boundary
+from cosim.navigation.schemas import Floats, Vector
+from cosim.navigation.status import Status
+from cosim.navigation.steering import AvoidPast, Navigator, PotentialField, Steer
+from cosim.navigation.visbug import visbug_kernel
+from cosim.randomness import Draws
+from protocols.reflection.parameters import Parameters
+
+RANDOM_PERSISTENCE = 30
+"""Motion steps for which random motion keeps its direction."""
+VISBUG_NEAR_M = 0.01
+"""Goals in sight are headed for before VisBug is asked: it only has to know when it is there."""
+NO_MEMORY: Floats = np.empty(0)
+
+
+class HeadStraight:
+    """The simplest algorithm A: head for the goal, whatever is in the way."""
+
+    def steer(
+        self,
+        x_m: float,
+        y_m: float,
+        goal_m: Vector,
+        ranges_m: Sequence[float] | Floats,
+        sightings_m: Sequence[Vector] = (),
+        step_m: float = 0.1,
+    ) -> Steer:
+        """Return the unit vector to the goal."""
+        dx, dy = goal_m[0] - x_m, goal_m[1] - y_m
+        distance = math.hypot(dx, dy)
+        if distance == 0.0:
+            return Steer(0.0, 0.0, Status.ARRIVED)
+        return Steer(dx / distance, dy / distance, Status.UNDERWAY)
+
+    def restart(self) -> None:
+        """Forget nothing: there is no memory."""
+
+
+class VisBug:
+    """VisBug-21 behind the convention of navigators: the walls come from the loops, seen up to its radius of vision.
+
+    It does not use the scan, and knows nothing of other robots. A step is shorter than the others where the way bends.
+    """
+
+    def __init__(self, loops: Boundary, vision_m: float, near_m: float) -> None:
+        """Walk among *loops*, in the robot's own frame and grown by its radius; be at a goal within *near_m*."""
+        self._loops = loops
+        self._vision_m = vision_m
+        self._near_m = near_m
+        self._memory = NO_MEMORY
+
+    def steer(
+        self,
+        x_m: float,
+        y_m: float,
+        goal_m: Vector,
+        ranges_m: Sequence[float] | Floats,
+        sightings_m: Sequence[Vector] = (),
+        step_m: float = 0.1,
+    ) -> Steer:
+        """Return the way to where the step ends, in steps."""
+        x, y, status, self._memory = visbug_kernel(
+            self._loops, self._memory, x_m, y_m, goal_m[0], goal_m[1], self._vision_m, step_m, self._near_m
+        )
+        return Steer((x - x_m) / step_m, (y - y_m) / step_m, Status(status))
+
+    def restart(self) -> None:
+        """Begin a new search."""
+        self._memory = NO_MEMORY
+
+
+def algorithm(parameters: Parameters, loops: Boundary | None, stream: np.random.Generator) -> Navigator:
+    """Return the algorithm A; for objects, of which nobody knows the place, it is random motion.
+
+    *loops* are those of VisBug, in the robot's own frame.
+    """
+    draws = draws_of(stream)
+    if parameters.goals == "object":
+        wander = {"goal_gain": 0.0, "noise_gain": 1.0, "noise_persistence": RANDOM_PERSISTENCE}
+        return PotentialField(parameters.potential_field.model_copy(update=wander), draws)
+    match parameters.algorithm:
+        case "potential_field":
+            return PotentialField(parameters.potential_field, draws)
+        case "avoid_past":
+            return AvoidPast(parameters.avoid_past, draws)
+        case "visbug":
+            assert loops is not None  # prepare has made them
+            return VisBug(loops, parameters.vision_m, VISBUG_NEAR_M)
+        case "straight":
+            return HeadStraight()
+
+
+def draws_of(stream: np.random.Generator) -> Draws:
+    """Return counter-based draws that depend on nothing but *stream*."""
+    return Draws(int(stream.integers(1 << 62)), "reflection")
+
+
+def way_back(parameters: Parameters, stream: np.random.Generator) -> Navigator:
+    """Return what brings a helper back to its way points that has lost them: no local minimum holds Avoid Past."""
+    return AvoidPast(parameters.avoid_past, draws_of(stream))

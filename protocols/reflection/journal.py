@@ -1,0 +1,95 @@
+"""What a machine of goal reflection reports: its goals, whose promises it follows, its troubles, and bad bytes."""
+
+from dataclasses import dataclass, field
+
+_NUMBER = {"meaning": "which of the robot's goals, from 1"}
+_REASON = {"meaning": "what is wrong, or why it ended"}
+_HELPER = {"meaning": "the robot that has promised a way; the robot itself if it has seen its goal"}
+
+
+@dataclass(frozen=True, slots=True)
+class GoalSet:
+    """A robot has turned to its next goal."""
+
+    number: int = field(metadata=_NUMBER)
+
+
+@dataclass(frozen=True, slots=True)
+class GoalReached:
+    """A robot is nearer to its goal than epsilon."""
+
+    number: int = field(metadata=_NUMBER)
+
+
+@dataclass(frozen=True, slots=True)
+class GoalGivenUp:
+    """A robot does without a goal."""
+
+    number: int = field(metadata=_NUMBER)
+    reason: str = field(metadata=_REASON)
+
+
+@dataclass(frozen=True, slots=True)
+class PromiseTaken:
+    """A robot follows another robot's promise of a way to its goal from now on."""
+
+    helper: int = field(metadata=_HELPER)
+    way_m: float = field(metadata={"unit": "m", "meaning": "length of the way to the goal that was promised"})
+
+
+@dataclass(frozen=True, slots=True)
+class GhostReached:
+    """A robot is where its helper was when it made its promise, and does not see its goal from there."""
+
+    helper: int = field(metadata=_HELPER)
+
+
+@dataclass(frozen=True, slots=True)
+class PromiseForgotten:
+    """A robot does not follow a promise any more, without having come to where its helper was."""
+
+    helper: int = field(metadata=_HELPER)
+    reason: str = field(metadata=_REASON)
+
+
+@dataclass(frozen=True, slots=True)
+class TroubleChanged:
+    """A robot is in trouble, or has got out of it."""
+
+    in_trouble: bool = field(metadata={"meaning": "the state bit Tr"})
+    weight: int = field(metadata={"meaning": "Nt, one more than the times that the robot has got out of trouble"})
+
+
+@dataclass(frozen=True, slots=True)
+class MadeWay:
+    """A robot has begun to step aside for one that it stood in the way of."""
+
+    seeker: int = field(metadata={"meaning": "the robot that way is made for"})
+
+
+@dataclass(frozen=True, slots=True)
+class Displaced:
+    """A robot is farther from where it was a tick ago than it can drive: somebody has moved it."""
+
+    distance_m: float = field(metadata={"unit": "m", "meaning": "how far"})
+
+
+@dataclass(frozen=True, slots=True)
+class BadBytes:
+    """Bytes came in that are no frame."""
+
+    reason: str = field(metadata=_REASON)
+
+
+EVENTS = (
+    GoalSet,
+    GoalReached,
+    GoalGivenUp,
+    PromiseTaken,
+    GhostReached,
+    PromiseForgotten,
+    TroubleChanged,
+    MadeWay,
+    Displaced,
+    BadBytes,
+)

@@ -1,0 +1,278 @@
+"""One robot: what it hears and sees goes into its book of goals and its ways, and what follows from them comes out.
+
+At each tick it looks where it is and what is in sight (all goals and ghosts in one question), chooses where to go, and
+tells everybody what it sees, which goals it knows and what it can promise. Frames come in between ticks; they count if
+the robot sees their sender, which is also where the sender's promises and places are put (paper 000, section 3.1).
+"""
+
+import math
+from collections.abc import Sequence
+
+from cosim.errors import WireError
+from cosim.machine import (
+    BROADCAST,
+    Address,
+    Command,
+    Event,
+    GoTo,
+    LinkCommand,
+    LinkEvent,
+    Outgoing,
+    Reception,
+)
+from cosim.navigation.steering import Navigator
+from cosim.observation import Observation, Sighting
+from cosim.units import MS, Time, from_seconds
+from protocols.reflection.bearings import Point, from_peer, turn_between
+from protocols.reflection.frames import CLOCK_MS, IN_TROUBLE, OBJECTS, Frame, GoalTerm, decode
+from protocols.reflection.goals import GoalBook, Verdict, goal_number
+from protocols.reflection.journal import BadBytes, Displaced
+from protocols.reflection.knowledge import Knowledge
+from protocols.reflection.parameters import Parameters
+from protocols.reflection.patrolling import Courtesy, Patrol
+from protocols.reflection.promises import Ways
+from protocols.reflection.records import Records
+from protocols.reflection.seeking import Seeker
+from protocols.reflection.straight import Straight
+from protocols.reflection.telling import compose
+
+JUMP_STEPS = 5.0
+"""A robot that is farther than so many motion steps from where it was a tick ago has been moved."""
+
+
+class Reflection:
+    """The machine of one robot. It lives on observations: it has no deadlines, and no use for links."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        me: Address,
+        navigator: Navigator,
+        start: Time,
+    ) -> None:
+        """Have *navigator* be the algorithm A of a robot with goals, and the way back of a lost helper."""
+        task = knowledge.tasks[me]
+        self.me = me
+        self.records = Records()
+        self.book = GoalBook(me, knowledge.size)
+        self.ways = Ways(me, knowledge.size, from_seconds(parameters.promise_life_s))
+        self._size = knowledge.size
+        self._start = start
+        self._events: list[Event] = []
+        self._outbox: list[Outgoing | LinkCommand] = []
+        self._commands: list[Command] = []
+        self._going: Point | None = None
+        self._objects_m = task.objects_m if parameters.goals == "object" else None
+        self._share_goals = parameters.share_goals
+        self._share_states = parameters.states_shared
+        self._speaks = self._share_goals or self._share_states
+        self._stale = from_seconds(parameters.stale_s)
+        self._period = 0 if parameters.period_s is None else from_seconds(parameters.period_s)
+        self._jump_m = JUMP_STEPS * knowledge.steps_m[me]
+        self._here: Point | None = None
+        self._seen: tuple[Sighting, ...] = ()
+        self._sightings: dict[Address, Point] = {}
+        self._states: dict[Address, bool] = {}
+        self._next_frame = start
+        step_m = knowledge.steps_m[me]
+        straight = Straight(knowledge.radius_m, step_m, from_seconds(parameters.patience_s), start)
+        self.patrol = (
+            Patrol(task.patrol_m, parameters.patrol == "shuttle", step_m, straight, navigator)
+            if task.patrol_m
+            else None
+        )
+        self._courtesy = Courtesy(
+            self.book, self.ways, knowledge.radius_m, from_seconds(parameters.hold_s), self._events
+        )
+        self.seeker = (
+            Seeker(parameters, knowledge, self.book, self.ways, navigator, straight, self._events, self.records, start)
+            if task.goals_m
+            else None
+        )
+
+    # ------------------------------------------------------------ the contract of machines
+
+    @property
+    def finished(self) -> bool:
+        """All goals are reached or given up; a helper has none, and helps as long as it is asked to."""
+        return self.seeker is None or self.seeker.finished
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a frame, if its sender is in sight."""
+        if reception.source == self.me:
+            return
+        try:
+            frame = decode(data)
+        except WireError as error:
+            self._events.append(BadBytes(str(error)))
+            return
+        peer_m = self._sightings.get(reception.source)
+        if peer_m is None:
+            self._unseen(frame)
+            return
+        self._states[reception.source] = frame.in_trouble
+        if frame.terms:
+            for robot, bearing in frame.bearings:
+                if robot == self.me:
+                    self._take_terms(frame.terms, peer_m, bearing)
+                    break
+        if frame.pledges:
+            self._take_pledges(frame, reception.source, peer_m, now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take no interest: frames go to whoever is in reach."""
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Look, choose where to go, and tell the others."""
+        here = x, y = observation.x_m, observation.y_m
+        if self._here is not None and abs(x - self._here[0]) + abs(y - self._here[1]) > self._jump_m:
+            self._note_jump(here, now)
+        self._here = here
+        if observation.sightings is not self._seen:
+            self._seen = observation.sightings
+            self._sightings = {address: (x_m, y_m) for address, x_m, y_m in self._seen}
+        seeker = self.seeker
+        if seeker is not None:
+            seeker.arrive(x, y, now)
+        if self.book.known or self.patrol is not None:
+            self._look(observation, here, now)
+        going = self._choose(observation, now)
+        if going is not self._going and going is not None and going != self._going:
+            self._commands.append(GoTo(going[0], going[1]))
+            self._going = going
+        if self._sightings and now >= self._next_frame and self._speaks:
+            self._tell(here, now)
+
+    def wake(self, now: Time) -> None:
+        """Do nothing: there are no deadlines."""
+
+    def wake_at(self) -> Time | None:
+        """Return None: there are no deadlines."""
+        return None
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain frames."""
+        if not self._outbox:
+            return []
+        drained, self._outbox = self._outbox, []
+        return drained
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands."""
+        if not self._commands:
+            return []
+        drained, self._commands = self._commands, []
+        return drained
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace."""
+        if not self._events:
+            return []
+        drained = self._events[:]
+        self._events.clear()  # it is shared with the seeker and the courtesy
+        return drained
+
+    # ------------------------------------------------------------ what comes in
+
+    def _look(self, observation: Observation, here: Point, now: Time) -> None:
+        """Ask once what of all that matters is in sight."""
+        points = self.ways.points(self.book)
+        patrol = self.patrol
+        count = len(points)
+        if patrol is not None and patrol.off_its_way:
+            points += patrol.places()
+        visible = observation.sees(points) if points else []
+        self.ways.look(self.book, visible, here[0], here[1], now)
+        if patrol is not None:
+            patrol.look(visible[count:], here)
+
+    def _note_jump(self, here: Point, now: Time) -> None:
+        assert self._here is not None
+        self._events.append(Displaced(math.dist(here, self._here)))
+        self.ways.displaced()
+        self._going = None
+        if self.seeker is not None:
+            self.seeker.displaced(now)
+        if self.patrol is not None:
+            self.patrol.displaced(now)
+
+    def _unseen(self, frame: Frame) -> None:
+        """Count what comes from a robot that is not in sight: nothing can be done with it."""
+        for owner, _, _, _ in frame.pledges:
+            if owner == self.me:
+                self.records.unseen_advice += 1
+
+    def _take_terms(self, terms: Sequence[GoalTerm], peer_m: Point, bearing_rad: float) -> None:
+        """Rules 1 and 2: put down the goals that a robot tells, which sees me in the direction *bearing_rad*."""
+        assert self._here is not None
+        book, me, turn = self.book, self.me, None
+        for owner, identifier, along, across in terms:
+            if owner >= self._size:
+                self._events.append(BadBytes(f"a goal of robot {owner} in a team of {self._size}"))
+            elif owner != me and identifier >= book.identifiers[owner]:
+                place: Point | None
+                if self._objects_m is None:
+                    if turn is None:
+                        turn = turn_between(
+                            math.atan2(peer_m[1] - self._here[1], peer_m[0] - self._here[0]), bearing_rad
+                        )
+                    place = from_peer((along, across), peer_m, turn)
+                else:
+                    place = self._looks_like(owner, identifier)
+                if place is not None and book.consider(owner, identifier, *place) is Verdict.NEW:
+                    self.ways.forget(owner)
+
+    def _looks_like(self, owner: Address, identifier: int) -> Point | None:
+        """Return where the object is that *identifier* means, for ``sees`` to answer whether it is in sight."""
+        assert self._objects_m is not None
+        objects = self._objects_m[owner]
+        number = goal_number(identifier, self._size)
+        return objects[number - 1] if number <= len(objects) else None
+
+    def _take_pledges(self, frame: Frame, peer: Address, peer_m: Point, now: Time) -> None:
+        """Rules 3 and 4: put down what *peer*, which is seen at *peer_m*, can promise."""
+        assert self._here is not None
+        team, book = self._size, self.book
+        arrival_ms = (now - self._start) // MS
+        age_ms = (arrival_ms - frame.stamp_ms) % CLOCK_MS
+        for owner, identifier, length, seen_ms in frame.pledges:
+            if owner >= team:
+                self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
+                continue
+            same_goal = book.identifiers[owner] and (identifier - 1) // team == (book.identifiers[owner] - 1) // team
+            if owner == self.me:
+                self.records.count_advice(not same_goal, age_ms * MS > self._stale)
+            if not same_goal:
+                continue
+            seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
+            taken = self.ways.offer(owner, peer_m, length, seen, peer, self._here)
+            if taken and owner == self.me and self.seeker is not None:
+                self.seeker.promised(now)
+
+    # ------------------------------------------------------------ what comes out
+
+    def _choose(self, observation: Observation, now: Time) -> Point | None:
+        seeker = self.seeker
+        if seeker is not None and not seeker.finished:
+            return seeker.choose(observation, self._sightings, self._states, now)
+        aside = self._courtesy.aside(observation, self._sightings, now)
+        patrol = self.patrol
+        if patrol is None:
+            return aside
+        if aside is not None:
+            patrol.left((observation.x_m, observation.y_m))
+            return aside
+        return patrol.choose(observation, self._sightings, now)
+
+    def _tell(self, here: Point, now: Time) -> None:
+        """Send a frame with all that the others may use."""
+        self._next_frame = now + self._period
+        in_trouble = self._share_states and self.seeker is not None and self.seeker.trouble.active
+        flags = (IN_TROUBLE if in_trouble else 0) | (0 if self._objects_m is None else OBJECTS)
+        goals = (self.book, self.ways) if self._share_goals else None
+        payload = compose(flags, here, self._sightings, goals, self._start, now)
+        records = self.records
+        records.frames += 1
+        records.payload_bytes += len(payload)
+        self._outbox.append(Outgoing(BROADCAST, payload))

@@ -1,0 +1,158 @@
+"""What a robot without goals does: it stands, keeps a post or patrols its way points, and makes way for seekers."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from cosim.machine import Address, Event
+from cosim.navigation.steering import Navigator
+from cosim.observation import Observation
+from cosim.units import Time
+from protocols.reflection.goals import GoalBook
+from protocols.reflection.journal import MadeWay
+from protocols.reflection.knowledge import Point
+from protocols.reflection.promises import Ways
+from protocols.reflection.straight import AHEAD_STEPS, Straight
+from protocols.reflection.yielding import in_the_way, step_aside
+
+SLACK_M = 0.1
+"""How much more room than a touch a robot gives that makes way."""
+LOST_STALLS = 2
+"""A robot that has stalled on so many ways on end is lost."""
+
+
+class Courtesy:
+    """Making way for the robots that a way was promised to."""
+
+    def __init__(self, book: GoalBook, ways: Ways, radius_m: float, hold: Time, events: list[Event]) -> None:
+        self._book = book
+        self._ways = ways
+        self._radius_m = radius_m
+        self._room_m = 2.0 * radius_m + SLACK_M
+        self._hold = hold
+        self._events = events
+        self._until: Time | None = None
+        self._aside: Point = (0.0, 0.0)
+
+    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
+        """Return where to go, or to stay, out of somebody's way; None if the robot may do what it likes."""
+        here = observation.x_m, observation.y_m
+        ways = self._ways.of
+        for seeker, place in sightings.items():
+            way = ways[seeker]
+            if way is None or not self._book.identifiers[seeker]:
+                continue
+            line_end = way.x_m, way.y_m
+            if in_the_way(here, place, line_end, self._room_m):
+                if self._until is None:
+                    self._events.append(MadeWay(seeker))
+                self._until = now + self._hold
+                self._aside = step_aside(here, place, line_end, observation.ranges_m, self._radius_m, self._room_m)
+                break
+        if self._until is None:
+            return None
+        if now >= self._until:
+            self._until = None
+            return None
+        return self._aside
+
+
+class Patrol:
+    """A round of way points, there and back or round and round; a single one is a post.
+
+    A way leads straight from each to the next. A robot that leaves it to make way lays a thread of places, each in
+    sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) takes to
+    the algorithm A until it is at a way point again.
+    """
+
+    def __init__(
+        self, points_m: tuple[Point, ...], shuttle: bool, step_m: float, straight: Straight, navigator: Navigator
+    ) -> None:
+        self.points_m = (*points_m, *points_m[-2:0:-1]) if shuttle else points_m
+        self._step_m = step_m
+        self._straight = straight
+        self._navigator = navigator
+        self._at = 0
+        self._stalls = 0
+        self._thread: list[Point] = []
+        self._last: Point | None = None
+
+    def places(self) -> list[Point]:
+        """Return the places whose visibility ``look`` wants to know: the end of the thread and what comes before it."""
+        return self._thread[-1:-3:-1]
+
+    @property
+    def off_its_way(self) -> bool:
+        """There is a thread that leads back."""
+        return bool(self._thread)
+
+    def look(self, visible: Sequence[bool], here: Point) -> None:
+        """Shorten the thread if more of it is in sight, lay it on if its end is not; *visible* answers ``places``."""
+        if visible:
+            if len(visible) > 1 and visible[1]:
+                self._thread.pop()
+            elif not visible[0] and self._last is not None:
+                self._thread.append(self._last)
+        self._last = here
+
+    def left(self, here: Point) -> None:
+        """Note that the robot leaves its way at *here*, or is off it already."""
+        if not self._thread and self._stalls < LOST_STALLS:
+            self._thread.append(here)
+
+    def displaced(self, now: Time) -> None:
+        """Begin anew from where somebody has put the robot."""
+        self._thread.clear()
+        self._last = None
+        self._stalls = LOST_STALLS
+        self._navigator.restart()
+        self._straight.begin(now)
+
+    def choose(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point:
+        """Return where to go from here."""
+        here = observation.x_m, observation.y_m
+        if not self._thread and not self._stalls:
+            place = self.points_m[self._at]
+            distance = math.dist(here, place)
+            if distance > self._step_m and not self._straight.stalled(now):
+                return self._straight.towards(place, distance, observation, now)
+        if len(self._thread) == 1 and math.dist(here, self._thread[0]) <= self._step_m:
+            self._thread.pop()
+            self._straight.begin(now)
+        distance = math.dist(here, self._next())
+        if self._straight.stalled(now):
+            self._stall(distance, now)
+        elif not self._thread and distance <= self._step_m:
+            self._turn_to_next(now)
+        place = self._next()
+        if self._stalls >= LOST_STALLS:
+            return self._by_algorithm(observation, sightings)
+        return self._straight.towards(place, math.dist(here, place), observation, now)
+
+    def _next(self) -> Point:
+        return self._thread[-1] if self._thread else self.points_m[self._at]
+
+    def _stall(self, distance_m: float, now: Time) -> None:
+        """Leave out what cannot be come nearer to."""
+        if self._stalls >= LOST_STALLS:
+            return
+        self._straight.begin(now)
+        if self._thread or distance_m > self._step_m:
+            self._stalls += 1
+        if self._stalls >= LOST_STALLS:
+            self._thread.clear()
+            self._navigator.restart()
+        elif not self._thread:
+            self._at = (self._at + 1) % len(self.points_m)
+
+    def _turn_to_next(self, now: Time) -> None:
+        self._stalls = 0
+        if len(self.points_m) > 1:
+            self._at = (self._at + 1) % len(self.points_m)
+            self._straight.begin(now)
+
+    def _by_algorithm(self, observation: Observation, sightings: Mapping[Address, Point]) -> Point:
+        x, y = observation.x_m, observation.y_m
+        place = self.points_m[self._at]
+        steer = self._navigator.steer(x, y, place, observation.ranges_m, list(sightings.values()), self._step_m)
+        ahead = AHEAD_STEPS * self._step_m
+        return x + ahead * steer.dx, y + ahead * steer.dy

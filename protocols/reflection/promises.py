@@ -1,0 +1,123 @@
+"""Ways to goals: what a robot can promise, and what it has been promised (paper 000, sections 3.2, 4.2 and 4.3).
+
+For each owner a robot remembers at most one way to the owner's goal: a place, and the length of the way from that place
+on. All that the paper tells apart is such a way:
+
+- who sees the goal has the goal itself as the place, and nothing is left from there: D = dist(R, G);
+- who loses sight of it has, as its own *ghost*, the last place from which it was seen (section 4.3, Fig. 8), and once
+  that is out of sight too, the last place from which that was seen, and so on;
+- who is promised a way of D by a robot has the place of that robot at that time (section 4.2, Fig. 7), where a ghost
+  remains when the robot leaves: D' = dist(R, ghost) + D.
+
+The present length, dist(R, place) + rest, is what is told to others and what another promise has to beat; only shorter
+ones count, also those of the same robot. Every length is that of a polyline from the robot to the goal, so by the
+triangle inequality it never falls below the straight line (to the goal's place as it was when it was seen).
+
+A seeker that has reached a ghost and does not see its goal has *used up* the promise: it does not follow it any more,
+but the way stays as the one that others must beat, or else the same robot would lead it astray again at once.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from cosim.machine import Address
+from cosim.units import Time
+from protocols.reflection.goals import GoalBook
+
+Point = tuple[float, float]
+
+GAIN_M: Final = 1e-3
+"""A way counts as shorter from a millimetre on: the wire's rounding is no news."""
+
+
+class Way:
+    """The way to one goal: a place in the own frame, and what is left of the way from there, metres."""
+
+    __slots__ = ("direct", "rest_m", "seen", "used_up", "via", "x_m", "y_m")
+
+    def __init__(self, x_m: float, y_m: float, rest_m: float, seen: Time, via: Address, direct: bool) -> None:
+        self.x_m = x_m
+        self.y_m = y_m
+        self.rest_m = rest_m
+        self.seen = seen
+        """When somebody saw the goal last, at the other end of the way; it is handed on as it is."""
+        self.via = via
+        """Who promised it; oneself, if one has seen the goal."""
+        self.direct = direct
+        """The goal is in sight, and the place is the goal's."""
+        self.used_up = False
+        """The place was reached, and the goal was not in sight from there."""
+
+    def length(self, x_m: float, y_m: float) -> float:
+        """Return the length of the way from (x, y) on, metres."""
+        return self.rest_m + math.hypot(self.x_m - x_m, self.y_m - y_m)
+
+
+class Ways:
+    """One robot's ways to everybody's goals, at most one for each."""
+
+    def __init__(self, me: Address, team: int, life: Time | None) -> None:
+        """Forget ways whose goal was not seen by anybody for *life* ns, if that is not None."""
+        self.me = me
+        self.of: list[Way | None] = [None] * team
+        self._life = life
+        self._last: Point | None = None
+
+    def points(self, book: GoalBook) -> list[Point]:
+        """Return the places whose visibility ``look`` wants to know, in its order."""
+        points: list[Point] = []
+        xs, ys, ways = book.x_m, book.y_m, self.of
+        for owner in book.known:
+            points.append((xs[owner], ys[owner]))
+            way = ways[owner]
+            if way is not None and not way.direct:
+                points.append((way.x_m, way.y_m))
+        return points
+
+    def look(self, book: GoalBook, visible: Sequence[bool], x_m: float, y_m: float, now: Time) -> None:
+        """Note what is in sight from (x, y): *visible* answers all ``points``."""
+        at, ways = 0, self.of
+        for owner in book.known:
+            way = ways[owner]
+            ghost = 0 if way is None or way.direct else 1  # a ghost's answer follows its goal's
+            if visible[at]:
+                self._seen(owner, way, book, now)
+            elif way is not None:
+                self._unseen(owner, way, ghost == 1 and visible[at + 1], now)
+            at += 1 + ghost
+        self._last = x_m, y_m
+
+    def offer(self, owner: Address, place_m: Point, rest_m: float, seen: Time, via: Address, here_m: Point) -> bool:
+        """Take the promise of *via*, seen at *place_m*, if its way is shorter from *here_m*; return whether it is."""
+        x, y = here_m
+        length = rest_m + math.hypot(place_m[0] - x, place_m[1] - y)
+        way = self.of[owner]
+        if way is not None and (way.direct or length > way.length(x, y) - GAIN_M):
+            return False
+        self.of[owner] = Way(place_m[0], place_m[1], rest_m, seen, via, False)
+        return True
+
+    def forget(self, owner: Address) -> None:
+        """Forget the way to *owner*'s goal."""
+        self.of[owner] = None
+
+    def displaced(self) -> None:
+        """Forget all that depends on the way that the robot has come: somebody has moved it."""
+        self.of = [None] * len(self.of)
+        self._last = None
+
+    def _seen(self, owner: Address, way: Way | None, book: GoalBook, now: Time) -> None:
+        if way is None or not way.direct:
+            self.of[owner] = Way(book.x_m[owner], book.y_m[owner], 0.0, now, self.me, True)
+        else:
+            way.x_m, way.y_m, way.seen = book.x_m[owner], book.y_m[owner], now
+
+    def _unseen(self, owner: Address, way: Way, ghost_visible: bool, now: Time) -> None:
+        """Go on with a goal that is not in sight: if its ghost is not either, the last place becomes the ghost."""
+        if self._life is not None and now - way.seen > self._life:
+            self.of[owner] = None
+        elif not ghost_visible and self._last is not None:
+            way.rest_m = way.length(*self._last)
+            way.x_m, way.y_m = self._last
+            way.direct = False

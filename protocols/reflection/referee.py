@@ -1,0 +1,56 @@
+"""The truth about the explorers: which targets they have reached, in order, and in how many motion steps."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cosim.machine import Address, Death
+from cosim.units import Time
+from protocols.reflection.knowledge import Knowledge
+
+Metres = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class TargetReferee:
+    """Watches where the explorers are; sees bodies only, never what machines believe.
+
+    The targets of an explorer count in their order, one a tick. A target that its machine gives up stays open here, and
+    so do all after it: such a run ends when the machines have finished.
+    """
+
+    def __init__(self, knowledge: Knowledge, epsilon_m: float) -> None:
+        self._targets_m = knowledge.targets_m
+        self._epsilon_m = epsilon_m
+        self._next = [0] * len(self._targets_m)
+        self._steps = [0] * len(self._targets_m)
+        self._dead: set[Address] = set()
+        self._begun = False
+
+    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+        """Count a motion step for every living explorer with open targets; return whether there is none."""
+        open_targets = False
+        for explorer, targets in enumerate(self._targets_m):
+            at = self._next[explorer]
+            if at >= len(targets) or explorer in self._dead:
+                continue
+            self._steps[explorer] += self._begun
+            x, y = targets[at]
+            if math.hypot(x_m[explorer] - x, y_m[explorer] - y) < self._epsilon_m:
+                self._next[explorer] = at + 1
+            open_targets = open_targets or self._next[explorer] < len(targets)
+        self._begun = True
+        return not open_targets and bool(self._targets_m)
+
+    def died(self, death: Death) -> None:
+        """Expect nothing more of the dead."""
+        self._dead.add(death.robot)
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return motion steps and targets reached, all explorers together."""
+        steps, reached = sum(self._steps), sum(self._next)
+        return {
+            "motion_steps": float(steps),
+            "targets_reached": float(reached),
+            "steps_per_target": steps / reached if reached else math.nan,
+        }

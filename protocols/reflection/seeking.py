@@ -1,0 +1,297 @@
+"""Where a robot with goals of its own heads (paper 000, rule 5, and section 5, rule 3).
+
+The goal itself, straight, when it is in sight; else the place of the shortest promise; else, when in trouble, a robot
+that is not; else whatever the algorithm A says. A straight way that does not bring the robot on (a body is wider than a
+line of sight) is first rounded with a potential field, then left: a promise is used up, a goal in sight left to A.
+"""
+
+import math
+from collections.abc import Mapping
+from enum import IntEnum
+
+from cosim.machine import Address, Event
+from cosim.navigation.status import Status
+from cosim.navigation.steering import Navigator
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.reflection.goals import GoalBook
+from protocols.reflection.journal import (
+    GhostReached,
+    GoalGivenUp,
+    GoalReached,
+    GoalSet,
+    PromiseForgotten,
+    PromiseTaken,
+    TroubleChanged,
+)
+from protocols.reflection.knowledge import Knowledge, Point
+from protocols.reflection.parameters import Parameters
+from protocols.reflection.promises import Way, Ways
+from protocols.reflection.records import Records
+from protocols.reflection.straight import AHEAD_STEPS, Straight
+from protocols.reflection.trouble import Progress, Trouble
+
+FOLLOW_CONTACTS = 2.5
+"""Who follows a helper stays so far behind, in distances of two bodies that touch: the helper has to turn round."""
+WHOLE = 0.999
+"""The square of the length from which on a step is a whole one."""
+NOWHERE = (1e5, 1e5)
+"""What is told to a navigator that has to find a goal of which nobody knows where it is."""
+
+
+class Target(IntEnum):
+    """What a robot heads for."""
+
+    GOAL = 0
+    PROMISE = 1
+    HELPER = 2
+    ALGORITHM = 3
+
+
+class Seeker:
+    """One robot on its way from goal to goal."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        book: GoalBook,
+        ways: Ways,
+        navigator: Navigator,
+        straight: Straight,
+        events: list[Event],
+        records: Records,
+        start: Time,
+    ) -> None:
+        """Take the first of the goals; *events* is where to report, *records* where to count."""
+        self.me = book.me
+        self.finished = False
+        self.trouble = Trouble(parameters.trouble_limit, parameters.trouble_rule)
+        self.target = Target.ALGORITHM
+        self._parameters = parameters
+        self._follow_m = FOLLOW_CONTACTS * 2.0 * knowledge.radius_m
+        self._step_m = knowledge.steps_m[self.me]
+        self._goals_m = knowledge.tasks[self.me].goals_m
+        self._objects = parameters.goals == "object"
+        self._epsilon_m = parameters.epsilon_m
+        self._renew_any = parameters.renewal == "any"
+        self._book = book
+        self._ways = ways
+        self._navigator = navigator
+        self._straight = straight
+        self._events = events
+        self._records = records
+        self._states_shared = parameters.states_shared
+        self._progress = Progress(
+            parameters.progress, parameters.progress_window, parameters.progress_share, self._step_m
+        )
+        self._detour = from_seconds(parameters.detour_s)
+        self._give_up = from_seconds(parameters.give_up_s)
+        self._by_loops = parameters.algorithm == "visbug"
+        self._followed: Way | None = None
+        self._place: Point = (0.0, 0.0)
+        self._helper: Address = self.me
+        self._number = 0
+        self._reflected = False
+        self._left_until = start
+        """Until when a goal in sight is left to the algorithm A."""
+        self._next(start)
+
+    @property
+    def number(self) -> int:
+        """Which of its goals the robot has, from 1."""
+        return self._number
+
+    @property
+    def goal_m(self) -> Point:
+        """The present goal in the own frame, metres."""
+        return self._goals_m[self._number - 1]
+
+    def arrive(self, x_m: float, y_m: float, now: Time) -> None:
+        """Turn to the next goal if this one is reached or has taken too long; before anything else at a tick."""
+        if self.finished:
+            return
+        goal_x, goal_y = self._goals_m[self._number - 1]
+        if math.hypot(goal_x - x_m, goal_y - y_m) < self._epsilon_m and (not self._objects or self._sees_goal()):
+            self._records.reached += 1
+            self._events.append(GoalReached(self._number))
+            self._next(now)
+        elif now - self._since >= self._give_up:
+            self.give_up("time", now)
+
+    def give_up(self, reason: str, now: Time) -> None:
+        """Do without the present goal."""
+        self._records.given_up += 1
+        self._events.append(GoalGivenUp(self._number, reason))
+        self._next(now)
+
+    def displaced(self, now: Time) -> None:
+        """Begin anew from where somebody has put the robot."""
+        self._followed = None
+        self._navigator.restart()
+        self._progress.restart()
+        self._straight.begin(now)
+
+    def promised(self, now: Time) -> None:
+        """Take notice that the best way to the own goal is now a new promise."""
+        self._records.promises += 1
+        if not self._reflected:
+            self._reflected = True
+            self._records.reflected += 1
+            self._records.waited += now - self._since
+
+    def choose(
+        self,
+        observation: Observation,
+        sightings: Mapping[Address, Point],
+        states: Mapping[Address, bool],
+        now: Time,
+    ) -> Point:
+        """Return where to go from here, a place in the own frame; to be called once a tick."""
+        here = observation.x_m, observation.y_m
+        way: Way | None
+        if self._straight.rounding and self._followed is not None:  # goes on, though it may see nothing from here
+            target, place, way = self.target, self._place, self._followed
+        else:
+            way = self._followable(here, now)
+            target, place = self._pick(way, here, sightings, states)
+        self._place = place
+        if target is not self.target or way is not self._followed:
+            self._turn_to(target, way, here, now)
+        self._records.steps[target] += 1
+        if target is Target.ALGORITHM:
+            going = self._by_algorithm(observation, sightings, place, now)
+        elif target is Target.HELPER:
+            going = self._to_helper(observation, place, now)
+        else:
+            assert way is not None
+            going = self._straight.towards(place, way.length(*here), observation, now)
+            if self._straight.stalled(now):
+                self._leave(way, now)
+        if self._states_shared and not self.finished:
+            self._judge(here, place)
+        return going
+
+    # ------------------------------------------------------------ goals
+
+    def _sees_goal(self) -> bool:
+        way = self._ways.of[self.me]
+        return way is not None and way.direct
+
+    def _next(self, now: Time) -> None:
+        self._number += 1
+        self._since = now
+        self._reflected = False
+        self._followed = None
+        self._ways.forget(self.me)
+        self._straight.begin(now)
+        if self._number > len(self._goals_m):
+            self.finished = True
+            self._book.clear_own()
+            return
+        self._book.set_own(self._number, *self.goal_m)
+        self._navigator.restart()
+        self._progress.restart()
+        if self._parameters.trouble_memory == "goal":
+            if self.trouble.active:
+                self._events.append(TroubleChanged(False, 1))
+            self.trouble = Trouble(self._parameters.trouble_limit, self._parameters.trouble_rule)
+        self._left_until = now
+        self._events.append(GoalSet(self._number))
+
+    # ------------------------------------------------------------ what to head for
+
+    def _followable(self, here: Point, now: Time) -> Way | None:
+        """Return the way that is to be followed straight now; note what has become of the one that was followed."""
+        way = self._ways.of[self.me]
+        followed = self._followed
+        if way is None:
+            if followed is not None:
+                self._events.append(PromiseForgotten(followed.via, "out of sight, or too old"))
+            return None
+        if way.used_up:
+            return None
+        if way.direct:
+            return way if now >= self._left_until else None
+        if math.hypot(way.x_m - here[0], way.y_m - here[1]) > self._step_m:
+            return way
+        self._records.ghosts += 1
+        self._events.append(GhostReached(way.via))
+        if way.via == self.me or self._renew_any:
+            self._ways.forget(self.me)  # nothing is to be learnt from where one has been
+            self._followed = None
+        else:
+            way.used_up = True
+        return None
+
+    def _pick(
+        self, way: Way | None, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]
+    ) -> tuple[Target, Point]:
+        if way is not None:
+            return Target.GOAL if way.direct else Target.PROMISE, (way.x_m, way.y_m)
+        if self._states_shared and self.trouble.active:
+            helpers = [peer for peer in sightings if states.get(peer) is False]
+            if helpers:
+                if self._helper not in helpers:
+                    self._helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here))
+                return Target.HELPER, sightings[self._helper]
+        self._helper = self.me
+        if self._objects:  # nobody knows where it is: random motion has no use for a place
+            return Target.ALGORITHM, NOWHERE
+        return Target.ALGORITHM, self.goal_m
+
+    def _turn_to(self, target: Target, way: Way | None, here: Point, now: Time) -> None:
+        """Begin to head for something else than before."""
+        followed = self._followed
+        self._progress.restart()
+        if target is not self.target:
+            self._straight.begin(now)
+            if target is Target.ALGORITHM and self._by_loops:
+                self._navigator.restart()
+        if target is Target.PROMISE and way is not None and (followed is None or followed.via != way.via):
+            self._events.append(PromiseTaken(way.via, way.length(*here)))
+        self.target = target
+        self._followed = way
+
+    def _leave(self, way: Way, now: Time) -> None:
+        """Do not try any longer to come straight to where *way* leads."""
+        self._straight.begin(now)
+        if way.direct:
+            self._left_until = now + self._detour
+        else:
+            way.used_up = True
+            self._events.append(PromiseForgotten(way.via, "no progress"))
+
+    def _judge(self, here: Point, place: Point) -> None:
+        progress = self._progress.judge(*here, place)
+        if self.target is Target.HELPER and math.dist(here, place) < self._follow_m:
+            progress = True  # who keeps up with its helper is getting on
+        if self.trouble.step(progress):
+            self._records.troubles += self.trouble.active
+            self._events.append(TroubleChanged(self.trouble.active, self.trouble.weight))
+
+    # ------------------------------------------------------------ how to get there
+
+    def _by_algorithm(
+        self, observation: Observation, sightings: Mapping[Address, Point], place: Point, now: Time
+    ) -> Point:
+        x, y = observation.x_m, observation.y_m
+        steer = self._navigator.steer(x, y, place, observation.ranges_m, list(sightings.values()), self._step_m)
+        if steer.status is Status.UNREACHABLE:
+            self.give_up("unreachable", now)
+            return x, y
+        ahead = AHEAD_STEPS * self._step_m
+        going = x + ahead * steer.dx, y + ahead * steer.dy
+        if not self._by_loops:
+            return going
+        if observation.blocked or self._straight.rounding:  # by a body: VisBug knows of walls only
+            return self._straight.towards(going, 0.0, observation, now)
+        if steer.dx * steer.dx + steer.dy * steer.dy < WHOLE:
+            return x + self._step_m * steer.dx, y + self._step_m * steer.dy
+        return going
+
+    def _to_helper(self, observation: Observation, place: Point, now: Time) -> Point:
+        x, y = observation.x_m, observation.y_m
+        if math.dist((x, y), place) < self._follow_m:
+            return x, y
+        return self._straight.towards(place, 0.0, observation, now)

@@ -1,0 +1,198 @@
+"""What cosim must know of goal reflection: the entry point ``reflection`` names ``SPEC``."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.geometry.boundary import Boundary, boundary, inflated
+from cosim.machine import Address, Metric, ProtocolSpec, Surroundings
+from cosim.units import Time, to_seconds
+from protocols.reflection.guidance import algorithm, way_back
+from protocols.reflection.journal import EVENTS
+from protocols.reflection.knowledge import Knowledge, Point, Pose, Task, into_frame
+from protocols.reflection.machine import Reflection
+from protocols.reflection.parameters import Parameters
+from protocols.reflection.referee import TargetReferee
+from protocols.reflection.seeking import Target
+from protocols.reflection.targets import targets
+
+TEAM_LIMIT = 256
+"""Addresses on the wire are single bytes."""
+WORLD: Pose = (0.0, 0.0, 0.0)
+ATTEMPTS = 10_000
+"""So many places are tried for a robot that has neither a room nor a patrol to start in."""
+
+METRICS = (
+    Metric("motion_steps", "1", "ticks until the last target was reached, or until the end, summed over explorers"),
+    Metric("targets_reached", "1", "targets that explorers have come to, in their order"),
+    Metric("steps_per_target", "1", "motion steps over targets reached; NaN if none was"),
+    Metric("targets_given_up", "1", "targets that explorers did without"),
+    Metric("frames", "1", "frames that all robots have sent"),
+    Metric("payload_bytes", "B", "bytes in these frames"),
+    Metric("promises_taken", "1", "promises for own goals that were shorter than what a robot had"),
+    Metric("ghosts_reached", "1", "times that a robot came to where its helper was and did not see its goal"),
+    Metric("troubles", "1", "times that a robot got into trouble"),
+    Metric("targets_reflected", "1", "targets for which a promise was taken"),
+    Metric("first_useful_reflection_s", "s", "from turning to such a target until its first promise was taken, mean"),
+    Metric("advice", "1", "promises for own goals that came in from robots in sight, useful or not"),
+    Metric("advice_unseen", "1", "promises for own goals that came in from robots out of sight, which are of no use"),
+    Metric("stale_advice", "1", "share of advice that was outdated or late on arrival; NaN if none came in"),
+    Metric("advice_outdated", "1", "share of advice that was about a goal that the robot had no more"),
+    Metric("advice_late", "1", "share of advice that was older than stale_s"),
+    *(
+        Metric(f"steps_to_{target}", "1", f"motion steps in which explorers headed for {meaning}")
+        for target, meaning in (
+            ("goal", "a goal in sight"),
+            ("promise", "the place of a promise"),
+            ("helper", "another robot, in trouble"),
+            ("algorithm", "where the algorithm A led"),
+        )
+    ),
+)
+
+
+def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
+    """Put each explorer in a room, each helper at its patrol's first free way point, others anywhere they fit."""
+    parameters = located(parameters, surroundings)
+    starts: list[Point] = []
+    for robot in range(size):
+        if robot < parameters.explorers:
+            choices = parameters.rooms[robot:] + parameters.rooms[:robot]
+        else:
+            choices = patrol_of(parameters, robot)
+        starts.append(_free(choices, starts, surroundings, stream))
+    return starts
+
+
+def located(parameters: Parameters, surroundings: Surroundings) -> Parameters:
+    """Return *parameters* with the rooms and patrols that the floor names, if they name none themselves."""
+    places = surroundings.places_m
+    patrols = tuple(places[name] for name in sorted(places) if name.startswith("patrol"))
+    named = {"rooms": parameters.rooms or places.get("rooms", ()), "patrols": parameters.patrols or patrols}
+    return parameters.model_copy(update=named)
+
+
+def _free(
+    choices: Sequence[Point], taken: Sequence[Point], surroundings: Surroundings, stream: np.random.Generator
+) -> Point:
+    apart_m = 2.5 * surroundings.radius_m
+    for choice in choices:
+        if all(math.dist(choice, other) > apart_m for other in taken):
+            return choice
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    walls = surroundings.walls_m
+    for _ in range(ATTEMPTS):
+        point = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+        clear = _distance_to_walls(walls, point) > 1.2 * surroundings.radius_m
+        if (
+            clear
+            and not surroundings.forbidden(np.array([point]))[0]
+            and all(math.dist(point, other) > apart_m for other in taken)
+        ):
+            return point
+    raise UserError(f"team.starts: found no place for robot {len(taken)}; give places, rooms or patrols")
+
+
+def _distance_to_walls(walls_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]], point: Point) -> float:
+    if not len(walls_m):
+        return math.inf
+    start, way = walls_m[:, :2], walls_m[:, 2:] - walls_m[:, :2]
+    square = np.maximum((way**2).sum(axis=1), 1e-300)
+    share = np.clip(((np.array(point) - start) * way).sum(axis=1) / square, 0.0, 1.0)
+    return float(np.hypot(*(start + share[:, None] * way - np.array(point)).T).min())
+
+
+def patrol_of(parameters: Parameters, robot: Address) -> tuple[Point, ...]:
+    """Return the way points of a helper, in the world's frame."""
+    if robot < parameters.explorers or not parameters.patrols:
+        return ()
+    return parameters.patrols[(robot - parameters.explorers) % len(parameters.patrols)]
+
+
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Draw the targets, and tell every robot its task in its own frame; raise UserError for a task that is none."""
+    parameters = located(parameters, surroundings)
+    size = len(surroundings.starts_m)
+    if parameters.explorers > size:
+        raise UserError(f"protocol.parameters.explorers: {parameters.explorers} is not <= {size}, the team's size")
+    wanted = targets(parameters, surroundings.seed)
+    frames = surroundings.frames or (WORLD,) * size
+    tasks = []
+    for robot in range(size):
+        frame = frames[robot]
+        own = tuple(tuple(into_frame(target, frame) for target in row) for row in wanted)
+        patrol = tuple(into_frame(point, frame) for point in patrol_of(parameters, robot))
+        objects = own + ((),) * (size - len(own)) if parameters.goals == "object" else ()
+        loops = _loops(surroundings, robot, frame) if parameters.algorithm == "visbug" and robot < len(own) else None
+        tasks.append(Task(own[robot] if robot < len(own) else (), patrol, objects, loops))
+    speeds = surroundings.speeds_mps or (surroundings.speed_mps,) * size
+    steps_m = tuple(speed * to_seconds(surroundings.tick) for speed in speeds)
+    return Knowledge(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted)
+
+
+def _loops(surroundings: Surroundings, robot: Address, frame: Pose) -> Boundary:
+    """Return the walls, grown by the robot's radius, in its own frame."""
+    radius_m = surroundings.radii_m[robot] if surroundings.radii_m else surroundings.radius_m
+    obstacles, enclosures = (
+        [np.array([into_frame((x, y), frame) for x, y in ring.tolist()]) for ring in rings]
+        for rings in inflated(surroundings.walls_m, radius_m)
+    )
+    return boundary(obstacles, enclosures)
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Reflection:
+    """Return the machine of robot *me*."""
+    seeks = bool(knowledge.tasks[me].goals_m)
+    navigator = algorithm(parameters, knowledge.tasks[me].loops, stream) if seeks else way_back(parameters, stream)
+    return Reflection(parameters, knowledge, me, navigator, start)
+
+
+def referee(parameters: Parameters, knowledge: Knowledge) -> TargetReferee:
+    """Return the judge of the explorers."""
+    return TargetReferee(knowledge, parameters.epsilon_m)
+
+
+def measure(machines: Sequence[Reflection]) -> dict[str, float]:
+    """Return what the machines have counted."""
+    records = [machine.records for machine in machines]
+    advice = sum(record.advice for record in records)
+    reflected = sum(record.reflected for record in records)
+    waited = sum(record.waited for record in records)
+    steps = {
+        f"steps_to_{target.name.lower()}": float(sum(record.steps[target] for record in records)) for target in Target
+    }
+    return steps | {
+        "targets_given_up": float(sum(record.given_up for record in records)),
+        "frames": float(sum(record.frames for record in records)),
+        "payload_bytes": float(sum(record.payload_bytes for record in records)),
+        "promises_taken": float(sum(record.promises for record in records)),
+        "ghosts_reached": float(sum(record.ghosts for record in records)),
+        "troubles": float(sum(record.troubles for record in records)),
+        "targets_reflected": float(reflected),
+        "first_useful_reflection_s": to_seconds(waited) / reflected if reflected else math.nan,
+        "advice": float(advice),
+        "advice_unseen": float(sum(record.unseen_advice for record in records)),
+        "stale_advice": sum(record.stale for record in records) / advice if advice else math.nan,
+        "advice_outdated": sum(record.outdated for record in records) / advice if advice else math.nan,
+        "advice_late": sum(record.late for record in records) / advice if advice else math.nan,
+    }
+
+
+SPEC = ProtocolSpec(
+    name="reflection",
+    parameters=Parameters,
+    place=place,
+    prepare=prepare,
+    make=make,
+    referee=referee,
+    metrics=METRICS,
+    measure=measure,
+    events=EVENTS,
+    team_limit=TEAM_LIMIT,
+    needs_sight=True,
+    needs_view=True,
+)

@@ -1,0 +1,89 @@
+"""State sharing: when a robot is in trouble (paper 000, section 5).
+
+A robot counts Pr up by Nt at each step that brings no progress towards its goal, and down by 1 at each that does. It is
+in trouble, Tr, from Pr = Cr on, until Pr = 0; then Nt, which begins at 1, grows by one, so that the next trouble comes
+sooner and lasts longer: Pr is bounded by Nt Cr.
+
+As printed the rule is inconsistent: steps of Nt can jump over Pr = Cr, and with the equality Tr would be set again on
+the way down, whenever Pr passes Cr. Ours sets Tr at Pr >= Cr; the printed one is the other choice.
+"""
+
+import math
+from collections import deque
+from typing import Literal
+
+TroubleRule = Literal["reaches", "equals"]
+ProgressMeasure = Literal["window", "nearest", "step", "motion"]
+
+
+class Trouble:
+    """The variables Tr, Pr and Nt of one robot; Cr is a parameter."""
+
+    def __init__(self, limit: int, rule: TroubleRule = "reaches") -> None:
+        self.limit = limit
+        """Cr: motion steps without progress that make the first trouble."""
+        self.active = False
+        """Tr."""
+        self.level = 0
+        """Pr, from 0 to Nt Cr."""
+        self.weight = 1
+        """Nt: one more than the times that the robot has got out of trouble."""
+        self._rule = rule
+
+    def step(self, progress: bool) -> bool:
+        """Count a motion step; return whether Tr has changed."""
+        before = self.active
+        if progress:
+            self.level = max(self.level - 1, 0)
+        else:
+            self.level = min(self.level + self.weight, self.weight * self.limit)
+        if self.level >= self.limit if self._rule == "reaches" else self.level == self.limit:
+            self.active = True
+        if before and self.level == 0:
+            self.active = False
+            self.weight += 1
+        return self.active != before
+
+
+class Progress:
+    """A measure of whether a motion step has brought a robot on: an open choice in the paper.
+
+    - ``window``: it is nearer to its target than *window* steps ago, by *share* of what it could be;
+    - ``nearest``: it is nearer to its target than it ever was since it has it, by *share* of a step;
+    - ``step``: it is nearer than before the last step, by *share* of a step;
+    - ``motion``: it has got away, *window* steps long, from where it was, by *share* of what it could have.
+
+    As long as there are no *window* steps to look back on, as many as there are count.
+    """
+
+    def __init__(self, measure: ProgressMeasure, window: int, share: float, step_m: float) -> None:
+        self._measure = measure
+        self._gain_m = share * step_m
+        self._past: deque[tuple[float, float, float]] = deque(maxlen=window if measure in ("window", "motion") else 1)
+        self._nearest_m = math.inf
+
+    def restart(self) -> None:
+        """Begin anew: the target is another one."""
+        self._past.clear()
+        self._nearest_m = math.inf
+
+    def judge(self, x_m: float, y_m: float, target_m: tuple[float, float]) -> bool:
+        """Return whether the step that has ended at (x, y) has brought progress towards *target_m*; call it once."""
+        distance = math.hypot(target_m[0] - x_m, target_m[1] - y_m)
+        past = self._past
+        if not past:
+            past.append((x_m, y_m, distance))
+            self._nearest_m = distance
+            return True
+        then_x, then_y, then = past[0]
+        gain = self._gain_m * len(past)
+        past.append((x_m, y_m, distance))
+        match self._measure:
+            case "motion":
+                return math.hypot(x_m - then_x, y_m - then_y) >= gain
+            case "nearest":
+                better = self._nearest_m - distance >= self._gain_m
+                self._nearest_m = min(self._nearest_m, distance) if better else self._nearest_m
+                return better
+            case _:
+                return then - distance >= gain

@@ -1,0 +1,85 @@
+"""Making way: bodies are solid, and who shows the way to a goal may stand in it (paper 000, section 3, rule 3).
+
+The paper asks for "some sort of coordination strategy". Ours: a robot that has promised a way to a seeker stands in the
+seeker's way if it is near it, and near the line that the seeker will follow, from the seeker to the place to which the
+promised way leads. It then goes where it is farthest from that line; where nothing leads away from the line, as in a
+door, it goes on along it, away from the seeker, until something does. It looks for room in its scan.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+Point: TypeAlias = tuple[float, float]
+
+DIRECTIONS: Final = 16
+"""So many directions are tried."""
+NEAR_CONTACTS: Final = 1.75
+"""So near, in distances of bodies that touch, a seeker is about to want the place: less than a follower keeps away."""
+AWAY: Final = 0.2
+"""What a metre away from the seeker counts, against a metre away from its line."""
+
+
+def distance_to_segment(point: Point, one: Point, other: Point) -> float:
+    """Return how far *point* is from the segment between *one* and *other*, metres."""
+    dx, dy = other[0] - one[0], other[1] - one[1]
+    square = dx * dx + dy * dy
+    share = 0.0
+    if square > 0.0:
+        share = min(max(((point[0] - one[0]) * dx + (point[1] - one[1]) * dy) / square, 0.0), 1.0)
+    return math.hypot(one[0] + share * dx - point[0], one[1] + share * dy - point[1])
+
+
+def in_the_way(me: Point, seeker: Point, place: Point, contact_m: float) -> bool:
+    """Return whether a body at *me* is where the seeker's body will pass, soon, on its line to *place*.
+
+    *contact_m* is the distance of two centres whose bodies nearly touch. A seeker that comes as near as that wants to
+    be where I am; one that has passed me, or never comes by, does not.
+    """
+    dx, dy = me[0] - seeker[0], me[1] - seeker[1]
+    if dx * (place[0] - seeker[0]) + dy * (place[1] - seeker[1]) <= 0.0:
+        return False
+    distance = math.hypot(dx, dy)
+    return distance < contact_m or (
+        distance < NEAR_CONTACTS * contact_m and distance_to_segment(me, seeker, place) < contact_m
+    )
+
+
+def free_way(ranges_m: Sequence[float], angle_rad: float, radius_m: float, limit_m: float) -> float:
+    """Return how far a disc can go along *angle_rad* before it touches what the scan has hit, at most *limit_m*."""
+    free = limit_m
+    for beam, hit_m in enumerate(ranges_m):
+        apart = 2.0 * math.pi * beam / len(ranges_m) - angle_rad
+        along, across = hit_m * math.cos(apart), hit_m * math.sin(apart)
+        if along > 0.0 and abs(across) < radius_m:
+            free = min(free, along - math.sqrt(radius_m * radius_m - across * across))
+    return max(free, 0.0)
+
+
+def step_aside(
+    me: Point, seeker: Point, place: Point, ranges_m: Sequence[float], radius_m: float, room_m: float
+) -> Point:
+    """Return where to go, out of the way of *seeker*, which heads for *place*; *me* if there is nothing better.
+
+    *ranges_m* is the scan, beam k at 2 pi k / n; *radius_m* that of the body; *room_m* how far from the line is enough.
+    """
+    best, best_worth = me, worth(me, me, seeker, place, room_m)
+    for k in range(DIRECTIONS):
+        angle = 2.0 * math.pi * k / DIRECTIONS
+        free = free_way(ranges_m, angle, radius_m, 2.0 * room_m)
+        for share in (0.5, 1.0):
+            way = share * free
+            there = me[0] + way * math.cos(angle), me[1] + way * math.sin(angle)
+            gain = worth(there, me, seeker, place, room_m)
+            if gain > best_worth + 1e-6:
+                best, best_worth = there, gain
+    return best
+
+
+def worth(there: Point, me: Point, seeker: Point, place: Point, room_m: float) -> float:
+    """Return how good it is for a robot at *me* to go *there*, if *seeker* heads for *place*: metres off its line."""
+    off = min(distance_to_segment(there, seeker, place), room_m)
+    if distance_to_segment(seeker, me, there) < min(room_m, math.hypot(seeker[0] - me[0], seeker[1] - me[1])) - 1e-6:
+        return -1.0  # through the seeker, or nearer to it
+    away = math.hypot(there[0] - seeker[0], there[1] - seeker[1])
+    return off + AWAY * min(away, 4.0 * room_m) - 0.01 * math.hypot(there[0] - me[0], there[1] - me[1])

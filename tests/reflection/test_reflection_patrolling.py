@@ -1,0 +1,85 @@
+"""Patrols: way points in turn, back to the way along a thread, and what a lost helper does."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from cosim.navigation.status import Status
+from cosim.navigation.steering import Steer
+from cosim.observation import Observation
+from cosim.units import MS, S
+from protocols.reflection.patrolling import Patrol
+from protocols.reflection.straight import Straight
+
+POINTS = ((0.0, 0.0), (9.0, 0.0), (9.0, 5.0))
+STEP_M = 0.1
+
+
+class Upwards:
+    """A navigator that is easy to recognise."""
+
+    def steer(
+        self,
+        x_m: float,
+        y_m: float,
+        goal_m: tuple[float, float],
+        ranges_m: Sequence[float],
+        sightings_m: Sequence[tuple[float, float]] = (),
+        step_m: float = 0.1,
+    ) -> Steer:
+        return Steer(0.0, 1.0, Status.UNDERWAY)
+
+    def restart(self) -> None:
+        pass
+
+
+def patrol(shuttle: bool = True) -> Patrol:
+    return Patrol(POINTS, shuttle, STEP_M, Straight(0.2, STEP_M, 2 * S, 0), Upwards())
+
+
+def at(x_m: float, y_m: float) -> Observation:
+    return Observation(x_m, y_m, 0.0, 0.0, False, False)
+
+
+@pytest.mark.parametrize(("shuttle", "order"), [(True, [1, 2, 1, 0, 1]), (False, [1, 2, 0, 1, 2])])
+def test_way_points_follow_each_other(shuttle: bool, order: list[int]) -> None:
+    walk, seen, now = patrol(shuttle), [], 0
+    here = POINTS[0]
+    for _ in order:
+        now += S
+        here = walk.choose(at(*here), {}, now)
+        seen.append(POINTS.index(here))
+    assert seen == order
+
+
+def test_a_robot_that_left_its_way_goes_back_along_a_thread() -> None:
+    walk = patrol()
+    walk.look([], (1.0, 0.0))
+    walk.left((1.0, 0.0))
+    assert walk.places() == [(1.0, 0.0)]
+    walk.look([True], (1.0, 1.0))
+    assert walk.places() == [(1.0, 0.0)]
+    walk.look([False], (2.0, 2.0))  # round a corner
+    assert walk.places() == [(1.0, 1.0), (1.0, 0.0)]
+    assert walk.choose(at(2.0, 2.0), {}, S) == (1.0, 1.0)
+    walk.look([True, True], (1.5, 0.5))
+    assert walk.choose(at(1.5, 0.5), {}, S) == (1.0, 0.0)
+    assert walk.choose(at(1.05, 0.0), {}, S) == POINTS[0]
+    assert not walk.off_its_way
+
+
+def test_a_helper_that_comes_nowhere_takes_to_the_algorithm_until_it_is_at_a_way_point() -> None:
+    walk = patrol()
+    going = [walk.choose(at(4.0, 4.0), {}, now) for now in range(0, 5 * S, 100 * MS)]
+    assert going[0] == POINTS[0]
+    assert going[25] == POINTS[1]  # tries the next
+    assert going[-1] == pytest.approx((4.0, 5.0))  # lost: ten steps upwards
+    found = walk.points_m[walk._at]
+    assert walk.choose(at(*found), {}, 6 * S) in POINTS
+    assert walk.choose(at(3.0, 3.0), {}, 6 * S) in POINTS
+
+
+def test_a_helper_that_was_carried_away_is_lost() -> None:
+    walk = patrol()
+    walk.displaced(0)
+    assert walk.choose(at(4.0, 4.0), {}, 0) == pytest.approx((4.0, 5.0))
