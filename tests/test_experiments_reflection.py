@@ -234,6 +234,12 @@ def test_every_arm_is_valid(name: str, arms: int, quick: int):
     assert len(load_experiment(path, quick=True).arms) == quick
 
 
+def test_over_bluetooth_robots_make_links():
+    arms = load_experiment(EXPERIMENTS / "reflection_channels" / "bluetooth.yaml").arms
+    settings: list[Any] = [arm.scenario.protocol.parameters for arm in arms if arm.scenario]
+    assert [each.links for each in settings] == [True] * 6
+
+
 def test_a_misspelt_setting_of_reflection_roles_is_refused():
     with pytest.raises(UserError, match="scenario"):
         load_experiment(EXPERIMENTS / "reflection_roles" / "sweep.yaml", ["scenario.teem=3"])

@@ -88,13 +88,13 @@ def saves(runs: pd.DataFrame, pairs: Sequence[tuple[str, Arm, Arm]], least: floa
     All have to hold, each at 5 %, so that a wrong "holds" has at most 5 %. It is open with a single replicate, and
     there is no data if any pair has none.
     """
-    found = {label: limits(saving(runs, arm, than)) for label, arm, than in pairs}
-    if not found or not all(each.size for each in found.values()):
+    found = [(label, limits(saving(runs, arm, than))) for label, arm, than in pairs]
+    if not found or not all(each.size for _, each in found):
         return NO_DATA
-    words = "; ".join(f"{label} {told(each)}".strip() for label, each in found.items())
-    if any(each.size < 2 for each in found.values()):
+    words = "; ".join(f"{label} {told(each)}".strip() for label, each in found)
+    if any(each.size < 2 for _, each in found):
         return words, None
-    return words, all(each.lower > least for each in found.values())
+    return words, all(each.lower > least for _, each in found)
 
 
 def ratio_limits(runs: pd.DataFrame, one: Arm, other: Arm) -> Limits:

@@ -28,6 +28,7 @@ from protocols.reflection.frames import CLOCK_MS, IN_TROUBLE, OBJECTS, Frame, Go
 from protocols.reflection.goals import GoalBook, Verdict, goal_number
 from protocols.reflection.journal import BadBytes, Displaced
 from protocols.reflection.knowledge import Knowledge
+from protocols.reflection.meeting import Meeting
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.patrolling import Courtesy, Patrol
 from protocols.reflection.promises import Ways
@@ -41,7 +42,7 @@ JUMP_STEPS = 5.0
 
 
 class Reflection:
-    """The machine of one robot. It lives on observations: it has no deadlines, and no use for links."""
+    """The machine of one robot. It lives on observations, and has no deadlines."""
 
     def __init__(
         self,
@@ -62,6 +63,7 @@ class Reflection:
         self._events: list[Event] = []
         self._outbox: list[Outgoing | LinkCommand] = []
         self._commands: list[Command] = []
+        self._meeting = Meeting(me, bool(task.goals_m), parameters, self._outbox) if parameters.links else None
         self._going: Point | None = None
         self._objects_m = task.objects_m if parameters.goals == "object" else None
         self._share_goals = parameters.share_goals
@@ -121,7 +123,9 @@ class Reflection:
             self._take_pledges(frame, reception.source, peer_m, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take no interest: frames go to whoever is in reach."""
+        """Take news about links, if there are to be any; else frames go to whoever is in reach."""
+        if self._meeting is not None:
+            self._meeting.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Look, choose where to go, and tell the others."""
@@ -143,6 +147,8 @@ class Reflection:
             self._going = going
         if self._sightings and now >= self._next_frame and self._speaks:
             self._tell(here, now)
+        if self._meeting is not None:
+            self._meeting.look(self._sightings, now)
 
     def wake(self, now: Time) -> None:
         """Do nothing: there are no deadlines."""
@@ -155,7 +161,8 @@ class Reflection:
         """Drain frames."""
         if not self._outbox:
             return []
-        drained, self._outbox = self._outbox, []
+        drained = self._outbox[:]
+        self._outbox.clear()  # it is shared with the meeting
         return drained
 
     def commands(self) -> list[Command]:
@@ -275,4 +282,7 @@ class Reflection:
         records = self.records
         records.frames += 1
         records.payload_bytes += len(payload)
-        self._outbox.append(Outgoing(BROADCAST, payload))
+        if self._meeting is None:
+            self._outbox.append(Outgoing(BROADCAST, payload))
+        else:
+            self._outbox += [Outgoing(peer, payload) for peer in sorted(self._meeting.linked)]

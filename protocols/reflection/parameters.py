@@ -88,6 +88,12 @@ class Parameters(Settings):
         default=0.2, ge=0, le=1, description="share of the greatest possible progress that is progress"
     )
 
+    links: bool = Field(
+        default=False,
+        description="look for the robots in sight by radio, and talk over links: what Bluetooth needs",
+    )
+    inquiry_s: float = Field(default=5.12, gt=0, description="longest inquiry on meeting a robot, if links are used")
+    page_s: float = Field(default=6.0, gt=0, description="time after which the host waits for the device no more")
     period_s: float | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
     stale_s: float = Field(
         default=0.5, gt=0, description="advice that is older on arrival than this is counted as stale"

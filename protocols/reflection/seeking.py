@@ -166,8 +166,8 @@ class Seeker:
         else:
             assert way is not None
             going = self._straight.towards(place, way.length(*here), observation, now)
-            if self._straight.stalled(now):
-                self._leave(way, now)
+            if self._straight.stalled(now) or (self._by_loops and way.direct and observation.blocked):
+                self._leave(way, now)  # VisBug knows how a body comes round that corner
         if self._states_shared and not self.finished:
             self._judge(here, place)
         return going
@@ -213,12 +213,15 @@ class Seeker:
             return None
         if way.direct:
             return way if now >= self._left_until else None
+        if way.via == self.me:  # its own ghost: there is nothing to be learnt from where it has been
+            self._ways.forget(self.me)
+            return None
         if math.hypot(way.x_m - here[0], way.y_m - here[1]) > self._step_m:
             return way
         self._records.ghosts += 1
         self._events.append(GhostReached(way.via))
-        if way.via == self.me or self._renew_any:
-            self._ways.forget(self.me)  # nothing is to be learnt from where one has been
+        if self._renew_any:
+            self._ways.forget(self.me)
             self._followed = None
         else:
             way.used_up = True
@@ -246,8 +249,6 @@ class Seeker:
         self._progress.restart()
         if target is not self.target:
             self._straight.begin(now)
-            if target is Target.ALGORITHM and self._by_loops:
-                self._navigator.restart()
         if target is Target.PROMISE and way is not None and (followed is None or followed.via != way.via):
             self._events.append(PromiseTaken(way.via, way.length(*here)))
         self.target = target

@@ -131,8 +131,8 @@ def test_the_referee_does_not_wait_for_the_dead() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["potential_field", "avoid_past", "straight"])
-@pytest.mark.parametrize("period_s", [None, 0.35])
-def test_the_machine_keeps_the_laws_of_machines(algorithm: str, period_s: float | None) -> None:
+@pytest.mark.parametrize(("period_s", "links"), [(None, False), (0.35, True)])
+def test_the_machine_keeps_the_laws_of_machines(algorithm: str, period_s: float | None, links: bool) -> None:
     starts = ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0))
     parameters = Parameters.model_validate(
         {
@@ -141,6 +141,7 @@ def test_the_machine_keeps_the_laws_of_machines(algorithm: str, period_s: float 
             "targets": [[[3.0, 3.0], [0.0, 1.0]], [[0.0, 0.0]]],
             "patrols": [[[2.0, 0.0], [2.0, 2.0]]],
             "period_s": period_s,
+            "links": links,
         }
     )
     knowledge = prepare(parameters, surroundings(starts))
@@ -204,6 +205,25 @@ def test_a_helper_saves_steps_and_silence_does_not() -> None:
     assert steps[True] < 0.8 * steps[False]
     silent = simulate(office(share_goals=False, share_states=False), 1).metrics
     assert (silent["frames"], silent["promises_taken"], silent["advice"]) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_over_bluetooth_robots_talk_when_they_have_met() -> None:
+    metrics = simulate(office({"kind": "bluetooth"}, links=True, algorithm="avoid_past"), 1).metrics
+    assert metrics["advice"] > 0.0
+    assert metrics["targets_reached"] == 3.0
+    without = simulate(office({"kind": "bluetooth"}, algorithm="avoid_past"), 1).metrics
+    assert without["advice"] == 0.0
+
+
+@pytest.mark.slow
+def test_visbug_finds_its_targets_with_steps_that_end_at_corners_and_round_bodies() -> None:
+    """A body stands in the corridor, near the way."""
+    alone = office(algorithm="visbug", share_goals=False, patrols=[[[4.0, 1.0]]])
+    metrics = simulate(alone, 1).metrics
+    assert metrics["targets_reached"] == 3.0
+    assert metrics["steps_to_algorithm"] > 50.0
+    assert metrics["motion_steps"] < 400.0
 
 
 @pytest.mark.slow
