@@ -43,7 +43,7 @@ from cosim.machine import (
     RoleChanged,
 )
 from cosim.node import Node
-from cosim.observation import Observation
+from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.trace import Trace
 from cosim.units import MS, S, Time
@@ -256,7 +256,9 @@ class _Floor:
             node.motion.clear()
         for node in self._nodes:
             others = tuple(other.address for other in self._nodes if other is not node)
-            node.observe(Observation(*self._places[node.address], 0.0, 0.0, True, False, others), self._kernel.now)
+            seen = tuple(Sighting(other, *self._places[other]) for other in others)
+            observation = Observation(*self._places[node.address], 0.0, 0.0, True, False, others, seen)
+            node.observe(observation, self._kernel.now)
         self._kernel.after(self._duration, self._tick, WORLD)
 
 

@@ -21,6 +21,8 @@ from protocols.reflection.targets import targets
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 WORLD: Pose = (0.0, 0.0, 0.0)
+LOOPS_SLACK_M = 0.05
+"""How far VisBug keeps the body from walls: a command acts a tick late, so a body overshoots a corner by a step."""
 ATTEMPTS = 10_000
 """So many places are tried for a robot that has neither a room nor a patrol to start in."""
 
@@ -119,25 +121,26 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
         raise UserError(f"protocol.parameters.explorers: {parameters.explorers} is not <= {size}, the team's size")
     wanted = targets(parameters, surroundings.seed)
     frames = surroundings.frames or (WORLD,) * size
+    speeds = surroundings.speeds_mps or (surroundings.speed_mps,) * size
+    steps_m = tuple(speed * to_seconds(surroundings.tick) for speed in speeds)
     tasks = []
     for robot in range(size):
         frame = frames[robot]
         own = tuple(tuple(into_frame(target, frame) for target in row) for row in wanted)
         patrol = tuple(into_frame(point, frame) for point in patrol_of(parameters, robot))
         objects = own + ((),) * (size - len(own)) if parameters.goals == "object" else ()
-        loops = _loops(surroundings, robot, frame) if parameters.algorithm == "visbug" and robot < len(own) else None
+        by_loops = parameters.algorithm == "visbug" and robot < len(own)
+        loops = _loops(surroundings, robot, frame, steps_m[robot]) if by_loops else None
         tasks.append(Task(own[robot] if robot < len(own) else (), patrol, objects, loops))
-    speeds = surroundings.speeds_mps or (surroundings.speed_mps,) * size
-    steps_m = tuple(speed * to_seconds(surroundings.tick) for speed in speeds)
     return Knowledge(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted)
 
 
-def _loops(surroundings: Surroundings, robot: Address, frame: Pose) -> Boundary:
-    """Return the walls, grown by the robot's radius, in its own frame."""
+def _loops(surroundings: Surroundings, robot: Address, frame: Pose, step_m: float) -> Boundary:
+    """Return the walls, grown by the robot's radius and by how far a step cuts a round corner, in its own frame."""
     radius_m = surroundings.radii_m[robot] if surroundings.radii_m else surroundings.radius_m
     obstacles, enclosures = (
         [np.array([into_frame((x, y), frame) for x, y in ring.tolist()]) for ring in rings]
-        for rings in inflated(surroundings.walls_m, radius_m)
+        for rings in inflated(surroundings.walls_m, radius_m + step_m * step_m / (8.0 * radius_m) + LOOPS_SLACK_M)
     )
     return boundary(obstacles, enclosures)
 
