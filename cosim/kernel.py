@@ -75,12 +75,15 @@ class Repeated(Handle):
         self._period = 0
 
     def _fire(self, _: simpy.Event) -> None:
-        super()._fire(_)
+        kernel = self._kernel
+        kernel.phase = (self.time, self._priority)
+        kernel.executed += 1
+        self.callback()
         period = self._period
         if period:
             self.time += period
             self.callbacks = self._again.copy()
-            self._kernel.environment.schedule(self, self._priority, period)  # type: ignore[arg-type]
+            kernel.environment.schedule(self, self._priority, period)  # type: ignore[arg-type]
 
 
 class Kernel:

@@ -156,8 +156,7 @@ LinkEvent: TypeAlias = Discovered | InquiryComplete | Connected | PageFailed | L
 # ---------------------------------------------------------------- what goes out
 
 
-@dataclass(frozen=True, slots=True)
-class Outgoing:
+class Outgoing(NamedTuple):
     """A payload for *destination* (or ``BROADCAST``). With a *token* its fate is reported by a ``Fate`` event."""
 
     destination: Address
@@ -265,16 +264,14 @@ ModeCommand: TypeAlias = Hold | Sniff | Park | Unpark
 LinkCommand: TypeAlias = Inquire | Page | Scan | Disconnect | Flush | Share | ModeCommand | SwitchRole
 
 
-@dataclass(frozen=True, slots=True)
-class GoTo:
+class GoTo(NamedTuple):
     """Drive straight to a point in the world frame and stop there."""
 
     x_m: float
     y_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(NamedTuple):
     """Drive with a linear and an angular velocity until told otherwise."""
 
     speed_mps: float

@@ -5,7 +5,13 @@ else it is odometry: it begins at an unknown place, turned by an unknown angle, 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+_NOTHING: Final = np.empty(0)
 
 
 class Sighting(NamedTuple):
@@ -22,7 +28,7 @@ class View(Protocol):
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         """Return which points of the robot's frame lie in its visibility region: in range, and no wall before them."""
 
-    def ranges_m(self) -> Sequence[float]:
+    def ranges_m(self) -> Floats:
         """Return how far each beam of a ring goes."""
 
 
@@ -52,9 +58,9 @@ class Observation(NamedTuple):
         return [False] * len(points_m) if self.view is None else self.view.sees(points_m)
 
     @property
-    def ranges_m(self) -> Sequence[float]:
+    def ranges_m(self) -> Floats:
         """How far n beams go: beam k, at the angle 2 pi k / n of the frame, meets a wall or a body so many metres off.
 
         inf beyond the scanner's range. To be asked at this tick only; nothing is scanned unless it is asked.
         """
-        return () if self.view is None else self.view.ranges_m()
+        return _NOTHING if self.view is None else self.view.ranges_m()

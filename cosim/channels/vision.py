@@ -65,15 +65,19 @@ class OpticalChannel(IdealChannel):
         self._free_at: list[Time] = [0] * size
         self._in_flight: dict[Time, list[_Flight]] = {}
         """By the time of arrival."""
+        self._positions_m: Positions | None = None
+        """Where the robots are, until somebody asks who sees whom."""
         self._in_sight: list[tuple[Address, ...]] = [()] * size
-        """Who sees whom, whether they are switched on or not."""
+        """Who sees whom, whether they are switched on or not: not to be read but by ``_sight``."""
+        self._seen = b""
+        """The matrix that this comes from."""
         self._looks = 0
         """How often that has changed, or may have."""
         self._missed = 0
 
     def moved(self, positions_m: Positions) -> None:
-        """Look who sees whom; links between robots that no longer do are lost."""
-        self._in_sight = seen_by_each(lines_of_sight(self._walls, positions_m, self._range_m))
+        """Note that robots may see others now; links between robots that no longer see each other are lost."""
+        self._positions_m = positions_m
         self._looks += 1
         if self._paged:
             for pair in sorted(self._paged):
@@ -90,7 +94,7 @@ class OpticalChannel(IdealChannel):
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices in sight that are switched on, if this one is."""
         if self._all_on:
-            return self._in_sight[address]
+            return self._sight()[address]
         return super().in_reach(address)
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
@@ -166,4 +170,13 @@ class OpticalChannel(IdealChannel):
         return {name: float(number) for name, number in numbers.items()}
 
     def _hears(self, one: Address, other: Address) -> bool:
-        return super()._hears(one, other) and other in self._in_sight[one]
+        return super()._hears(one, other) and other in self._sight()[one]
+
+    def _sight(self) -> list[tuple[Address, ...]]:
+        """Look who sees whom, once after robots have moved and somebody wants to know."""
+        if self._positions_m is not None:
+            seen = lines_of_sight(self._walls, self._positions_m, self._range_m)
+            self._positions_m = None
+            if seen.tobytes() != self._seen:  # mostly they see whom they saw a tick ago
+                self._seen, self._in_sight = seen.tobytes(), seen_by_each(seen)
+        return self._in_sight

@@ -232,10 +232,26 @@ def in_sight(grid: SegmentGrid, ax: float, ay: float, bx: float, by: float) -> b
 
 
 @njit(cache=True)
-def range_along(grid: SegmentGrid, x: float, y: float, dx: float, dy: float) -> float:
-    """Return at which fraction of the way (dx, dy) from a point a wall is met first, or inf; a kernel for kernels."""
-    first = _first_hit(grid, x, y, dx, dy, False)
-    return first if first <= 1.0 else math.inf
+def scan_walls(grid: SegmentGrid, x: float, y: float, ways: Floats, limit: float, first: Floats) -> None:
+    """Write at which fraction of each of the *ways* (n, 2) from a point a wall is met first, or inf; for kernels.
+
+    All ways are *limit* long: walls beyond that are left out at once, which takes half the time of casting each ray.
+    """
+    first[:] = math.inf
+    cell = grid.cell_m
+    for iy in range(_index((y - limit - grid.y_m) / cell, grid.ny), _index((y + limit - grid.y_m) / cell, grid.ny) + 1):
+        for ix in range(
+            _index((x - limit - grid.x_m) / cell, grid.nx), _index((x + limit - grid.x_m) / cell, grid.nx) + 1
+        ):
+            at = iy * grid.nx + ix
+            for slot in range(grid.first[at], grid.first[at + 1]):
+                x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
+                if _to_segment(x, y, x1, y1, x2, y2)[0] > limit * limit * (1.0 + _PAD):
+                    continue
+                for k in range(ways.shape[0]):
+                    hit = _meets(x, y, ways[k, 0], ways[k, 1], x1, y1, x2, y2, False)
+                    if hit < first[k] and hit <= 1.0:
+                        first[k] = hit
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.jit import njit
-from cosim.navigation.past import Past
+from cosim.navigation.past import Corner, Counts, Past, avoid_past
 from cosim.navigation.schemas import (
     Vector,
     avoid_robots,
@@ -31,7 +31,7 @@ from cosim.navigation.schemas import (
     noise,
     potential_field,
 )
-from cosim.navigation.status import Status
+from cosim.navigation.status import STATUSES, Status
 from cosim.randomness import Draws
 from cosim.settings import Settings
 
@@ -43,6 +43,9 @@ _STILL: Final = 0.05
 _HELD_STEPS: Final = 3
 """After so many steps without motion a robot is held; a command may act a tick or two late."""
 
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
+STUCK: Final = int(Status.STUCK)
+UNDERWAY: Final = int(Status.UNDERWAY)
 _FREEING: Final = 1
 """The purpose of the draws for steps that free a robot."""
 
@@ -148,13 +151,85 @@ class AvoidPastParameters(PotentialFieldParameters):
         return round(self.side_m * self.cells_per_m)
 
 
+# a navigator's numbers for its kernel: what it is told once, and what it remembers from step to step
+_GOAL_GAIN, _AVOID_GAIN, _SPHERE, _MARGIN, _SPEEDS, _PROGRESS, _PATIENCE, _OWN_NUMBERS = range(8)
+_NEAREST, _VAIN, _LAST_X, _LAST_Y, _ASKED, _STILL_STEPS, _NUMBERS = range(7)
+_PER_M, _HORIZON, _MARK, _CEILING, _PAST_GAIN, _PAST_NUMBERS = range(6)
+_HELD: Final = -1
+"""Stands for a status where the robot is held, and its step is left to chance."""
+
+
 @njit(cache=True)
-def _step(
-    ranges_m: Floats, beams: Floats, field: Floats, to_x_m: float, to_y_m: float, x: float, y: float, speeds: bool
-) -> Vector:
-    """Return the motion along the potential field: one call a robot and step."""
-    sum_x, sum_y = potential_field(ranges_m, beams, field, to_x_m, to_y_m, x, y)
-    return clipped(sum_x, sum_y) if speeds else direction(sum_x, sum_y)
+def _field_step(
+    ranges: Floats,
+    beams: Floats,
+    own: Floats,
+    memory: Floats,
+    x_m: float,
+    y_m: float,
+    goal_x: float,
+    goal_y: float,
+    step_m: float,
+    urge_x: float,
+    urge_y: float,
+) -> tuple[float, float, int]:
+    """Return the motion along the potential field, added to an urge, and the status: one call a robot and step."""
+    to_x, to_y = goal_x - x_m, goal_y - y_m
+    distance = math.hypot(to_x, to_y)
+    if distance < memory[_NEAREST] - own[_PROGRESS]:
+        memory[_NEAREST], memory[_VAIN] = distance, 0.0
+    else:
+        memory[_VAIN] += 1.0
+    if _is_held(memory, x_m, y_m, step_m):
+        return 0.0, 0.0, _HELD
+    goal_and_walls = own[: _MARGIN + 1]
+    sum_x, sum_y = potential_field(ranges, beams, goal_and_walls, to_x, to_y, urge_x, urge_y)
+    dx, dy = clipped(sum_x, sum_y) if own[_SPEEDS] > 0.0 else direction(sum_x, sum_y)
+    memory[_ASKED] = max(abs(dx), abs(dy))
+    return dx, dy, STUCK if memory[_VAIN] >= own[_PATIENCE] else UNDERWAY
+
+
+@njit(cache=True)
+def _past_step(
+    ranges: Floats,
+    beams: Floats,
+    own: Floats,
+    memory: Floats,
+    visits: Counts,
+    corner: Corner,
+    past: Floats,
+    x_m: float,
+    y_m: float,
+    goal_x: float,
+    goal_y: float,
+    step_m: float,
+    urge_x: float,
+    urge_y: float,
+) -> tuple[float, float, int]:
+    """Do what :func:`_field_step` does, with the push away from the past added to the urge."""
+    push_x, push_y = avoid_past(
+        visits, corner, x_m, y_m, past[_PER_M], int(past[_HORIZON]), int(past[_MARK]), past[_CEILING]
+    )
+    gain = past[_PAST_GAIN]
+    urge_x, urge_y = urge_x + gain * push_x, urge_y + gain * push_y
+    return _field_step(ranges, beams, own, memory, x_m, y_m, goal_x, goal_y, step_m, urge_x, urge_y)
+
+
+@njit(cache=True)
+def _is_held(memory: Floats, x_m: float, y_m: float, step_m: float) -> bool:
+    """Return whether the robot has not moved for a few steps, though the field has told it to.
+
+    A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what repels nobody.
+    A step in a random direction frees it.
+    """
+    last_x, last_y = memory[_LAST_X], memory[_LAST_Y]
+    memory[_LAST_X], memory[_LAST_Y] = x_m, y_m
+    least = _STILL * step_m * memory[_ASKED]
+    if least == 0.0 or abs(x_m - last_x) > least or abs(y_m - last_y) > least:
+        memory[_STILL_STEPS] = 0.0
+        return False
+    memory[_STILL_STEPS] += 1.0
+    return bool(memory[_STILL_STEPS] >= _HELD_STEPS)
 
 
 class _Ring:
@@ -186,17 +261,15 @@ class PotentialField:
         """Take the noise from *draws*: step n's depends on n, counted over all goals, and on nothing else."""
         own = parameters
         self._own = own
-        self._field = np.array([own.goal_gain, own.avoid_gain, own.avoid_sphere_m, own.avoid_margin_m])
-        self._speeds = own.drive == "speed"
+        self._numbers = np.empty(_OWN_NUMBERS)
+        self._numbers[: _MARGIN + 1] = own.goal_gain, own.avoid_gain, own.avoid_sphere_m, own.avoid_margin_m
+        self._numbers[_SPEEDS:] = own.drive == "speed", own.progress_m, own.patience
+        self._memory = np.zeros(_NUMBERS)
+        self._memory[_NEAREST] = math.inf
         self._draws = draws
         self._ring = _Ring()
         self._steps = 0
         self._noise: Vector = (0.0, 0.0)
-        self._nearest_m = math.inf
-        self._without_progress = 0
-        self._last_m: Vector = (0.0, 0.0)
-        self._asked = 0.0
-        self._still = 0
 
     def steer(
         self,
@@ -208,52 +281,29 @@ class PotentialField:
         step_m: float = 0.1,
     ) -> Steer:
         """Return the next step along the field, see :meth:`Navigator.steer`; stay where the goal is reached."""
-        to_x, to_y = goal_m[0] - x_m, goal_m[1] - y_m
-        status = self._progress(math.hypot(to_x, to_y))
-        if status is Status.ARRIVED:
-            return Steer(0.0, 0.0, status)
-        x, y = self._urge(x_m, y_m, sightings_m)
-        if self._is_held(x_m, y_m, step_m):
+        if math.hypot(goal_m[0] - x_m, goal_m[1] - y_m) <= self._own.arrival_m:
+            return Steer(0.0, 0.0, Status.ARRIVED)
+        urge_x, urge_y = self._urge(x_m, y_m, sightings_m)
+        dx, dy, status = self._motion(ranges_m, x_m, y_m, *goal_m, step_m, urge_x, urge_y)
+        if status == _HELD:
             dx, dy = noise(self._draws, self._steps, 1, _FREEING)
-        else:
-            ring = self._ring
-            ranges = ring.take(ranges_m)
-            dx, dy = _step(ranges, ring.beams, self._field, to_x, to_y, x, y, self._speeds)
-        self._asked = max(abs(dx), abs(dy))
-        return Steer(dx, dy, status)
+            self._memory[_ASKED] = max(abs(dx), abs(dy))
+            status = STUCK if self._memory[_VAIN] >= self._own.patience else UNDERWAY
+        return _new(Steer, (dx, dy, STATUSES[status]))
 
     def restart(self) -> None:
         """Forget the progress: the goal is a new one."""
-        self._nearest_m, self._without_progress = math.inf, 0
+        self._memory[_NEAREST], self._memory[_VAIN] = math.inf, 0.0
 
-    def _progress(self, distance_m: float) -> Status:
-        """Return the status at this distance from the goal, and remember the nearest one."""
-        own = self._own
-        if distance_m <= own.arrival_m:
-            return Status.ARRIVED
-        if distance_m < self._nearest_m - own.progress_m:
-            self._nearest_m, self._without_progress = distance_m, 0
-        else:
-            self._without_progress += 1
-        return Status.STUCK if self._without_progress >= own.patience else Status.UNDERWAY
-
-    def _is_held(self, x_m: float, y_m: float, step_m: float) -> bool:
-        """Return whether the robot has not moved for a few steps, though the field has told it to.
-
-        A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what repels
-        nobody. A step in a random direction frees it.
-        """
-        last_x, last_y = self._last_m
-        self._last_m = x_m, y_m
-        least = _STILL * step_m * self._asked
-        if least == 0.0 or abs(x_m - last_x) > least or abs(y_m - last_y) > least:
-            self._still = 0
-            return False
-        self._still += 1
-        return self._still >= _HELD_STEPS
+    def _motion(self, ranges_m: Sequence[float] | Floats, *numbers: float) -> tuple[float, float, int]:
+        """Return the motion and the status, or _HELD; *numbers* are those that ``_field_step`` takes."""
+        ring = self._ring
+        ranges = ring.take(ranges_m)
+        motion: tuple[float, float, int] = _field_step(ranges, ring.beams, self._numbers, self._memory, *numbers)
+        return motion
 
     def _urge(self, x_m: float, y_m: float, sightings_m: Sequence[Vector]) -> Vector:
-        """Return the weighted sum of all schemas that need neither the goal nor the scan."""
+        """Return the weighted sum of all schemas that need neither the goal nor the scan nor a memory."""
         own = self._own
         if self._steps % own.noise_persistence == 0:
             x, y = noise(self._draws, self._steps, own.noise_persistence)
@@ -270,21 +320,21 @@ class AvoidPast(PotentialField):
 
     def __init__(self, parameters: AvoidPastParameters, draws: Draws) -> None:
         super().__init__(parameters, draws)
-        self._past_gain = parameters.past_gain
-        self._past = Past(
-            parameters.side_cells,
-            parameters.cells_per_m,
-            parameters.horizon_cells,
-            parameters.mark_cells,
-            parameters.past_ceiling,
-        )
+        own = parameters
+        self._past = Past(own.side_cells, own.cells_per_m, own.horizon_cells, own.mark_cells, own.past_ceiling)
+        self._gains = np.empty(_PAST_NUMBERS)
+        self._gains[: _CEILING + 1] = own.cells_per_m, own.horizon_cells, own.mark_cells, own.past_ceiling
+        self._gains[_PAST_GAIN] = own.past_gain
 
     def restart(self) -> None:
         """Forget the progress and the ground visited: the goal is a new one."""
         super().restart()
         self._past.clear()
 
-    def _urge(self, x_m: float, y_m: float, sightings_m: Sequence[Vector]) -> Vector:
-        x, y = super()._urge(x_m, y_m, sightings_m)
-        past_x, past_y = self._past.push(x_m, y_m)
-        return x + self._past_gain * past_x, y + self._past_gain * past_y
+    def _motion(self, ranges_m: Sequence[float] | Floats, *numbers: float) -> tuple[float, float, int]:
+        ring, past = self._ring, self._past
+        ranges = ring.take(ranges_m)
+        motion: tuple[float, float, int] = _past_step(
+            ranges, ring.beams, self._numbers, self._memory, past.visits, past.corner, self._gains, *numbers
+        )
+        return motion

@@ -32,6 +32,7 @@ from cosim.geometry.boundary import (
     point_at,
     seen_until,
     stand_clear,
+    unpacked_boundary,
     within,
 )
 from cosim.jit import njit
@@ -75,6 +76,8 @@ from cosim.navigation.bug2 import (
 from cosim.navigation.status import Status
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
+Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 _AT_M: Final = 1e-6
 """A robot this near to its intermediate target is at it."""
@@ -149,6 +152,32 @@ def target_of(loops: Boundary, memory: Floats) -> Point:
     """Return the intermediate target T_i that *memory* holds, in metres."""
     x, y = place_point(loops, memory)
     return float(x), float(y)
+
+
+@njit(cache=True)
+def visbug_packed(
+    numbers: Floats,
+    members: Ints,
+    links: Integers,
+    measures: Floats,
+    memory: Floats,
+    begun: bool,
+    x: float,
+    y: float,
+    goal_x: float,
+    goal_y: float,
+    vision: float,
+    step: float,
+    near: float,
+) -> tuple[float, float, int]:
+    """Do what :func:`visbug_kernel` does, for those who call it at every tick: numba is slow to pass anything but
+    arrays in, and to hand arrays out. *memory* (MEMORY,) is changed in place, and means nothing unless *begun*.
+    """
+    loops = unpacked_boundary(numbers, members, links, measures)
+    known = memory if begun else memory[:0]
+    to_x, to_y, status, after = visbug_kernel(loops, known, x, y, goal_x, goal_y, vision, step, near)
+    memory[:] = after
+    return to_x, to_y, status
 
 
 @njit(cache=True)

@@ -88,6 +88,7 @@ class Fleet:
         self._table[X], self._table[Y] = self._table[NEXT_X], self._table[NEXT_Y] = starts.T
         self._table[HEADING] = headings_rad
         self._table[ARRIVED] = 1.0
+        self._cells: Any = self._table.data  # single cells are written faster through it
         _write_limits(self._table, bodies, to_seconds(tick))
         self._observed = self._table[:OBSERVED].T
         self._positions, self._spare = starts.copy(), starts.copy()
@@ -100,12 +101,10 @@ class Fleet:
 
         Raise LocalProtocolError for a number that is not finite.
         """
-        table, seconds = self._table, to_seconds(self.tick)
+        table = self._cells
         for body, command in commands:
             going = isinstance(command, GoTo)
-            one, two = (
-                (command.x_m, command.y_m) if isinstance(command, GoTo) else (command.speed_mps, command.turn_radps)
-            )
+            one, two = command
             if not (math.isfinite(one) and math.isfinite(two)):
                 raise LocalProtocolError(f"body {body}: {command} is not finite")
             table[GOING, body] = going
@@ -114,6 +113,7 @@ class Fleet:
             if going:
                 table[GOAL_X, body], table[GOAL_Y, body] = one, two
             else:
+                seconds = to_seconds(self.tick)
                 table[WANTED_WAY, body], table[WANTED_TURN, body] = one * seconds, two * seconds
 
     def step(self) -> float:

@@ -9,13 +9,16 @@ under which half of the other's body appears, times U[-b, b]. The paper has b = 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
+from itertools import chain
+from struct import Struct
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from cosim.geometry.segments import PackedWalls, SegmentGrid, in_sight, range_along, unpacked
+from cosim.geometry.segments import PackedWalls, SegmentGrid, in_sight, scan_walls, unpacked
 from cosim.jit import njit
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
@@ -26,25 +29,36 @@ from cosim.units import Time, to_seconds
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
+Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 Frame: TypeAlias = tuple[float, float, float]
 """Origin (x, y, m) and direction (rad) in the world."""
+Room: TypeAlias = tuple[Floats, Floats, Floats, Ints]
+"""What all kernels look at: poses, limits, and the packed walls."""
 
 WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
 _SIGHT_PURPOSE: Final = 1
 _DRIFT_PURPOSE: Final = 2
-_NO_PLACES: Final = np.empty((0, 0, 2))
+_NO_PICTURE: Final = np.empty(0, np.int64)
+_POINTS: Final = 16
+"""So many points fit at first."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
-# columns of the table of poses: the truth, then what the robot takes for it
+# columns of the table of poses: the truth, what the robot knows of itself, its frame and its body
 _X: Final = 0
 _Y: Final = 1
 _HEADING: Final = 2
 _OWN_X: Final = 3
 _OWN_Y: Final = 4
 _OWN_HEADING: Final = 5
-_COLUMNS: Final = 6
+_SPEED: Final = 6
+_ARRIVED: Final = 7
+_BLOCKED: Final = 8
+_FRAME_X: Final = 9
+_FRAME_Y: Final = 10
+_FRAME_TURN: Final = 11
+_RADIUS: Final = 12
+_COLUMNS: Final = 13
 
 # columns of the table of what the sensors are like
 _RANGE: Final = 0
@@ -55,6 +69,7 @@ _BEARING_ERROR: Final = 4
 _BEAM_RANGE: Final = 5
 _SLIP: Final = 6
 _TURN: Final = 7
+_KEY: Final = 8  # and 9: the key of the draws, two words of 32 bits
 
 
 class SenseSettings(Settings):
@@ -100,11 +115,10 @@ class Senses:
         streams: Streams,
     ) -> None:
         count = len(radii_m)
-        self._walls = walls
-        self._radii = np.array(radii_m, dtype=np.float64)
-        self._frames = np.array(frames, dtype=np.float64).reshape(count, 3)
         self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
         self._poses = np.zeros((count, _COLUMNS))
+        self._poses[:, _FRAME_X : _FRAME_TURN + 1] = frames
+        self._poses[:, _RADIUS] = radii_m
         self._limits = np.array(
             [
                 sight_range_m,
@@ -115,115 +129,127 @@ class Senses:
                 settings.beam_range_m,
                 settings.odometry_slip,
                 settings.odometry_turn_rad,
+                *streams.draws("senses").key,
             ]
         )
-        self._key = np.array(streams.draws("senses").key, dtype=np.int64)
-        self._places = np.empty((count, count, 2))
+        self._room = self._poses, self._limits, *walls
+        self._counts = np.zeros(count, np.int64)
+        """How many others each robot sees, and, for one after the other, whom and where."""
+        self._others = np.empty(count * count, np.int64)
+        self._places = np.empty((count * count, 2))
+        self._nobody: list[tuple[()]] = [()] * count
         self._period = max(1, round((settings.camera_period_s or 0.0) / to_seconds(tick)))
         self._beams = settings.beams
         self._ticks = 0
-        self._sightings: list[tuple[Sighting, ...]] = [()] * count
-        self._visible: list[tuple[int, ...]] = [()] * count
-        self._views = [_View(self, robot) for robot in range(count)]
+        self._sightings: Sequence[tuple[Sighting, ...]] = self._nobody
+        self._visible: Sequence[tuple[int, ...]] = self._nobody
+        self._known = self._poses[:, _OWN_X : _BLOCKED + 1]
+        self._views = [_View(self._room, robot, self._beams) for robot in range(count)]
 
     def observe(self, fleet: Fleet) -> list[Observation]:
         """Return what each robot senses now."""
-        rows = fleet.observed
         moved = self._drifts and self._ticks > 0
         picture = self._ticks % self._period == 0
-        _sense(
-            self._poses,
-            rows,
-            self._frames,
-            self._radii,
-            self._limits,
-            *self._walls,
-            self._key,
-            self._ticks,
-            moved,
-            self._places if picture else _NO_PLACES,
-        )
+        counts = self._counts if picture else _NO_PICTURE
+        seen = _sense(*self._room, fleet.observed, self._ticks, moved, counts, self._others, self._places)
         if picture:
-            self._sightings = [
-                tuple([_new(Sighting, (j, x, y)) for j, (x, y) in enumerate(row) if x == x])
-                for row in self._places.tolist()
-            ]
-            self._visible = [tuple([seen[0] for seen in row]) for row in self._sightings]
+            self._picture(seen)
         self._ticks += 1
         return [
             _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, view))
-            for (_, _, _, x, y, heading), (_, _, _, speed, arrived, blocked), visible, sightings, view in zip(
-                self._poses.tolist(), rows.tolist(), self._visible, self._sightings, self._views, strict=True
+            for (x, y, heading, speed, arrived, blocked), visible, sightings, view in zip(
+                self._known.tolist(), self._visible, self._sightings, self._views, strict=True
             )
         ]
 
-    def sees(self, robot: int, points_m: Sequence[tuple[float, float]]) -> list[bool]:
-        """Return which points of the frame of *robot* lie in its visibility region, from where it was observed last."""
-        if not points_m:
-            return []
-        points = np.array(points_m, dtype=np.float64)
-        seen: list[bool] = _in_region(self._poses, *self._walls, self._radii, self._limits, robot, points).tolist()
-        return seen
-
-    def ranges_m(self, robot: int) -> list[float]:
-        """Return how far the beams of *robot* go, in turn of its frame, from where it was observed last."""
-        ranges = np.empty(self._beams)
-        _scan(self._poses, *self._walls, self._radii, self._limits, robot, ranges)
-        found: list[float] = ranges.tolist()
-        return found
+    def _picture(self, seen: int) -> None:
+        """Sort what the cameras have *seen* in all by who has seen it."""
+        if not seen:
+            self._sightings = self._visible = self._nobody
+            return
+        others, places = self._others[:seen].tolist(), self._places[:seen].tolist()
+        all_seen = [_new(Sighting, (other, x, y)) for other, (x, y) in zip(others, places, strict=True)]
+        self._sightings, self._visible = [], []
+        begin = 0
+        for count in self._counts.tolist():
+            end = begin + count
+            self._sightings.append(tuple(all_seen[begin:end]))
+            self._visible.append(tuple(others[begin:end]))
+            begin = end
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
         if not isinstance(command, GoTo):
             return command
-        return GoTo(*_to_world(self._poses[robot], command.x_m, command.y_m))
+        x, y, heading, own_x, own_y, own_heading = self._poses[robot, : _OWN_HEADING + 1].tolist()
+        cos, sin = math.cos(heading - own_heading), math.sin(heading - own_heading)
+        dx, dy = command[0] - own_x, command[1] - own_y
+        return _new(GoTo, (x + cos * dx - sin * dy, y + sin * dx + cos * dy))
 
 
 class _View:
     """Where one robot looks from."""
 
-    __slots__ = ("_robot", "_senses")
+    __slots__ = ("_beams", "_points", "_robot", "_room", "_seen")
 
-    def __init__(self, senses: Senses, robot: int) -> None:
-        self._senses = senses
+    def __init__(self, room: Room, robot: int, beams: int) -> None:
+        self._room = room
         self._robot = robot
+        self._beams = beams
+        self._points = np.empty(2 * _POINTS)
+        self._seen = np.empty(_POINTS, np.bool_)
 
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
-        return self._senses.sees(self._robot, points_m)
+        count = len(points_m)
+        if not count:
+            return []
+        if count > len(self._seen):
+            self._points, self._seen = np.empty(4 * count), np.empty(2 * count, np.bool_)
+        _layout(2 * count)(self._points.data, 0, *chain.from_iterable(points_m))  # half the time of np.array
+        _in_region(*self._room, self._robot, self._points, self._seen, count)
+        seen: list[bool] = self._seen[:count].tolist()
+        return seen
 
-    def ranges_m(self) -> list[float]:
-        return self._senses.ranges_m(self._robot)
+    def ranges_m(self) -> Floats:
+        ranges = np.empty(self._beams)
+        _scan(*self._room, self._robot, ranges)
+        return ranges
+
+
+@cache
+def _layout(count: int) -> Callable[..., None]:
+    return Struct(f"{count}d").pack_into
 
 
 @njit(cache=True)
-def _uniform(key: Integers, tick: int, link: int, purpose: int) -> tuple[float, float]:
+def _uniform(limits: Floats, tick: int, link: int, purpose: int) -> tuple[float, float]:
     """Return two numbers in [-1, 1)."""
-    words = philox_words(tick & 0xFFFFFFFF, tick >> 32, link, purpose, key[0], key[1])
+    words = philox_words(tick & 0xFFFFFFFF, tick >> 32, link, purpose, int(limits[_KEY]), int(limits[_KEY + 1]))
     return words[0] * 2.0**-31 - 1.0, words[1] * 2.0**-31 - 1.0
 
 
 @njit(cache=True)
 def _sense(
     poses: Floats,
-    rows: Floats,
-    frames: Floats,
-    radii: Floats,
     limits: Floats,
     numbers: Floats,
     members: Ints,
-    key: Integers,
+    rows: Floats,
     tick: int,
     moved: bool,
+    counts: Integers,
+    others: Integers,
     places: Floats,
-) -> None:
-    """Do :func:`_locate`, and :func:`_see` if there is room for a picture."""
-    _locate(poses, rows, frames, limits, key, tick, moved)
-    if places.shape[0]:
-        _see(poses, unpacked(numbers, members), radii, limits, key, tick, places)
+) -> int:
+    """Do :func:`_locate`, and :func:`_see` if there is room for a picture; return how many have been seen in all."""
+    _locate(poses, limits, rows, tick, moved)
+    if not counts.shape[0]:
+        return 0
+    return _see(poses, limits, unpacked(numbers, members), tick, counts, others, places)
 
 
 @njit(cache=True)
-def _locate(poses: Floats, rows: Floats, frames: Floats, limits: Floats, key: Integers, tick: int, moved: bool) -> None:
+def _locate(poses: Floats, limits: Floats, rows: Floats, tick: int, moved: bool) -> None:
     """Write where robots are, and where they take themselves to be: exactly, or, if *moved*, from how they moved."""
     for i in range(poses.shape[0]):
         x, y, heading = rows[i, 0], rows[i, 1], rows[i, 2]
@@ -231,7 +257,7 @@ def _locate(poses: Floats, rows: Floats, frames: Floats, limits: Floats, key: In
         if moved:
             dx, dy = x - pose[_X], y - pose[_Y]
             way = math.sqrt(dx * dx + dy * dy)
-            slip, turn = _uniform(key, tick, i, _DRIFT_PURPOSE)
+            slip, turn = _uniform(limits, tick, i, _DRIFT_PURPOSE)
             # with the root, what adds up over a metre has the same spread whatever the ticks
             error = limits[_TURN] * turn * math.sqrt(way)
             angle = pose[_OWN_HEADING] - pose[_HEADING] + error
@@ -241,11 +267,12 @@ def _locate(poses: Floats, rows: Floats, frames: Floats, limits: Floats, key: In
             pose[_OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[_OWN_HEADING] = _wrapped(heading + angle)
         else:
-            cos, sin = math.cos(frames[i, 2]), math.sin(frames[i, 2])
-            dx, dy = x - frames[i, 0], y - frames[i, 1]
+            cos, sin = math.cos(pose[_FRAME_TURN]), math.sin(pose[_FRAME_TURN])
+            dx, dy = x - pose[_FRAME_X], y - pose[_FRAME_Y]
             pose[_OWN_X], pose[_OWN_Y] = cos * dx + sin * dy, cos * dy - sin * dx
-            pose[_OWN_HEADING] = _wrapped(heading - frames[i, 2])
+            pose[_OWN_HEADING] = _wrapped(heading - pose[_FRAME_TURN])
         pose[_X], pose[_Y], pose[_HEADING] = x, y, heading
+        pose[_SPEED], pose[_ARRIVED], pose[_BLOCKED] = rows[i, 3], rows[i, 4], rows[i, 5]
 
 
 @njit(cache=True)
@@ -262,7 +289,7 @@ def _to_world(pose: Floats, x: float, y: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _hidden(poses: Floats, radii: Floats, i: int, j: int, x: float, y: float) -> bool:
+def _hidden(poses: Floats, i: int, j: int, x: float, y: float) -> bool:
     """Return whether another body than those of *i* and *j* stands between robot *i* and a point."""
     ax, ay = poses[i, _X], poses[i, _Y]
     dx, dy = x - ax, y - ay
@@ -273,15 +300,13 @@ def _hidden(poses: Floats, radii: Floats, i: int, j: int, x: float, y: float) ->
         cx, cy = poses[k, _X] - ax, poses[k, _Y] - ay
         part = min(1.0, max(0.0, (cx * dx + cy * dy) / square))
         ex, ey = cx - part * dx, cy - part * dy
-        if ex * ex + ey * ey < radii[k] * radii[k]:
+        if ex * ex + ey * ey < poses[k, _RADIUS] * poses[k, _RADIUS]:
             return True
     return False
 
 
 @njit(cache=True)
-def _looks_at(
-    poses: Floats, grid: SegmentGrid, radii: Floats, limits: Floats, i: int, j: int, x: float, y: float
-) -> bool:
+def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, x: float, y: float) -> bool:
     """Return whether robot *i* sees a point of the world, which is robot *j* (or nobody, -1)."""
     dx, dy = x - poses[i, _X], y - poses[i, _Y]
     if dx * dx + dy * dy > limits[_RANGE] * limits[_RANGE]:
@@ -289,76 +314,79 @@ def _looks_at(
     half_field = limits[_HALF_FIELD]
     if half_field < math.pi and abs(_wrapped(math.atan2(dy, dx) - poses[i, _HEADING])) > half_field:
         return False
-    if limits[_OCCLUDE] > 0.0 and _hidden(poses, radii, i, j, x, y):
+    if limits[_OCCLUDE] > 0.0 and _hidden(poses, i, j, x, y):
         return False
     return in_sight(grid, poses[i, _X], poses[i, _Y], x, y)
 
 
 @njit(cache=True)
 def _see(
-    poses: Floats, grid: SegmentGrid, radii: Floats, limits: Floats, key: Integers, tick: int, places: Floats
-) -> None:
-    """Write where each robot sees each other one, in its own frame; NaN where it does not."""
+    poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, counts: Integers, others: Integers, places: Floats
+) -> int:
+    """Write whom each robot sees, and where, in its own frame: robot by robot; return how many that are."""
+    at = 0
+    errors = limits[_DISTANCE_ERROR] > 0.0 or limits[_BEARING_ERROR] > 0.0
     for i in range(poses.shape[0]):
+        begin = at
+        own_turn = poses[i, _OWN_HEADING] - poses[i, _HEADING]
+        cos, sin = math.cos(own_turn), math.sin(own_turn)
         for j in range(poses.shape[0]):
             x, y = poses[j, _X], poses[j, _Y]
-            if i == j or not _looks_at(poses, grid, radii, limits, i, j, x, y):
-                places[i, j] = np.nan
+            if i == j or not _looks_at(poses, limits, grid, i, j, x, y):
                 continue
             dx, dy = x - poses[i, _X], y - poses[i, _Y]
-            distance = math.sqrt(dx * dx + dy * dy)
-            turn = poses[i, _OWN_HEADING] - poses[i, _HEADING]
-            stretch = 1.0
-            if limits[_DISTANCE_ERROR] > 0.0 or limits[_BEARING_ERROR] > 0.0:
-                far, aside = _uniform(key, tick, i << 16 | j, _SIGHT_PURPOSE)
-                stretch += limits[_DISTANCE_ERROR] * far
-                turn += math.atan2(radii[j], distance) * limits[_BEARING_ERROR] * aside
-            cos, sin = stretch * math.cos(turn), stretch * math.sin(turn)
-            places[i, j, 0] = poses[i, _OWN_X] + cos * dx - sin * dy
-            places[i, j, 1] = poses[i, _OWN_Y] + sin * dx + cos * dy
+            if errors:
+                far, aside = _uniform(limits, tick, i << 16 | j, _SIGHT_PURPOSE)
+                stretch = 1.0 + limits[_DISTANCE_ERROR] * far
+                half = math.atan2(poses[j, _RADIUS], math.sqrt(dx * dx + dy * dy))
+                turn = own_turn + half * limits[_BEARING_ERROR] * aside
+                cos, sin = stretch * math.cos(turn), stretch * math.sin(turn)
+            others[at] = j
+            places[at, 0] = poses[i, _OWN_X] + cos * dx - sin * dy
+            places[at, 1] = poses[i, _OWN_Y] + sin * dx + cos * dy
+            at += 1
+        counts[i] = at - begin
+    return at
 
 
 @njit(cache=True)
 def _in_region(
-    poses: Floats, numbers: Floats, members: Ints, radii: Floats, limits: Floats, i: int, points: Floats
-) -> Bools:
-    """Return which points of the frame of robot *i* it sees."""
+    poses: Floats, limits: Floats, numbers: Floats, members: Ints, i: int, points: Floats, seen: Bools, count: int
+) -> None:
+    """Write which of the first *count* points (x, y, x, y...) of the frame of robot *i* it sees."""
     grid = unpacked(numbers, members)
-    seen = np.empty(points.shape[0], np.bool_)
-    for k in range(points.shape[0]):
-        x, y = _to_world(poses[i], points[k, 0], points[k, 1])
-        seen[k] = _looks_at(poses, grid, radii, limits, i, -1, x, y)
-    return seen
+    for k in range(count):
+        x, y = _to_world(poses[i], points[2 * k], points[2 * k + 1])
+        seen[k] = _looks_at(poses, limits, grid, i, -1, x, y)
 
 
 @njit(cache=True)
-def _scan(poses: Floats, numbers: Floats, members: Ints, radii: Floats, limits: Floats, i: int, ranges: Floats) -> None:
+def _scan(poses: Floats, limits: Floats, numbers: Floats, members: Ints, i: int, ranges: Floats) -> None:
     """Write how far each beam of robot *i*, in turn of its own frame, meets a wall or a body; inf if it meets none."""
-    grid = unpacked(numbers, members)
     limit = limits[_BEAM_RANGE]
-    turn = poses[i, _HEADING] - poses[i, _OWN_HEADING]
-    for k in range(ranges.shape[0]):
-        angle = turn + 2.0 * math.pi * k / ranges.shape[0]
-        dx, dy = limit * math.cos(angle), limit * math.sin(angle)
-        wall = range_along(grid, poses[i, _X], poses[i, _Y], dx, dy)
-        ranges[k] = min(wall, _first_body(poses, radii, i, dx, dy)) * limit
+    count = ranges.shape[0]
+    angle, apart = poses[i, _HEADING] - poses[i, _OWN_HEADING], 2.0 * math.pi / count
+    ways = np.empty((count, 2))
+    for k in range(count):
+        ways[k, 0], ways[k, 1] = limit * math.cos(angle + k * apart), limit * math.sin(angle + k * apart)
+    scan_walls(unpacked(numbers, members), poses[i, _X], poses[i, _Y], ways, limit, ranges)
+    _scan_bodies(poses, i, ways, limit, ranges)
+    for k in range(count):
+        ranges[k] *= limit
 
 
 @njit(cache=True)
-def _first_body(poses: Floats, radii: Floats, i: int, dx: float, dy: float) -> float:
-    """Return at which fraction of the way (dx, dy) from robot *i* another body is met, or inf."""
-    first = np.inf
-    square = dx * dx + dy * dy
-    for k in range(poses.shape[0]):
-        if k == i:
+def _scan_bodies(poses: Floats, i: int, ways: Floats, limit: float, first: Floats) -> None:
+    """Lower the fractions at which the *ways* from robot *i* meet something where they meet a body before."""
+    for j in range(poses.shape[0]):
+        cx, cy, radius = poses[j, _X] - poses[i, _X], poses[j, _Y] - poses[i, _Y], poses[j, _RADIUS]
+        outside = cx * cx + cy * cy - radius * radius
+        if j == i or outside > limit * (limit + 2.0 * radius):
             continue
-        cx, cy = poses[k, _X] - poses[i, _X], poses[k, _Y] - poses[i, _Y]
-        along = cx * dx + cy * dy
-        if along <= 0.0:
-            continue
-        rest = along * along - square * (cx * cx + cy * cy - radii[k] * radii[k])
-        if rest >= 0.0:
-            part = max(0.0, (along - math.sqrt(rest)) / square)
-            if part <= 1.0:
-                first = min(first, part)
-    return first
+        for k in range(ways.shape[0]):
+            along = cx * ways[k, 0] + cy * ways[k, 1]
+            rest = along * along - limit * limit * outside
+            if along > 0.0 and rest >= 0.0:
+                part = max(0.0, (along - math.sqrt(rest)) / (limit * limit))
+                if part <= 1.0 and part < first[k]:
+                    first[k] = part

@@ -22,7 +22,9 @@ def lines_of_sight(walls: PackedWalls, positions_m: npt.ArrayLike, range_m: floa
     and no wall meets the line between their centres; bodies do not hide each other.
     """
     positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-    return _all_pairs(*walls, positions, float(range_m))
+    seen = np.zeros((len(positions), len(positions)), np.bool_)
+    _look_at_pairs(*walls, positions, float(range_m), seen)  # numba is slow to hand out an array of its own
+    return seen
 
 
 def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike) -> Floats:
@@ -43,18 +45,16 @@ def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.
 
 def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
     """Return for each robot the numbers of the others that it sees, in order, from the matrix *seen* (n, n)."""
-    return [tuple(other for other, visible in enumerate(row) if visible) for row in seen.tolist()]
+    return [tuple([other for other, visible in enumerate(row) if visible]) for row in seen.tolist()]
 
 
 @njit(cache=True)
-def _all_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float) -> Bools:
+def _look_at_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float, seen: Bools) -> None:
     walls = unpacked(numbers, members)
     robots = positions.shape[0]
-    seen = np.zeros((robots, robots), np.bool_)
     for i in range(robots):
         for j in range(i + 1, robots):
             dx, dy = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1]
             if dx * dx + dy * dy <= limit * limit:
                 clear = in_sight(walls, positions[i, 0], positions[i, 1], positions[j, 0], positions[j, 1])
                 seen[i, j] = seen[j, i] = clear
-    return seen

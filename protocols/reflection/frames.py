@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from functools import cache, lru_cache
 from itertools import chain
 from struct import Struct
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from cosim.errors import WireError
 from cosim.machine import Address
@@ -35,6 +35,9 @@ OBJECTS: Final = 2
 FAR_M: Final = 1e6
 """Nothing on the wire is farther away than this."""
 HEADER: Final = Struct(">BBIBBB")
+BEARING: Final = Struct(">Bf")
+TERM: Final = Struct(">BIff")
+PLEDGE: Final = Struct(">BIfI")
 CRC_BYTES: Final = 2
 CLOCK_MS: Final = 1 << 32
 """Stamps count modulo this."""
@@ -83,25 +86,20 @@ def decode(data: bytes) -> Frame:
     """
     if len(data) < HEADER.size + CRC_BYTES or data[0] != MAGIC:
         raise WireError("not a frame of goal reflection")
-    layout = _layout(data[6], data[7], data[8])
-    if len(data) != layout.size + CRC_BYTES:
-        raise WireError(f"{len(data)} bytes where {layout.size + CRC_BYTES} were expected")
+    bearings_end = HEADER.size + BEARING.size * data[6]
+    terms_end = bearings_end + TERM.size * data[7]
+    end = terms_end + PLEDGE.size * data[8]
+    if len(data) != end + CRC_BYTES:
+        raise WireError(f"{len(data)} bytes where {end + CRC_BYTES} were expected")
     if crc_hqx(data, 0xFFFF):  # over a message and its own CRC it is 0
         raise WireError("the CRC does not fit")
-    values = layout.unpack_from(data)
-    flags = values[1]
-    end = 6 + 2 * values[3]
-    bearings = tuple(zip(values[6:end:2], values[7:end:2], strict=True))
-    start, end = end, end + 4 * values[4]
-    terms = _quadruples(values[start:end])
-    pledges = _quadruples(values[end:])
+    _, flags, stamp_ms, _, _, _ = HEADER.unpack_from(data)
+    bearings: tuple[Bearing, ...] = tuple(BEARING.iter_unpack(data[HEADER.size : bearings_end]))
+    terms: tuple[GoalTerm, ...] = tuple(TERM.iter_unpack(data[bearings_end:terms_end]))
+    pledges: tuple[Pledge, ...] = tuple(PLEDGE.iter_unpack(data[terms_end:end]))
     if flags > IN_TROUBLE | OBJECTS or not _plausible(bearings, terms, pledges):
         raise WireError("a number that no robot sends")
-    return Frame(flags & IN_TROUBLE != 0, flags & OBJECTS != 0, values[2], bearings, terms, pledges)
-
-
-def _quadruples(values: tuple[Any, ...]) -> tuple[tuple[Any, Any, Any, Any], ...]:
-    return tuple(zip(values[::4], values[1::4], values[2::4], values[3::4], strict=True))
+    return Frame(flags & IN_TROUBLE != 0, flags & OBJECTS != 0, stamp_ms, bearings, terms, pledges)
 
 
 def _plausible(bearings: Sequence[Bearing], terms: Sequence[GoalTerm], pledges: Sequence[Pledge]) -> bool:
@@ -112,4 +110,4 @@ def _plausible(bearings: Sequence[Bearing], terms: Sequence[GoalTerm], pledges: 
     for _, number, x, y in terms:
         if not (-FAR_M <= x <= FAR_M and -FAR_M <= y <= FAR_M and number):
             return False
-    return all(0.0 <= length <= FAR_M and number for _, number, length, _ in pledges)
+    return not pledges or all(0.0 <= length <= FAR_M and number for _, number, length, _ in pledges)

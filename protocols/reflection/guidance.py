@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.geometry.boundary import Boundary
+from cosim.geometry.boundary import Boundary, packed_boundary
 from cosim.navigation.schemas import Floats, Vector
-from cosim.navigation.status import Status
+from cosim.navigation.status import STATUSES, Status
 from cosim.navigation.steering import AvoidPast, Navigator, PotentialField, Steer
-from cosim.navigation.visbug import visbug_kernel
+from cosim.navigation.visbug import MEMORY, visbug_packed
 from cosim.randomness import Draws
 from protocols.reflection.parameters import Parameters
 
@@ -17,7 +17,6 @@ RANDOM_PERSISTENCE = 30
 """Motion steps for which random motion keeps its direction."""
 VISBUG_NEAR_M = 0.01
 """Goals in sight are headed for before VisBug is asked: it only has to know when it is there."""
-NO_MEMORY: Floats = np.empty(0)
 
 
 class HeadStraight:
@@ -51,10 +50,11 @@ class VisBug:
 
     def __init__(self, loops: Boundary, vision_m: float, near_m: float) -> None:
         """Walk among *loops*, in the robot's own frame and grown by its radius; be at a goal within *near_m*."""
-        self._loops = loops
+        self._loops = packed_boundary(loops)
         self._vision_m = vision_m
         self._near_m = near_m
-        self._memory = NO_MEMORY
+        self._memory = np.zeros(MEMORY)
+        self._begun = False
 
     def steer(
         self,
@@ -66,14 +66,15 @@ class VisBug:
         step_m: float = 0.1,
     ) -> Steer:
         """Return the way to where the step ends, in steps."""
-        x, y, status, self._memory = visbug_kernel(
-            self._loops, self._memory, x_m, y_m, goal_m[0], goal_m[1], self._vision_m, step_m, self._near_m
+        x, y, status = visbug_packed(
+            *self._loops, self._memory, self._begun, x_m, y_m, *goal_m, self._vision_m, step_m, self._near_m
         )
-        return Steer((x - x_m) / step_m, (y - y_m) / step_m, Status(status))
+        self._begun = True
+        return Steer((x - x_m) / step_m, (y - y_m) / step_m, STATUSES[status])
 
     def restart(self) -> None:
         """Begin a new search."""
-        self._memory = NO_MEMORY
+        self._begun = False
 
 
 def algorithm(parameters: Parameters, loops: Boundary | None, stream: np.random.Generator) -> Navigator:

@@ -77,6 +77,8 @@ class Reflection:
         self._sightings: dict[Address, Point] = {}
         self._states: dict[Address, bool] = {}
         self._next_frame = start
+        self._looked = start
+        self._metres_per_ms = tuple(step_m * MS / knowledge.tick for step_m in knowledge.steps_m)
         step_m = knowledge.steps_m[me]
         straight = Straight(knowledge.radius_m, step_m, from_seconds(parameters.patience_s), start)
         self.patrol = (
@@ -129,10 +131,12 @@ class Reflection:
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Look, choose where to go, and tell the others."""
-        here = x, y = observation.x_m, observation.y_m
-        if self._here is not None and abs(x - self._here[0]) + abs(y - self._here[1]) > self._jump_m:
+        x, y = observation.x_m, observation.y_m
+        here, last = (x, y), self._here
+        if last is not None and abs(x - last[0]) + abs(y - last[1]) > self._jump_m:
             self._note_jump(here, now)
         self._here = here
+        self._looked = now
         if observation.sightings is not self._seen:
             self._seen = observation.sightings
             self._sightings = {address: (x_m, y_m) for address, x_m, y_m in self._seen}
@@ -243,6 +247,7 @@ class Reflection:
         team, book = self._size, self.book
         arrival_ms = (now - self._start) // MS
         age_ms = (arrival_ms - frame.stamp_ms) % CLOCK_MS
+        moved_m = self._moved_since(frame.stamp_ms, peer)
         for owner, identifier, length, seen_ms in frame.pledges:
             if owner >= team:
                 self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
@@ -253,9 +258,18 @@ class Reflection:
             if not same_goal:
                 continue
             seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
-            taken = self.ways.offer(owner, peer_m, length, seen, peer, self._here)
+            taken = self.ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
             if taken and owner == self.me and self.seeker is not None:
                 self.seeker.promised(now)
+
+    def _moved_since(self, stamp_ms: int, peer: Address) -> float:
+        """Return how far *peer* can have driven, metres, from when it told its promises to where it was seen last.
+
+        A way leads to where the peer is seen, but was measured from where it stood then. In the paper both are one
+        instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
+        """
+        lag_ms = ((self._looked - self._start) // MS - stamp_ms) % CLOCK_MS
+        return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms)
 
     # ------------------------------------------------------------ what comes out
 

@@ -8,12 +8,12 @@ this brings the robot no nearer for a while, it is *stalled*.
 """
 
 import math
-from collections.abc import Sequence
 
+from cosim.jit import njit
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.reflection.knowledge import Point
-from protocols.reflection.yielding import free_way
+from protocols.reflection.yielding import Floats, free_way
 
 ROUND_STEPS = 20
 """For so many steps at most a robot goes round what it has touched."""
@@ -109,14 +109,15 @@ class Straight:
         return x + reach * math.cos(angle), y + reach * math.sin(angle)
 
 
-def nearest(ranges_m: Sequence[float], ahead_rad: float) -> tuple[float, float]:
+@njit(cache=True)
+def nearest(ranges_m: Floats, ahead_rad: float) -> tuple[float, float]:
     """Return the direction (rad) and distance (m) of the nearest thing that a scan has hit in the half plane ahead.
 
     Where it has hit nothing, that is as if something were right ahead.
     """
     best, at = math.inf, ahead_rad
-    for beam, hit_m in enumerate(ranges_m):
-        angle = 2.0 * math.pi * beam / len(ranges_m)
+    for beam in range(ranges_m.shape[0]):
+        hit_m, angle = ranges_m[beam], 2.0 * math.pi * beam / ranges_m.shape[0]
         if hit_m < best and math.cos(angle - ahead_rad) > 0.0:
             best, at = hit_m, angle
     return at, best

@@ -7,9 +7,13 @@ door, it goes on along it, away from the seeker, until something does. It looks 
 """
 
 import math
-from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
+import numpy as np
+
+from cosim.jit import njit
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
 
 DIRECTIONS: Final = 16
@@ -20,6 +24,7 @@ AWAY: Final = 0.2
 """What a metre away from the seeker counts, against a metre away from its line."""
 
 
+@njit(cache=True)
 def distance_to_segment(point: Point, one: Point, other: Point) -> float:
     """Return how far *point* is from the segment between *one* and *other*, metres."""
     dx, dy = other[0] - one[0], other[1] - one[1]
@@ -37,28 +42,29 @@ def in_the_way(me: Point, seeker: Point, place: Point, contact_m: float) -> bool
     be where I am; one that has passed me, or never comes by, does not.
     """
     dx, dy = me[0] - seeker[0], me[1] - seeker[1]
-    if dx * (place[0] - seeker[0]) + dy * (place[1] - seeker[1]) <= 0.0:
-        return False
     distance = math.hypot(dx, dy)
-    return distance < contact_m or (
-        distance < NEAR_CONTACTS * contact_m and distance_to_segment(me, seeker, place) < contact_m
-    )
+    if distance >= NEAR_CONTACTS * contact_m or dx * (place[0] - seeker[0]) + dy * (place[1] - seeker[1]) <= 0.0:
+        return False
+    return distance < contact_m or distance_to_segment(me, seeker, place) < contact_m
 
 
-def free_way(ranges_m: Sequence[float], angle_rad: float, radius_m: float, limit_m: float) -> float:
+@njit(cache=True)
+def free_way(ranges_m: Floats, angle_rad: float, radius_m: float, limit_m: float) -> float:
     """Return how far a disc can go along *angle_rad* before it touches what the scan has hit, at most *limit_m*."""
     free = limit_m
-    for beam, hit_m in enumerate(ranges_m):
-        apart = 2.0 * math.pi * beam / len(ranges_m) - angle_rad
+    for beam in range(ranges_m.shape[0]):
+        hit_m = ranges_m[beam]
+        if hit_m == math.inf:
+            continue
+        apart = 2.0 * math.pi * beam / ranges_m.shape[0] - angle_rad
         along, across = hit_m * math.cos(apart), hit_m * math.sin(apart)
         if along > 0.0 and abs(across) < radius_m:
             free = min(free, along - math.sqrt(radius_m * radius_m - across * across))
     return max(free, 0.0)
 
 
-def step_aside(
-    me: Point, seeker: Point, place: Point, ranges_m: Sequence[float], radius_m: float, room_m: float
-) -> Point:
+@njit(cache=True)
+def step_aside(me: Point, seeker: Point, place: Point, ranges_m: Floats, radius_m: float, room_m: float) -> Point:
     """Return where to go, out of the way of *seeker*, which heads for *place*; *me* if there is nothing better.
 
     *ranges_m* is the scan, beam k at 2 pi k / n; *radius_m* that of the body; *room_m* how far from the line is enough.
@@ -76,6 +82,7 @@ def step_aside(
     return best
 
 
+@njit(cache=True)
 def worth(there: Point, me: Point, seeker: Point, place: Point, room_m: float) -> float:
     """Return how good it is for a robot at *me* to go *there*, if *seeker* heads for *place*: metres off its line."""
     off = min(distance_to_segment(there, seeker, place), room_m)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.geometry.segments import free_fraction, range_along, sees, segment_grid
+from cosim.geometry.segments import free_fraction, ray_casts, sees, segment_grid
 from cosim.machine import BROADCAST, GoTo, Outgoing, Reception
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
@@ -124,8 +124,8 @@ class Arena:
             def sees(self, points_m: Sequence[Point]) -> list[bool]:
                 return arena.sees(robot, points_m)
 
-            def ranges_m(self) -> list[float]:
-                return [arena._beam(robot, frame[2] + 2.0 * math.pi * k / BEAMS) for k in range(BEAMS)]
+            def ranges_m(self) -> np.ndarray:
+                return np.array([arena._beam(robot, frame[2] + 2.0 * math.pi * k / BEAMS) for k in range(BEAMS)])
 
         return Observation(
             *into_frame(here, frame), 0.0, 0.0, True, self.blocked[robot], visible, tuple(sightings), Eye()
@@ -135,7 +135,7 @@ class Arena:
         x, y = self.places[robot]
         dx, dy = math.cos(angle), math.sin(angle)
         reach = 20.0
-        nearest = reach * min(range_along(self.grid, x, y, reach * dx, reach * dy), 1.0)
+        nearest = float(ray_casts(self.grid, [(x, y)], [angle], reach)[0])
         for other, (ox, oy) in enumerate(self.places):
             along, across = (ox - x) * dx + (oy - y) * dy, (oy - y) * dx - (ox - x) * dy
             if other != robot and along > 0.0 and abs(across) < RADIUS_M:

@@ -2,18 +2,19 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from protocols.reflection.yielding import distance_to_segment, free_way, in_the_way, step_aside, worth
 
-OPEN = (math.inf,) * 32
+OPEN = np.full(32, math.inf)
 RADIUS_M, ROOM_M = 0.2, 0.5
 
 
-def corridor(half_width_m: float, beams: int = 64) -> tuple[float, ...]:
+def corridor(half_width_m: float, beams: int = 64) -> np.ndarray:
     """A scan between two long walls along x."""
     angles = [2.0 * math.pi * k / beams for k in range(beams)]
-    return tuple(half_width_m / abs(math.sin(angle)) if abs(math.sin(angle)) > 1e-9 else math.inf for angle in angles)
+    return np.array([half_width_m / abs(math.sin(a)) if abs(math.sin(a)) > 1e-9 else math.inf for a in angles])
 
 
 def test_distance_to_a_segment() -> None:
@@ -61,5 +62,5 @@ def test_no_way_leads_through_the_seeker_or_nearer_to_it() -> None:
 
 def test_in_a_dead_end_it_stays() -> None:
     """Walls all around but where the seeker comes from."""
-    scan = tuple(0.21 if math.cos(2.0 * math.pi * k / 32) > -0.9 else math.inf for k in range(32))
+    scan = np.array([0.21 if math.cos(2.0 * math.pi * k / 32) > -0.9 else math.inf for k in range(32)])
     assert step_aside((0.0, 0.0), (-0.45, 0.0), (5.0, 0.0), scan, RADIUS_M, ROOM_M) == pytest.approx((0, 0), abs=0.03)
