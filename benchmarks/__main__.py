@@ -4,6 +4,7 @@ The unit is one timeout of one process with integer delays. Every figure is the 
 the unit and everything else once, so that a machine that changes its speed changes both. Nothing here asserts anything.
 """
 
+import gc
 from collections.abc import Callable
 from statistics import median
 from time import process_time
@@ -69,6 +70,8 @@ def main() -> None:
     """Measure and print."""
     for figure in FIGURES:
         seconds_each(figure, 0)  # compile, and warm up
+    gc.collect()
+    gc.freeze()  # as the workers of a sweep do
     rounds = [[seconds_each(figure, seed) for figure in FIGURES] for seed in range(1, ROUNDS + 1)]
     print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout of the same round")
     for column, figure in enumerate(FIGURES):

@@ -152,7 +152,7 @@ class Simulation:
         self.channel.advance(now)
         for node in self.nodes:
             if node.motion:
-                self.fleet.apply((node.address, self._in_world(node.address, command)) for command in node.motion)
+                self.fleet.apply([(node.address, self._in_world(node.address, command)) for command in node.motion])
                 node.motion.clear()
         self._distance_m += self.fleet.step()
         self.channel.moved(self.fleet.positions_m)

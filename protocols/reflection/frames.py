@@ -59,6 +59,9 @@ class Frame(NamedTuple):
     pledges: Sequence[Pledge]
 
 
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
+
+
 @cache
 def _layout(bearings: int, terms: int, pledges: int) -> Struct:
     return Struct(f">BBIBBB{'Bf' * bearings}{'BIff' * terms}{'BIfI' * pledges}")
@@ -99,7 +102,7 @@ def decode(data: bytes) -> Frame:
     pledges: tuple[Pledge, ...] = tuple(PLEDGE.iter_unpack(data[terms_end:end]))
     if flags > IN_TROUBLE | OBJECTS or not _plausible(bearings, terms, pledges):
         raise WireError("a number that no robot sends")
-    return Frame(flags & IN_TROUBLE != 0, flags & OBJECTS != 0, stamp_ms, bearings, terms, pledges)
+    return _new(Frame, (flags & IN_TROUBLE != 0, flags & OBJECTS != 0, stamp_ms, bearings, terms, pledges))
 
 
 def _plausible(bearings: Sequence[Bearing], terms: Sequence[GoalTerm], pledges: Sequence[Pledge]) -> bool:

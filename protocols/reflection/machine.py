@@ -77,7 +77,7 @@ class Reflection:
         self._sightings: dict[Address, Point] = {}
         self._states: dict[Address, bool] = {}
         self._next_frame = start
-        self._looked = start
+        self._looked_ms = 0
         self._metres_per_ms = tuple(step_m * MS / knowledge.tick for step_m in knowledge.steps_m)
         step_m = knowledge.steps_m[me]
         straight = Straight(knowledge.radius_m, step_m, from_seconds(parameters.patience_s), start)
@@ -136,7 +136,7 @@ class Reflection:
         if last is not None and abs(x - last[0]) + abs(y - last[1]) > self._jump_m:
             self._note_jump(here, now)
         self._here = here
-        self._looked = now
+        self._looked_ms = (now - self._start) // MS
         if observation.sightings is not self._seen:
             self._seen = observation.sightings
             self._sightings = {address: (x_m, y_m) for address, x_m, y_m in self._seen}
@@ -147,7 +147,7 @@ class Reflection:
             self._look(observation, here, now)
         going = self._choose(observation, now)
         if going is not self._going and going is not None and going != self._going:
-            self._commands.append(GoTo(going[0], going[1]))
+            self._commands.append(GoTo(*going))
             self._going = going
         if self._sightings and now >= self._next_frame and self._speaks:
             self._tell(here, now)
@@ -268,8 +268,8 @@ class Reflection:
         A way leads to where the peer is seen, but was measured from where it stood then. In the paper both are one
         instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
         """
-        lag_ms = ((self._looked - self._start) // MS - stamp_ms) % CLOCK_MS
-        return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms)
+        lag_ms = (self._looked_ms - stamp_ms) % CLOCK_MS
+        return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms) if lag_ms else 0.0
 
     # ------------------------------------------------------------ what comes out
 

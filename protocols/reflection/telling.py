@@ -35,14 +35,15 @@ def _collect(book: GoalBook, ways: Ways, x: float, y: float, start: Time, flat: 
     """Add all goals that may be passed on, and what is left of the ways to others' goals; return how many each."""
     terms = 0
     pledges: list[float] = []
+    xs, ys, of, me = book.x_m, book.y_m, ways.of, book.me
     for owner in book.known:
         identifier = book.told_as(owner)
-        along, across = book.x_m[owner] - x, book.y_m[owner] - y
+        along, across = xs[owner] - x, ys[owner] - y
         if identifier and -FAR_M < along < FAR_M and -FAR_M < across < FAR_M:
             flat += owner, identifier, along, across
             terms += 1
-        way = ways.of[owner]
-        if way is not None and owner != book.me:
+        way = of[owner]
+        if way is not None and owner != me:
             length = way.rest_m + math.hypot(way.x_m - x, way.y_m - y)
             if length < FAR_M:
                 pledges += owner, book.identifiers[owner], length, (way.seen - start) // MS % CLOCK_MS

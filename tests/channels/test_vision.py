@@ -178,3 +178,15 @@ def test_coverage_over_it_equals_that_over_the_ideal_channel_where_everybody_see
     ideal, optical = run("ideal"), run("optical")
     assert optical["coverage"] == 1.0
     assert {name: optical[name] for name in ideal} == ideal
+
+
+def test_what_waits_at_a_device_that_is_switched_off_is_lost_also_when_it_is_on_again() -> None:
+    field = Field((0.0, 0.0), (1.0, 0.0), rate_bps=8_000, latency_s=0.001)
+    for payload in (b"a" * 10, b"b" * 10, b"c" * 10):  # 10 ms each
+        field.channel.send(0, Outgoing(1, payload))
+    field.kernel.at(15 * MS, lambda: field.channel.power(0, False))
+    field.kernel.at(16 * MS, lambda: field.channel.power(0, True))
+    field.kernel.at(17 * MS, lambda: field.channel.send(0, Outgoing(1, b"d" * 10)))
+    field.kernel.run(S)
+    assert [data[:1] for _, _, data, _ in field.hosts[1].received if data[:1] != b"b"] == [b"a", b"d"]
+    assert field.hosts[1].received[-1][0] == 28 * MS
