@@ -38,6 +38,8 @@ from cosim.results import FIXED, KEY, OBSERVATION_FIXED, RunStore
 
 CONFIDENCE = 0.95
 WIDTH = 110
+MOST_LABELS = 4
+"""With more names than this below a figure they stand upright."""
 """Columns of a terminal that claims are wrapped to."""
 _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
 ANSWER = "answer"
@@ -327,6 +329,8 @@ def draw(
         plot.grid(alpha=0.3)
         if along in numeric:
             plot.set_xticks(sorted(frame[along].unique()))
+        elif along and frame[along].nunique() > MOST_LABELS:
+            plot.tick_params(axis="x", labelrotation=90)
     plots[0].set_ylabel(metric)
     if (frame[metric] >= 0).all():
         plots[0].set_ylim(bottom=0)

@@ -1,7 +1,7 @@
 """What the time that messages take costs: steps, delay of the first useful reflection, and advice that comes too late.
 
 ``minimal_first_visbug_2_kbit`` in published.csv is ``minimal`` for the floor ``first``, the algorithm ``visbug`` and
-the channel ``2 kbit/s``; the tests by such names are made at the end of this file.
+the link ``2 kbit/s, 1 s``; the tests by such names are made at the end of this file.
 """
 
 from functools import partial
@@ -13,102 +13,150 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report import estimate, estimates
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, saving, told, with_steps
+from experiments.reflection_tables.comparison import NAMES, NO_DATA, Answer, Arm, cut_top, limits, saves, saving, told
+from experiments.reflection_tables.figures import SIZES, cells
 
 FLOORS: Final = ("first", "second")
 ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
-AT_ONCE: Final = "at once"
-CHANNELS: Final = {"2_kbit": "2 kbit/s", "450_bit": "450 bit/s"}
-PERIODS: Final = ("0.1 s", "1 s")
+AT_ONCE: Final = "at once, 0.1 s"
+NONE: Final = "no messages"
+LINKS: Final = {
+    "2_kbit": "2 kbit/s, 1 s",
+    "450_bit": "450 bit/s, 1 s",
+    "bluetooth": "Bluetooth, 1 s",
+    "bluetooth_walls": "Bluetooth, walls, 1 s",
+}
+"""By the ends of the tests' names."""
 SLIGHT: Final = 0.1
-"""A channel that costs less than this share of the steps costs next to nothing."""
-AXES: Final = ("floor", "algorithm", "channel", "period")
+"""A link that costs less than this share of the steps costs next to nothing."""
+AXES: Final = ("floor", "algorithm", "link")
+METRICS: Final = {
+    "steps": "motion steps a target",
+    "first_useful_reflection_s": "first useful reflection after, s",
+    "stale_percent": "advice that is stale on arrival, %",
+}
 
 
-def _arm(floor: str, algorithm: str, channel: str, period: str) -> Arm:
-    return dict(zip(AXES, (floor, algorithm, channel, period), strict=True))
+def _arm(floor: str, algorithm: str, link: str) -> Arm:
+    return dict(zip(AXES, (floor, algorithm, link), strict=True))
 
 
-def minimal(floor: str, algorithm: str, channel: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether a slow link, at a frame a second, costs next to nothing against messages at once at every tick."""
-    slow, at_once = _arm(floor, algorithm, channel, PERIODS[1]), _arm(floor, algorithm, AT_ONCE, PERIODS[0])
-    found = limits(saving(with_steps(runs), slow, at_once))
+def minimal(floor: str, algorithm: str, link: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a link, at a frame a second, costs next to nothing against messages at once at every tick."""
+    found = limits(saving(runs, _arm(floor, algorithm, link), _arm(floor, algorithm, AT_ONCE)))
     if not found.size:
         return NO_DATA
     return told(found), None if found.size < 2 else found.lower > -SLIGHT
 
 
+def helps(floor: str, algorithm: str, link: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether what comes over a link saves steps against the same robots without messages."""
+    return saves(runs, [("", _arm(floor, algorithm, link), _arm(floor, algorithm, NONE))])
+
+
 def delay(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return the delay of the first useful reflection by channel and period."""
-    return _by_channel(runs, "first_useful_reflection_s")
+    """Return the delay of the first useful reflection by link."""
+    return _by_link(runs, "first_useful_reflection_s")
 
 
 def stale(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return the share of advice that was stale on arrival by channel and period."""
-    return _by_channel(runs, "stale_advice")
+    """Return the share of advice that was stale on arrival by link."""
+    return _by_link(runs, "stale_advice")
 
 
-def _by_channel(runs: pd.DataFrame, metric: str) -> Answer:
+def unseen(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Return by link the share of all promises that came from robots out of sight, which are of no use."""
+    return _by_link(_with_unseen(runs), "unseen")
+
+
+def _with_unseen(runs: pd.DataFrame) -> pd.DataFrame:
+    if not {"advice", "advice_unseen"} <= set(runs):
+        return runs
+    promises = runs["advice"] + runs["advice_unseen"]
+    return runs.assign(unseen=runs["advice_unseen"] / promises.where(promises > 0))
+
+
+def _by_link(runs: pd.DataFrame, metric: str) -> Answer:
     if not {metric, *AXES} <= set(runs):
         return NO_DATA
-    means = runs.groupby(["channel", "period"], sort=False)[metric].mean().dropna()
-    told_by = means.reset_index().itertuples(index=False)
-    return ", ".join(f"{channel} every {period} {value:.3g}" for channel, period, value in told_by) or "-", None
+    means = runs.groupby("link", sort=False)[metric].mean().dropna()
+    return "; ".join(f"{link}: {value:.3g}" for link, value in means.items()) or "-", None
 
 
 def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return what each channel costs against messages that arrive at once, sent at every tick."""
-    frame = with_steps(runs)
-    if "steps" not in frame or not set(AXES) <= set(frame):
+    """Return what each link costs against messages that arrive at once, at every tick, and what it saves at all."""
+    frame = _with_unseen(runs)
+    if not {*AXES, "steps", "given_up", "unseen"} <= set(frame):
         return {}
     rows = []
     for key, part in frame.groupby(list(AXES), sort=False):
-        floor, algorithm, channel, period = map(str, key)
-        against = limits(saving(frame, _arm(*map(str, key)), _arm(floor, algorithm, AT_ONCE, PERIODS[0])))
-        row: dict[str, Any] = dict(zip(AXES, (floor, algorithm, channel, period), strict=True))
+        floor, algorithm, link = map(str, key)
+        row: dict[str, Any] = dict(zip(AXES, (floor, algorithm, link), strict=True))
         row["steps a target"] = str(estimate(part["steps"]))
-        row["against at once"] = told(against) if against.size and (channel, period) != (AT_ONCE, PERIODS[0]) else "-"
+        for name, other in (("against at once", AT_ONCE), ("against no messages", NONE)):
+            against = limits(saving(frame, _arm(floor, algorithm, link), _arm(floor, algorithm, other)))
+            row[name] = told(against) if against.size and link != other else "-"
+        row["first useful, s"] = str(estimate(part["first_useful_reflection_s"]))
+        row["stale, %"] = str(estimate(100 * part["stale_advice"]))
+        row["of robots out of sight, %"] = str(estimate(100 * part["unseen"]))
         rows.append(row)
-    return {"steps a target: mean ± half of the 95 % confidence interval": pd.DataFrame(rows)}
+    return {"by link: mean ± half of the 95 % confidence interval": pd.DataFrame(rows)}
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw steps against the channel, a panel a floor, a line for each algorithm and period."""
-    frame = with_steps(runs)
-    if "steps" not in frame or not set(AXES) <= set(frame):
+    """Draw steps, delay of the first useful reflection and stale advice by link, a row of panels a floor."""
+    if not {*AXES, "steps", "first_useful_reflection_s", "stale_advice"} <= set(runs):
         return []
-    places = {name: rank for rank, name in enumerate((AT_ONCE, *CHANNELS.values()))}
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    plots = figure.subplots(1, len(FLOORS), squeeze=False)[0]
-    for plot, floor in zip(plots, FLOORS, strict=True):
-        arms = frame[frame["floor"] == floor].groupby(["algorithm", "period"], sort=False)
-        for shift, ((algorithm, period), part) in enumerate(arms):
-            points = estimates(part, ["channel"], ["steps"])
-            at = [places[name] + 0.05 * shift for name in points["channel"]]
-            means = [value.mean for value in points["steps"]]
-            halves = np.nan_to_num([value.half for value in points["steps"]])
-            style = "o-" if period == PERIODS[0] else "s--"
-            colour = f"C{ALGORITHMS.index(str(algorithm))}"
-            name = f"{str(algorithm).replace('_', ' ')}, a frame every {period}"
-            plot.errorbar(at, means, yerr=halves, fmt=style, capsize=3, color=colour, label=name)
-        plot.set(title=f"{floor} floor", ylabel="motion steps a target")
-        plot.set_xticks(list(places.values()), list(places))
-        plot.set_ylim(bottom=0)
-        plot.grid(alpha=0.3)
-    handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
-    path = folder / "steps_by_channel.png"
+    frame = runs.assign(stale_percent=100 * runs["stale_advice"])
+    floors = [floor for floor in FLOORS if floor in set(frame["floor"])]
+    places = {str(link): rank for rank, link in enumerate(frame["link"].unique())}
+    figure = Figure(figsize=(13.5, 1.0 + 3.6 * len(floors)), layout="constrained")
+    plots = figure.subplots(len(floors), len(METRICS), squeeze=False, sharex=True)
+    for line, floor in zip(plots, floors, strict=True):
+        for plot, (metric, label) in zip(line, METRICS.items(), strict=True):
+            _panel(plot, frame[frame["floor"] == floor], metric, places)
+            plot.set(title=f"{floor} floor", ylabel=label)
+        _printed(line[0], floor, places)
+    for plot in plots[-1]:
+        plot.set_xticks(list(places.values()), list(places), rotation=40, ha="right")
+    handles, labels = plots[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize="small", loc="outside lower center", ncols=4)
+    path = folder / "cost_by_link.png"
     figure.savefig(path, dpi=120)
     return [path]
+
+
+def _panel(plot: Any, rows: pd.DataFrame, metric: str, places: dict[str, int]) -> None:
+    for rank, algorithm in enumerate(ALGORITHMS):
+        part = rows[(rows["algorithm"] == algorithm) & rows[metric].notna()]
+        if not part.empty:
+            points = estimates(part, ["link"], [metric])
+            at = [places[link] + 0.15 * (rank - 1) for link in points["link"]]
+            means = [value.mean for value in points[metric]]
+            halves = np.nan_to_num([value.half for value in points[metric]])
+            plot.errorbar(at, means, yerr=halves, fmt="o", capsize=3, color=f"C{rank}", label=NAMES[algorithm])
+    cut_top(plot, list(rows.groupby(["algorithm", "link"])[metric].mean()))
+    plot.grid(alpha=0.3)
+
+
+def _printed(plot: Any, floor: str, places: dict[str, int]) -> None:
+    """Mark what Tables 1 and 2 print for four robots, whose messages arrive at once."""
+    for each in cells():
+        if each.floor == floor and each.robots == SIZES[-1] and AT_ONCE in places:
+            rank = ALGORITHMS.index(each.algorithm)
+            label = "paper, in the colours of the algorithms" if rank == 0 else None
+            at = places[AT_ONCE] + 0.15 * (rank - 1)
+            plot.plot(at, each.steps, "s", markerfacecolor="none", color=f"C{rank}", label=label)
 
 
 # ---------------------------------------------------------------- the tests that published.csv names
 
 globals().update(
     {
-        f"minimal_{floor}_{algorithm}_{key}": partial(minimal, floor, algorithm, channel)
+        f"{test.__name__}_{floor}_{algorithm}_{key}": partial(test, floor, algorithm, link)
+        for test in (minimal, helps)
         for floor in FLOORS
         for algorithm in ALGORITHMS
-        for key, channel in CHANNELS.items()
+        for key, link in LINKS.items()
     }
 )

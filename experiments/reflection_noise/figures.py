@@ -13,10 +13,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report import estimate, estimates
+from experiments.reflection_tables import figures as noiseless
 from experiments.reflection_tables.comparison import (
+    NAMES,
     NO_DATA,
     Answer,
     Arm,
+    cut_top,
     limits,
     saves,
     saving,
@@ -94,7 +97,10 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw Figs 16 and 17: steps against the error, with the robot alone at the right."""
+    """Draw Figs 16 and 17: steps against the error, with the robot alone at the right.
+
+    The paper prints their ends only, in Tables 1 and 2: no error, and the robot alone.
+    """
     frame = with_steps(runs)
     if "steps" not in frame or not {"floor", "algorithm", "err_max"} <= set(frame):
         return []
@@ -106,10 +112,11 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             part = frame[(frame["floor"] == floor) & (frame["algorithm"] == algorithm)]
             if not part.empty:
                 points = estimates(part, ["err_max"], ["steps"])
-                _line(plot, points, places, f"C{rank}", algorithm.replace("_", " "))
+                _line(plot, points, places, f"C{rank}", NAMES[algorithm])
+            _printed(plot, floor, algorithm, places, f"C{rank}")
         plot.set(title=f"{floor} floor", xlabel="largest relative error of a distance", ylabel="motion steps a target")
         plot.set_xticks(list(places.values()), list(places))
-        plot.set_ylim(bottom=0)
+        cut_top(plot, list(frame[frame["floor"] == floor].groupby(["algorithm", "err_max"])["steps"].mean()))
         plot.grid(alpha=0.3)
     handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
     figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
@@ -130,6 +137,15 @@ def _line(plot: Any, points: pd.DataFrame, places: dict[str, float], colour: str
         half = np.nan_to_num(halves[ALONE])
         plot.errorbar(places[ALONE], means[ALONE], yerr=half, marker="D", capsize=3, color=colour)
         plot.axhline(means[ALONE], linestyle=":", linewidth=1.0, color=colour)
+
+
+def _printed(plot: Any, floor: str, algorithm: str, places: dict[str, float], colour: str) -> None:
+    """Mark what Tables 1 and 2 print: four robots without an error, and R1 alone."""
+    ends = {max(noiseless.SIZES): places[ERRORS[0]], min(noiseless.SIZES): places[ALONE]}
+    known = [each for each in noiseless.cells() if (each.floor, each.algorithm) == (floor, algorithm)]
+    marks = [(ends[each.robots], each.steps) for each in known if each.robots in ends]
+    label = f"{NAMES[algorithm]}, paper (Tables 1 and 2)"
+    plot.plot(*zip(*marks, strict=True), "s", markersize=8, markerfacecolor="none", color=colour, label=label)
 
 
 # ---------------------------------------------------------------- the tests that published.csv names

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report import estimate, estimates
-from experiments.reflection_tables.comparison import Answer, Arm, limits, saves, saving, told
+from experiments.reflection_tables.comparison import NAMES, Answer, Arm, cut_top, limits, saves, saving, told
 
 ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
 TEAM: Final = 4
@@ -79,9 +79,9 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             halves = np.nan_to_num([value.half for value in points["steps"]])
             label = f"{explorers} explorer{'s' if explorers != 1 else ''}"
             plot.errorbar(points["helpers"], means, yerr=halves, marker="o", capsize=3, label=label)
-        plot.set(title=name.replace("_", " "), xlabel="helpers", ylabel="motion steps a target")
+        plot.set(title=NAMES[name], xlabel="helpers", ylabel="motion steps a target")
         plot.set_xticks(sorted(runs["helpers"].unique()))
-        plot.set_ylim(bottom=0)
+        cut_top(plot, list(runs[runs["algorithm"] == name].groupby(["explorers", "helpers"])["steps"].mean()))
         plot.grid(alpha=0.3)
     handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
     figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")

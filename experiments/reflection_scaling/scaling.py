@@ -1,15 +1,16 @@
 """How goal reflection grows with the team: bytes of a frame and of the team, and targets in a given time."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.scenario import Scenario
+from cosim.documents import Assignment, parse_place
+from cosim.scenario import Scenario, build, dump
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection_roles.roles import with_team
 
 COLUMNS: Final = (
     Column("bytes_a_frame", "float", "B", "mean size of what a robot tells at once, the payload of a frame"),
@@ -22,19 +23,34 @@ COLUMNS: Final = (
 STEPS: Final = ("steps_to_goal", "steps_to_promise", "steps_to_helper", "steps_to_algorithm")
 
 
-class Parameters(Settings):
-    """A run of goal reflection, and how many robots are in it."""
+class Task(Settings):
+    """What a team does, and where."""
 
-    scenario: Scenario = Field(description="the run; its length is the same for all teams")
-    robots: int = Field(ge=1, description="robots in the team")
     everybody: bool = Field(description="all have targets; else the first has, and the others patrol")
+    map: str = Field(description="the floor")
+    times: int = Field(default=1, ge=1, description="so many times the scenario's duration")
+
+
+class Parameters(Settings):
+    """A run of goal reflection, how many robots are in it, and what they do."""
+
+    scenario: Scenario = Field(description="the run")
+    robots: int = Field(ge=1, description="robots in the team")
+    task: Task = Field(description="what they do")
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)
-    explorers = given.robots if given.everybody else 1
-    scenario = with_team(given.scenario, given.robots, {"explorers": explorers})
+    explorers = given.robots if given.task.everybody else 1
+    changes = {
+        "floorplan.map": given.task.map,
+        "duration_s": given.scenario.duration_s * given.task.times,
+        "team.size": given.robots,
+        "protocol.parameters.explorers": explorers,
+    }
+    assignments = [Assignment(parse_place(path), value, "task") for path, value in changes.items()]
+    scenario = build(dump(given.scenario), "scenario", Path(__file__).parent, assignments)
     metrics = simulate(scenario, seed).metrics
     steps, reached = sum(metrics[name] for name in STEPS), metrics["targets_reached"]
     period_s = getattr(scenario.protocol.parameters, "period_s", None) or scenario.tick_s

@@ -11,7 +11,7 @@ paper counts where targets were given up.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,8 @@ Arm: TypeAlias = dict[str, Label]
 """Values of axes."""
 
 CONFIDENCE = 0.95
+NAMES: Final = {"avoid_past": "Avoid Past", "visbug": "VisBug", "potential_field": "potential field"}
+"""What the algorithms are called in figures."""
 NO_DATA: Answer = ("-", None)
 
 
@@ -108,3 +110,9 @@ def spread(runs: pd.DataFrame, arms: Sequence[Arm]) -> "pd.Series[float]":
     """Return the logarithm of the most steps over the fewest among *arms*, by replicate; those that are in all."""
     columns = pd.concat([values_of(runs, arm) for arm in arms], axis=1, join="inner").dropna()
     return pd.Series(np.log(columns.max(axis=1) / columns.min(axis=1)), index=columns.index)
+
+
+def cut_top(plot: Any, means: Sequence[float]) -> None:
+    """Let the ordinate of *plot* begin at 0 and end above all *means*: a wide interval of a first look is cut."""
+    known = [mean for mean in means if not math.isnan(mean)]
+    plot.set_ylim(0, 1.7 * max(known, default=1.0) or 1.0)

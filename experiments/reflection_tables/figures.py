@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from cosim.report import estimate, estimates
 from experiments.reflection_tables.comparison import (
+    NAMES,
     NO_DATA,
     Answer,
     Arm,
@@ -38,6 +39,8 @@ LEAST: Final = {"avoid_past": 1, "visbug": 1, "potential_field": 2}
 ALIKE: Final = 1.3
 """Algorithms are alike if their steps differ by less than this factor: the curves that the paper calls very similar
 differ by up to 1.28 (Table 1, four robots: 257.2 and 201.2), and those of smaller teams by 2.1 and 1.5."""
+TICKS: Final = (100, 200, 300, 500, 1000, 2000)
+"""Of the steps a target."""
 CELL: Final = "cell_"
 """What the ids of the printed cells begin with."""
 
@@ -56,15 +59,21 @@ class Cell(NamedTuple):
         return {"floor": self.floor, "algorithm": self.algorithm, "robots": self.robots}
 
 
+def claims(experiment: str = "reflection_tables") -> list[dict[str, str]]:
+    """Return the rows of the published.csv of *experiment*."""
+    path = Path(__file__).parent.parent / experiment / "published.csv"
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
 def cells() -> list[Cell]:
     """Return the printed cells, from published.csv beside this file."""
-    with (Path(__file__).parent / "published.csv").open(newline="", encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["id"].startswith(CELL)]
     found = []
-    for row in rows:
-        floor, rest = row["id"].removeprefix(CELL).split("_", 1)
-        algorithm, robots = rest.rsplit("_", 1)
-        found.append(Cell(floor, algorithm, int(robots), float(row["published"])))
+    for row in claims():
+        if row["id"].startswith(CELL):
+            floor, rest = row["id"].removeprefix(CELL).split("_", 1)
+            algorithm, robots = rest.rsplit("_", 1)
+            found.append(Cell(floor, algorithm, int(robots), float(row["published"])))
     return found
 
 
@@ -249,21 +258,51 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
                 points = estimates(part, ["robots"], ["steps"])
                 halves = np.nan_to_num([value.half for value in points["steps"]])
                 means = [value.mean for value in points["steps"]]
-                name = algorithm.replace("_", " ")
+                name = NAMES[algorithm]
                 plot.errorbar(points["robots"], means, yerr=halves, marker="o", capsize=3, color=f"C{rank}", label=name)
             theirs = [each for each in cells() if (each.floor, each.algorithm) == (floor, algorithm)]
             places, printed = [each.robots for each in theirs], [each.steps for each in theirs]
-            plot.plot(
-                places, printed, "s--", color=f"C{rank}", alpha=0.5, label=f"{algorithm.replace('_', ' ')}, paper"
-            )
+            plot.plot(places, printed, "s--", color=f"C{rank}", alpha=0.5, label=f"{NAMES[algorithm]}, paper")
         plot.set(title=f"{floor} floor", xlabel="robots", ylabel="motion steps a target", yscale="log")
         heights = [*frame.groupby(["floor", "algorithm", "robots"])["steps"].mean(), *(each.steps for each in cells())]
         plot.set_ylim(0.6 * min(heights), 1.6 * max(heights))  # a wide interval of a first look is cut
         plot.set_xticks(SIZES)
-        plot.grid(alpha=0.3, which="both")
+        plot.set_yticks(TICKS, map(str, TICKS))
+        plot.minorticks_off()
+        plot.grid(alpha=0.3)
     handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
     figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
     path = folder / "steps_beside_the_paper.png"
+    figure.savefig(path, dpi=120)
+    return [path, *_draw_reductions(frame, folder)]
+
+
+def _draw_reductions(frame: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw the relative reductions from R1 (potential field: R1,2) to the largest team, ours beside theirs."""
+    printed = {(each.floor, each.algorithm, each.robots): each.steps for each in cells()}
+    arms = [(floor, name) for floor in FLOORS for name in ALGORITHMS]
+    ours = [limits(saving(frame, _arm(*arm, SIZES[-1]), _arm(*arm, LEAST[arm[1]]))) for arm in arms]
+    if not any(each.size for each in ours):
+        return []
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    plot = figure.subplots()
+    at = np.arange(len(arms))
+    theirs = [100 * (1 - printed[(*arm, SIZES[-1])] / printed[(*arm, LEAST[arm[1]])]) for arm in arms]
+    plot.plot(at - 0.1, theirs, "s", markerfacecolor="none", color="C3", markersize=9, label="paper")
+    means = [100 * each.mean for each in ours]
+    spread = [np.nan_to_num([100 * (each.mean - each.lower), 100 * (each.upper - each.mean)]) for each in ours]
+    plot.errorbar(
+        at + 0.1, means, yerr=np.transpose(spread), fmt="o", capsize=4, label="ours, with the one-sided 95 % limits"
+    )
+    plot.axhline(0, color="0.4", linewidth=0.8)
+    teams = {1: "R1", 2: "R1,2"}
+    labels = [f"{floor} floor\n{NAMES[name]}, {teams[LEAST[name]]}" for floor, name in arms]
+    plot.set_xticks(at, labels, fontsize="small")
+    plot.set_ylabel("% of the steps saved by four robots")
+    plot.set_ylim(max(-105, plot.get_ylim()[0]), 105)  # the limits of a first look may lie far below
+    plot.grid(alpha=0.3)
+    plot.legend(fontsize="small")
+    path = folder / "reductions_beside_the_paper.png"
     figure.savefig(path, dpi=120)
     return [path]
 

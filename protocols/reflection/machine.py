@@ -6,7 +6,6 @@ the robot sees their sender, which is also where the sender's promises and place
 """
 
 import math
-from collections.abc import Sequence
 
 from cosim.errors import WireError
 from cosim.machine import (
@@ -22,10 +21,11 @@ from cosim.machine import (
 )
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
-from cosim.units import MS, Time, from_seconds
-from protocols.reflection.bearings import Point, from_peer, turn_between
-from protocols.reflection.frames import CLOCK_MS, IN_TROUBLE, OBJECTS, Frame, GoalTerm, decode
-from protocols.reflection.goals import GoalBook, Verdict, goal_number
+from cosim.units import Time, from_seconds
+from protocols.reflection.bearings import Point
+from protocols.reflection.frames import IN_TROUBLE, OBJECTS, Frame, decode
+from protocols.reflection.goals import GoalBook
+from protocols.reflection.hearing import Hearing
 from protocols.reflection.journal import BadBytes, Displaced
 from protocols.reflection.knowledge import Knowledge
 from protocols.reflection.meeting import Meeting
@@ -58,18 +58,16 @@ class Reflection:
         self.records = Records()
         self.book = GoalBook(me, knowledge.size)
         self.ways = Ways(me, knowledge.size, from_seconds(parameters.promise_life_s))
-        self._size = knowledge.size
         self._start = start
         self._events: list[Event] = []
         self._outbox: list[Outgoing | LinkCommand] = []
         self._commands: list[Command] = []
         self._meeting = Meeting(me, bool(task.goals_m), parameters, self._outbox) if parameters.links else None
         self._going: Point | None = None
-        self._objects_m = task.objects_m if parameters.goals == "object" else None
+        self._objects = parameters.goals == "object"
         self._share_goals = parameters.share_goals
         self._share_states = parameters.states_shared
         self._speaks = self._share_goals or self._share_states
-        self._stale = from_seconds(parameters.stale_s)
         self._period = 0 if parameters.period_s is None else from_seconds(parameters.period_s)
         self._jump_m = JUMP_STEPS * knowledge.steps_m[me]
         self._here: Point | None = None
@@ -77,8 +75,7 @@ class Reflection:
         self._sightings: dict[Address, Point] = {}
         self._states: dict[Address, bool] = {}
         self._next_frame = start
-        self._looked_ms = 0
-        self._metres_per_ms = tuple(step_m * MS / knowledge.tick for step_m in knowledge.steps_m)
+        self._hearing = Hearing(parameters, knowledge, self.book, self.ways, self._events, self.records, start)
         step_m = knowledge.steps_m[me]
         straight = Straight(knowledge.radius_m, step_m, from_seconds(parameters.patience_s), start)
         self.patrol = (
@@ -116,13 +113,9 @@ class Reflection:
             self._unseen(frame)
             return
         self._states[reception.source] = frame.in_trouble
-        if frame.terms:
-            for robot, bearing in frame.bearings:
-                if robot == self.me:
-                    self._take_terms(frame.terms, peer_m, bearing)
-                    break
-        if frame.pledges:
-            self._take_pledges(frame, reception.source, peer_m, now)
+        self._hearing.goals(frame, peer_m)
+        if frame.pledges and self._hearing.promises(frame, reception.source, peer_m, now) and self.seeker is not None:
+            self.seeker.promised(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links, if there are to be any; else frames go to whoever is in reach."""
@@ -136,7 +129,7 @@ class Reflection:
         if last is not None and abs(x - last[0]) + abs(y - last[1]) > self._jump_m:
             self._note_jump(here, now)
         self._here = here
-        self._looked_ms = (now - self._start) // MS
+        self._hearing.looked(here, now)
         if observation.sightings is not self._seen:
             self._seen = observation.sightings
             self._sightings = {address: (x_m, y_m) for address, x_m, y_m in self._seen}
@@ -214,63 +207,6 @@ class Reflection:
             if owner == self.me:
                 self.records.unseen_advice += 1
 
-    def _take_terms(self, terms: Sequence[GoalTerm], peer_m: Point, bearing_rad: float) -> None:
-        """Rules 1 and 2: put down the goals that a robot tells, which sees me in the direction *bearing_rad*."""
-        assert self._here is not None
-        book, me, turn = self.book, self.me, None
-        for owner, identifier, along, across in terms:
-            if owner >= self._size:
-                self._events.append(BadBytes(f"a goal of robot {owner} in a team of {self._size}"))
-            elif owner != me and identifier >= book.identifiers[owner]:
-                place: Point | None
-                if self._objects_m is None:
-                    if turn is None:
-                        turn = turn_between(
-                            math.atan2(peer_m[1] - self._here[1], peer_m[0] - self._here[0]), bearing_rad
-                        )
-                    place = from_peer((along, across), peer_m, turn)
-                else:
-                    place = self._looks_like(owner, identifier)
-                if place is not None and book.consider(owner, identifier, *place) is Verdict.NEW:
-                    self.ways.forget(owner)
-
-    def _looks_like(self, owner: Address, identifier: int) -> Point | None:
-        """Return where the object is that *identifier* means, for ``sees`` to answer whether it is in sight."""
-        assert self._objects_m is not None
-        objects = self._objects_m[owner]
-        number = goal_number(identifier, self._size)
-        return objects[number - 1] if number <= len(objects) else None
-
-    def _take_pledges(self, frame: Frame, peer: Address, peer_m: Point, now: Time) -> None:
-        """Rules 3 and 4: put down what *peer*, which is seen at *peer_m*, can promise."""
-        assert self._here is not None
-        team, book = self._size, self.book
-        arrival_ms = (now - self._start) // MS
-        age_ms = (arrival_ms - frame.stamp_ms) % CLOCK_MS
-        moved_m = self._moved_since(frame.stamp_ms, peer)
-        for owner, identifier, length, seen_ms in frame.pledges:
-            if owner >= team:
-                self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
-                continue
-            same_goal = book.identifiers[owner] and (identifier - 1) // team == (book.identifiers[owner] - 1) // team
-            if owner == self.me:
-                self.records.count_advice(not same_goal, age_ms * MS > self._stale)
-            if not same_goal:
-                continue
-            seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
-            taken = self.ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
-            if taken and owner == self.me and self.seeker is not None:
-                self.seeker.promised(now)
-
-    def _moved_since(self, stamp_ms: int, peer: Address) -> float:
-        """Return how far *peer* can have driven, metres, from when it told its promises to where it was seen last.
-
-        A way leads to where the peer is seen, but was measured from where it stood then. In the paper both are one
-        instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
-        """
-        lag_ms = (self._looked_ms - stamp_ms) % CLOCK_MS
-        return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms) if lag_ms else 0.0
-
     # ------------------------------------------------------------ what comes out
 
     def _choose(self, observation: Observation, now: Time) -> Point | None:
@@ -290,7 +226,7 @@ class Reflection:
         """Send a frame with all that the others may use."""
         self._next_frame = now + self._period
         in_trouble = self._share_states and self.seeker is not None and self.seeker.trouble.active
-        flags = (IN_TROUBLE if in_trouble else 0) | (0 if self._objects_m is None else OBJECTS)
+        flags = (IN_TROUBLE if in_trouble else 0) | (OBJECTS if self._objects else 0)
         goals = (self.book, self.ways) if self._share_goals else None
         payload = compose(flags, here, self._sightings, goals, self._start, now)
         records = self.records

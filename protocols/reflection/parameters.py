@@ -6,6 +6,7 @@ from pydantic import Field
 
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
 from cosim.settings import Settings
+from protocols.reflection.promises import Renewal
 from protocols.reflection.trouble import ProgressMeasure, TroubleRule
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -62,10 +63,10 @@ class Parameters(Settings):
     promise_life_s: float = Field(
         default=120.0, gt=0, description="a promise is forgotten when nobody has seen its goal for so long"
     )
-    renewal: Literal["shorter", "any"] = Field(
-        default="shorter",
-        description="what a robot follows that has found a promise useless: only a way that is shorter than the one by "
-        "the place of that promise, or any",
+    renewal: Renewal = Field(
+        default="stored",
+        description="what a robot follows that has found a promise useless: only a way that is shorter than that was "
+        'when it was taken ("stored", as in the paper), only one "shorter" than it is from here, or "any"',
     )
     patience_s: float = Field(
         default=3.0, gt=0, description="time without progress after which a robot heads for a place straight no more"

@@ -6,18 +6,22 @@ from collections.abc import Mapping, Sequence
 from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
-from cosim.units import Time
+from cosim.units import S, Time
 from protocols.reflection.goals import GoalBook
 from protocols.reflection.journal import MadeWay
 from protocols.reflection.knowledge import Point
 from protocols.reflection.promises import Ways
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.yielding import in_the_way, step_aside
+from protocols.reflection.yielding import NEAR_CONTACTS, in_the_way, step_aside
 
 SLACK_M = 0.1
 """How much more room than a touch a robot gives that makes way."""
+MAKING_WAY = 5 * S
+"""So long a robot with goals makes way for another."""
 LOST_STALLS = 2
 """A robot that has stalled on so many ways on end is lost."""
+LOST = 5 * S
+"""So long at least the algorithm A leads it then."""
 
 
 class Courtesy:
@@ -56,12 +60,53 @@ class Courtesy:
         return self._aside
 
 
+class Standoff:
+    """What ends it when two robots with goals want to pass the same door: who has the higher number makes way.
+
+    It takes the other one to want to go where it stands itself, and on. Both would else try again and again.
+    """
+
+    def __init__(self, me: Address, radius_m: float, patience: Time) -> None:
+        self._me = me
+        self._radius_m = radius_m
+        self._room_m = 2.0 * radius_m + SLACK_M
+        self._patience = patience
+        self._since: Time | None = None
+        self._at: Point = (0.0, 0.0)
+        self._until: Time = 0
+        self._peer: Address = me
+
+    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
+        """Return where to go, out of somebody's way; None if the robot may do what it likes."""
+        here = observation.x_m, observation.y_m
+        if now < self._until:
+            return self._away(observation, here, sightings[self._peer]) if self._peer in sightings else None
+        peer = self._opponent(here, sightings)
+        if peer is None:
+            self._since = None
+        elif self._since is None or math.dist(here, self._at) > self._room_m:
+            self._since, self._at = now, here
+        elif now - self._since > self._patience:
+            self._since, self._until, self._peer = None, now + MAKING_WAY, peer
+        return None
+
+    def _opponent(self, here: Point, sightings: Mapping[Address, Point]) -> Address | None:
+        for peer, place in sightings.items():
+            if peer < self._me and math.dist(here, place) < NEAR_CONTACTS * self._room_m:
+                return peer
+        return None
+
+    def _away(self, observation: Observation, here: Point, peer_m: Point) -> Point:
+        beyond = 3.0 * here[0] - 2.0 * peer_m[0], 3.0 * here[1] - 2.0 * peer_m[1]
+        return step_aside(here, peer_m, beyond, observation.ranges_m, self._radius_m, self._room_m)
+
+
 class Patrol:
     """A round of way points, there and back or round and round; a single one is a post.
 
     A way leads straight from each to the next. A robot that leaves it to make way lays a thread of places, each in
-    sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) takes to
-    the algorithm A until it is at a way point again.
+    sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) is
+    lost: it takes to the algorithm A until it sees a way point again.
     """
 
     def __init__(
@@ -73,21 +118,33 @@ class Patrol:
         self._navigator = navigator
         self._at = 0
         self._stalls = 0
+        self._lost_until: Time = 0
+        self._in_sight: int | None = None
         self._thread: list[Point] = []
         self._last: Point | None = None
 
     def places(self) -> list[Point]:
-        """Return the places whose visibility ``look`` wants to know: the end of the thread and what comes before it."""
-        return self._thread[-1:-3:-1]
+        """Return the places whose visibility ``look`` wants to know.
+
+        The end of the thread and what comes before it; all way points, if the robot is lost.
+        """
+        return list(self.points_m) if self.lost else self._thread[-1:-3:-1]
 
     @property
     def off_its_way(self) -> bool:
-        """There is a thread that leads back."""
-        return bool(self._thread)
+        """There is a thread that leads back, or the robot is lost."""
+        return self.lost or bool(self._thread)
+
+    @property
+    def lost(self) -> bool:
+        """The robot has come nowhere for a while, and looks for its way points."""
+        return self._stalls >= LOST_STALLS
 
     def look(self, visible: Sequence[bool], here: Point) -> None:
         """Shorten the thread if more of it is in sight, lay it on if its end is not; *visible* answers ``places``."""
-        if visible:
+        if self.lost:
+            self._in_sight = next((at for at, seen in enumerate(visible) if seen), None)
+        elif visible:
             if len(visible) > 1 and visible[1]:
                 self._thread.pop()
             elif not visible[0] and self._last is not None:
@@ -96,7 +153,7 @@ class Patrol:
 
     def left(self, here: Point) -> None:
         """Note that the robot leaves its way at *here*, or is off it already."""
-        if not self._thread and self._stalls < LOST_STALLS:
+        if not self._thread and not self.lost:
             self._thread.append(here)
 
     def displaced(self, now: Time) -> None:
@@ -104,8 +161,9 @@ class Patrol:
         self._thread.clear()
         self._last = None
         self._stalls = LOST_STALLS
+        self._lost_until = now
+        self._in_sight = None
         self._navigator.restart()
-        self._straight.begin(now)
 
     def choose(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point:
         """Return where to go from here."""
@@ -115,6 +173,11 @@ class Patrol:
             distance = math.dist(here, place)
             if distance > self._step_m and not self._straight.stalled(now):
                 return self._straight.towards(place, distance, observation, now)
+        if self.lost:
+            if self._in_sight is None or now < self._lost_until:
+                return self._by_algorithm(observation, sightings)
+            self._at, self._stalls = self._in_sight, 0
+            self._straight.begin(now)
         if len(self._thread) == 1 and math.dist(here, self._thread[0]) <= self._step_m:
             self._thread.pop()
             self._straight.begin(now)
@@ -124,8 +187,6 @@ class Patrol:
         elif not self._thread and distance <= self._step_m:
             self._turn_to_next(now)
         place = self._next()
-        if self._stalls >= LOST_STALLS:
-            return self._by_algorithm(observation, sightings)
         return self._straight.towards(place, math.dist(here, place), observation, now)
 
     def _next(self) -> Point:
@@ -133,12 +194,11 @@ class Patrol:
 
     def _stall(self, distance_m: float, now: Time) -> None:
         """Leave out what cannot be come nearer to."""
-        if self._stalls >= LOST_STALLS:
-            return
         self._straight.begin(now)
         if self._thread or distance_m > self._step_m:
             self._stalls += 1
-        if self._stalls >= LOST_STALLS:
+        if self.lost:
+            self._lost_until, self._in_sight = now + LOST, None
             self._thread.clear()
             self._navigator.restart()
         elif not self._thread:

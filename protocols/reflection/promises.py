@@ -13,19 +13,29 @@ The present length, dist(R, place) + rest, is what is told to others and what an
 ones count, also those of the same robot. Every length is that of a polyline from the robot to the goal, so by the
 triangle inequality it never falls below the straight line (to the goal's place as it was when it was seen).
 
-A seeker that has reached a ghost and does not see its goal has *used up* the promise: it does not follow it any more,
-but the way stays as the one that others must beat, or else the same robot would lead it astray again at once.
+A seeker that has reached a ghost and does not see its goal, or cannot come there, has found the promise *useless*: it
+does not follow it any more. What it listens to then is the parameter ``renewal``, three readings of section 4.2:
+
+- ``stored``, the paper's letter: "R1 stores in its memory D11(t1) = dist(R1(t1), R2(t1)) + D12(t1)", and compares with
+  this number, which nothing but another goal takes back. So only promises count that are shorter than the useless one
+  was when it was taken; each one taken is shorter than all before it, and a goal sees finitely many;
+- ``shorter``: the way by the useless place stays the one to beat, its length computed anew wherever the robot is. Who
+  walks away from that place listens to ever longer promises, and may be called back for as long as helpers pass;
+- ``any``: everything counts again.
+
+While a promise is followed it is, in all three, what is left of its way that another has to beat.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.reflection.goals import GoalBook
 
 Point = tuple[float, float]
+Renewal = Literal["stored", "shorter", "any"]
 
 GAIN_M: Final = 1e-3
 """A way counts as shorter from a millimetre on: the wire's rounding is no news."""
@@ -34,7 +44,7 @@ GAIN_M: Final = 1e-3
 class Way:
     """The way to one goal: a place in the own frame, and what is left of the way from there, metres."""
 
-    __slots__ = ("direct", "rest_m", "seen", "used_up", "via", "x_m", "y_m")
+    __slots__ = ("direct", "promised_m", "rest_m", "seen", "used_up", "via", "x_m", "y_m")
 
     def __init__(self, x_m: float, y_m: float, rest_m: float, seen: Time, via: Address, direct: bool) -> None:
         self.x_m = x_m
@@ -47,7 +57,9 @@ class Way:
         self.direct = direct
         """The goal is in sight, and the place is the goal's."""
         self.used_up = False
-        """The place was reached, and the goal was not in sight from there."""
+        """The promise was found useless, and is kept as one that others have to beat."""
+        self.promised_m = math.inf
+        """The length of the way, from where the robot was when it was promised."""
 
     def length(self, x_m: float, y_m: float) -> float:
         """Return the length of the way from (x, y) on, metres."""
@@ -61,6 +73,8 @@ class Ways:
         """Forget ways whose goal was not seen by anybody for *life* ns, if that is not None."""
         self.me = me
         self.of: list[Way | None] = [None] * team
+        self.bound_m = math.inf
+        """Only shorter promises count for the own goal."""
         self._life = life
         self._last: Point | None = None
 
@@ -71,7 +85,7 @@ class Ways:
         for owner in book.known:
             points.append((xs[owner], ys[owner]))
             way = ways[owner]
-            if way is not None and not way.direct:
+            if way is not None and not way.direct and owner != self.me:
                 points.append((way.x_m, way.y_m))
         return points
 
@@ -80,11 +94,11 @@ class Ways:
         at, ways = 0, self.of
         for owner in book.known:
             way = ways[owner]
-            ghost = 0 if way is None or way.direct else 1  # a ghost's answer follows its goal's
+            ghost = 0 if way is None or way.direct or owner == self.me else 1  # its answer follows the goal's
             if visible[at]:
                 self._seen(owner, way, book, now)
             elif way is not None:
-                self._unseen(owner, way, ghost == 1 and visible[at + 1], now)
+                self._unseen(owner, way, visible[at + 1] if ghost else not way.direct, now)
             at += 1 + ghost
         self._last = x_m, y_m
 
@@ -95,16 +109,34 @@ class Ways:
         way = self.of[owner]
         if way is not None and (way.direct or length > way.length(x, y) - GAIN_M):
             return False
-        self.of[owner] = Way(place_m[0], place_m[1], rest_m, seen, via, False)
+        if owner == self.me and length > self.bound_m - GAIN_M:
+            return False
+        way = self.of[owner] = Way(place_m[0], place_m[1], rest_m, seen, via, False)
+        way.promised_m = length
         return True
 
     def forget(self, owner: Address) -> None:
         """Forget the way to *owner*'s goal."""
         self.of[owner] = None
 
+    def useless(self, way: Way, renewal: Renewal) -> None:
+        """Do not follow *way*, the promise for the own goal, any longer."""
+        if renewal == "shorter":
+            way.used_up = True
+            return
+        self.of[self.me] = None
+        if renewal == "stored":
+            self.bound_m = way.promised_m
+
+    def new_goal(self) -> None:
+        """Listen to all promises again: the own goal is another one."""
+        self.of[self.me] = None
+        self.bound_m = math.inf
+
     def displaced(self) -> None:
         """Forget all that depends on the way that the robot has come: somebody has moved it."""
         self.of = [None] * len(self.of)
+        self.bound_m = math.inf
         self._last = None
 
     def _seen(self, owner: Address, way: Way | None, book: GoalBook, now: Time) -> None:

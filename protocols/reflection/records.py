@@ -25,6 +25,7 @@ class Records:
         self.ghosts = 0
         """Ghosts that were reached without sight of the goal."""
         self.reached = 0
+        """Goals that were reached, as the robot knows."""
         self.given_up = 0
         self.troubles = 0
         self.reflected = 0

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from enum import IntEnum
 
 from cosim.machine import Address, Event
-from cosim.navigation.status import Status
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.reflection.distress import Distress
 from protocols.reflection.goals import GoalBook
 from protocols.reflection.journal import (
     GhostReached,
@@ -22,19 +22,20 @@ from protocols.reflection.journal import (
     GoalSet,
     PromiseForgotten,
     PromiseTaken,
-    TroubleChanged,
 )
 from protocols.reflection.knowledge import Knowledge, Point
 from protocols.reflection.parameters import Parameters
+from protocols.reflection.patrolling import Standoff
 from protocols.reflection.promises import Way, Ways
 from protocols.reflection.records import Records
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.trouble import Progress, Trouble
+from protocols.reflection.trouble import Trouble
+from protocols.reflection.walking import LoopWalk
 
 FOLLOW_CONTACTS = 2.5
 """Who follows a helper stays so far behind, in distances of two bodies that touch: the helper has to turn round."""
-WHOLE = 0.999
-"""The square of the length from which on a step is a whole one."""
+AT_M = 0.01
+"""Who is as near as that to a ghost is where its helper was; a decimetre beside it, a door may hide the goal."""
 NOWHERE = (1e5, 1e5)
 """What is told to a navigator that has to find a goal of which nobody knows where it is."""
 
@@ -66,7 +67,6 @@ class Seeker:
         """Take the first of the goals; *events* is where to report, *records* where to count."""
         self.me = book.me
         self.finished = False
-        self.trouble = Trouble(parameters.trouble_limit, parameters.trouble_rule)
         self.target = Target.ALGORITHM
         self._parameters = parameters
         self._follow_m = FOLLOW_CONTACTS * 2.0 * knowledge.radius_m
@@ -74,7 +74,6 @@ class Seeker:
         self._goals_m = knowledge.tasks[self.me].goals_m
         self._objects = parameters.goals == "object"
         self._epsilon_m = parameters.epsilon_m
-        self._renew_any = parameters.renewal == "any"
         self._book = book
         self._ways = ways
         self._navigator = navigator
@@ -82,16 +81,20 @@ class Seeker:
         self._events = events
         self._records = records
         self._states_shared = parameters.states_shared
-        self._progress = Progress(
-            parameters.progress, parameters.progress_window, parameters.progress_share, self._step_m
-        )
+        self._distress = Distress(parameters, self._step_m, events, records)
+        self._standoff = Standoff(self.me, knowledge.radius_m, from_seconds(parameters.patience_s))
         self._detour = from_seconds(parameters.detour_s)
         self._give_up = from_seconds(parameters.give_up_s)
-        self._by_loops = parameters.algorithm == "visbug"
+        self._walk = (
+            LoopWalk(navigator, straight, self._step_m, self._follow_m)
+            if parameters.algorithm == "visbug" and not self._objects
+            else None
+        )
         self._followed: Way | None = None
+        self._going: Point | None = None
         self._place: Point = (0.0, 0.0)
-        self._helper: Address = self.me
         self._number = 0
+        self._detours = 0
         self._reflected = False
         self._left_until = start
         """Until when a goal in sight is left to the algorithm A."""
@@ -101,6 +104,11 @@ class Seeker:
     def number(self) -> int:
         """Which of its goals the robot has, from 1."""
         return self._number
+
+    @property
+    def trouble(self) -> Trouble:
+        """Whether the robot is in trouble."""
+        return self._distress.trouble
 
     @property
     def goal_m(self) -> Point:
@@ -127,9 +135,9 @@ class Seeker:
 
     def displaced(self, now: Time) -> None:
         """Begin anew from where somebody has put the robot."""
-        self._followed = None
+        self._followed = self._going = None
         self._navigator.restart()
-        self._progress.restart()
+        self._distress.turn()
         self._straight.begin(now)
 
     def promised(self, now: Time) -> None:
@@ -149,6 +157,11 @@ class Seeker:
     ) -> Point:
         """Return where to go from here, a place in the own frame; to be called once a tick."""
         here = observation.x_m, observation.y_m
+        aside = self._standoff.aside(observation, sightings, now) if sightings else None
+        if aside is not None:
+            self._records.steps[Target.ALGORITHM] += 1
+            self._going = aside
+            return aside
         way: Way | None
         if self._straight.rounding and self._followed is not None:  # goes on, though it may see nothing from here
             target, place, way = self.target, self._place, self._followed
@@ -165,11 +178,14 @@ class Seeker:
             going = self._to_helper(observation, place, now)
         else:
             assert way is not None
-            going = self._straight.towards(place, way.length(*here), observation, now)
-            if self._straight.stalled(now) or (self._by_loops and way.direct and observation.blocked):
-                self._leave(way, now)  # VisBug knows how a body comes round that corner
+            length = way.length(*here) if target is Target.PROMISE else math.dist(here, place)
+            going = self._straight.towards(place, length, observation, now)
+            if self._straight.stalled(now):
+                self._leave(way, now)
         if self._states_shared and not self.finished:
-            self._judge(here, place)
+            keeps_up = self.target is Target.HELPER and math.dist(here, place) < self._follow_m
+            self._distress.judge(here, place, keeps_up)
+        self._going = going
         return going
 
     # ------------------------------------------------------------ goals
@@ -183,7 +199,7 @@ class Seeker:
         self._since = now
         self._reflected = False
         self._followed = None
-        self._ways.forget(self.me)
+        self._ways.new_goal()
         self._straight.begin(now)
         if self._number > len(self._goals_m):
             self.finished = True
@@ -191,12 +207,9 @@ class Seeker:
             return
         self._book.set_own(self._number, *self.goal_m)
         self._navigator.restart()
-        self._progress.restart()
-        if self._parameters.trouble_memory == "goal":
-            if self.trouble.active:
-                self._events.append(TroubleChanged(False, 1))
-            self.trouble = Trouble(self._parameters.trouble_limit, self._parameters.trouble_rule)
+        self._distress.new_goal()
         self._left_until = now
+        self._detours = 0
         self._events.append(GoalSet(self._number))
 
     # ------------------------------------------------------------ what to head for
@@ -211,34 +224,29 @@ class Seeker:
             return None
         if way.used_up:
             return None
-        if way.direct:
-            return way if now >= self._left_until else None
-        if way.via == self.me:  # its own ghost: there is nothing to be learnt from where it has been
-            self._ways.forget(self.me)
+        if way.via == self.me:
+            if now >= self._left_until and (way.direct or self.target is Target.GOAL):
+                return way
+            if not way.direct:  # its own ghost: there is nothing to be learnt from where it has been
+                self._ways.forget(self.me)
             return None
-        if math.hypot(way.x_m - here[0], way.y_m - here[1]) > self._step_m:
+        if math.hypot(way.x_m - here[0], way.y_m - here[1]) > AT_M:
             return way
         self._records.ghosts += 1
         self._events.append(GhostReached(way.via))
-        if self._renew_any:
-            self._ways.forget(self.me)
-            self._followed = None
-        else:
-            way.used_up = True
+        self._ways.useless(way, self._parameters.renewal)
         return None
 
     def _pick(
         self, way: Way | None, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]
     ) -> tuple[Target, Point]:
         if way is not None:
-            return Target.GOAL if way.direct else Target.PROMISE, (way.x_m, way.y_m)
-        if self._states_shared and self.trouble.active:
-            helpers = [peer for peer in sightings if states.get(peer) is False]
-            if helpers:
-                if self._helper not in helpers:
-                    self._helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here))
-                return Target.HELPER, sightings[self._helper]
-        self._helper = self.me
+            if way.via != self.me:
+                return Target.PROMISE, (way.x_m, way.y_m)
+            return Target.GOAL, (way.x_m, way.y_m) if way.direct else self._place
+        helper = self._distress.helper(here, sightings, states) if self._states_shared else None
+        if helper is not None:
+            return Target.HELPER, helper
         if self._objects:  # nobody knows where it is: random motion has no use for a place
             return Target.ALGORITHM, NOWHERE
         return Target.ALGORITHM, self.goal_m
@@ -246,7 +254,7 @@ class Seeker:
     def _turn_to(self, target: Target, way: Way | None, here: Point, now: Time) -> None:
         """Begin to head for something else than before."""
         followed = self._followed
-        self._progress.restart()
+        self._distress.turn()
         if target is not self.target:
             self._straight.begin(now)
         if target is Target.PROMISE and way is not None and (followed is None or followed.via != way.via):
@@ -257,19 +265,13 @@ class Seeker:
     def _leave(self, way: Way, now: Time) -> None:
         """Do not try any longer to come straight to where *way* leads."""
         self._straight.begin(now)
-        if way.direct:
-            self._left_until = now + self._detour
+        if way.via == self.me:
+            self._left_until = now + (self._detour << self._detours)
+            self._detours += 1
         else:
-            way.used_up = True
+            self._ways.useless(way, self._parameters.renewal)
+            self._followed = None
             self._events.append(PromiseForgotten(way.via, "no progress"))
-
-    def _judge(self, here: Point, place: Point) -> None:
-        progress = self._progress.judge(*here, place)
-        if self.target is Target.HELPER and math.dist(here, place) < self._follow_m:
-            progress = True  # who keeps up with its helper is getting on
-        if self.trouble.step(progress):
-            self._records.troubles += self.trouble.active
-            self._events.append(TroubleChanged(self.trouble.active, self.trouble.weight))
 
     # ------------------------------------------------------------ how to get there
 
@@ -277,19 +279,14 @@ class Seeker:
         self, observation: Observation, sightings: Mapping[Address, Point], place: Point, now: Time
     ) -> Point:
         x, y = observation.x_m, observation.y_m
+        if self._walk is not None:
+            going = self._walk.choose(observation, sightings, place, self._going, now)
+            if going is None:
+                self.give_up("unreachable", now)
+            return going or (x, y)
         steer = self._navigator.steer(x, y, place, observation.ranges_m, list(sightings.values()), self._step_m)
-        if steer.status is Status.UNREACHABLE:
-            self.give_up("unreachable", now)
-            return x, y
         ahead = AHEAD_STEPS * self._step_m
-        going = x + ahead * steer.dx, y + ahead * steer.dy
-        if not self._by_loops:
-            return going
-        if observation.blocked or self._straight.rounding:  # by a body: VisBug knows of walls only
-            return self._straight.towards(going, 0.0, observation, now)
-        if steer.dx * steer.dx + steer.dy * steer.dy < WHOLE:
-            return x + self._step_m * steer.dx, y + self._step_m * steer.dy
-        return going
+        return x + ahead * steer.dx, y + ahead * steer.dy
 
     def _to_helper(self, observation: Observation, place: Point, now: Time) -> Point:
         x, y = observation.x_m, observation.y_m

@@ -213,6 +213,15 @@ def test_a_robot_that_is_moved_begins_anew_and_still_ends_right():
     assert min(outcomes[Status.ARRIVED], outcomes[Status.UNREACHABLE]) >= 2
 
 
+def test_a_robot_that_is_moved_behind_an_obstacle_does_not_go_back_through_it():
+    loops = boundary([SQUARE])
+    move = bug2_step(loops, (1, 0), (10, 0), None, step_m=0.1, near_m=1e-6)
+    seen = bug2_step(loops, (1.1, 0.5), (10, 0), move.memory, step_m=0.1, near_m=1e-6)
+    assert seen[:2] == pytest.approx((1.1, 0.4)), "back to its path, which it sees"
+    moved = bug2_step(loops, (7, 1), (10, 0), move.memory, step_m=0.1, near_m=1e-6)
+    assert moved[:2] == pytest.approx((7 + 0.3 / math.sqrt(10), 1 - 0.1 / math.sqrt(10)))
+
+
 @pytest.mark.parametrize("left", [True, False])
 def test_a_goal_anywhere_on_an_outline_is_reached(left):
     loops = boundary([SQUARE], [ROOM], left=left)

@@ -7,6 +7,7 @@ import pytest
 
 from cosim.machine import Reception
 from cosim.randomness import Draws
+from cosim.units import MS
 from protocols.reflection.frames import Frame, decode, encode
 from protocols.reflection.guidance import draws_of
 from protocols.reflection.journal import (
@@ -101,7 +102,7 @@ def advised() -> Arena:
 
 def advise(arena: Arena, length_m: float) -> None:
     """Have the helper promise, from where the seeker sees it now, a way of this length."""
-    arena.inject(0, 1, encode(Frame(False, False, 0, (), (), ((0, 2, length_m, 0),))))
+    arena.inject(0, 1, encode(Frame(False, False, arena.now // MS, (), (), ((0, 2, length_m, 0),))))
 
 
 def test_the_seeker_heads_for_the_helper_s_ghost_and_forgets_the_promise_there() -> None:
@@ -123,19 +124,75 @@ def test_the_seeker_heads_for_the_helper_s_ghost_and_forgets_the_promise_there()
     assert len(arena.told(0, GhostReached)) == 1
 
 
-def test_where_it_has_been_itself_a_seeker_learns_nothing() -> None:
-    """It loses sight of its goal: its own ghost is where it stands, and any promise is welcome."""
-    arena = Arena([(0.0, 0.0), GHOST], [[(5.0, 0.0)]], sight_m=6.0, solid=False)
-    arena.silent = {1}
+def test_a_goal_that_was_in_sight_is_headed_for_behind_a_corner_too() -> None:
+    """A body that comes round a corner loses sight of what it heads for; it goes on, as long as it comes nearer."""
+    arena = Arena([(0.0, 0.0)], [[(5.0, 0.0)]], sight_m=6.0)
     arena.tick(2)
     arena._sight_m = 3.5
     arena.tick(2)
+    way = arena.machines[0].ways.of[0]
+    assert way is not None
+    assert not way.direct
+    assert arena.machines[0].seeker is not None
+    assert arena.machines[0].seeker.target is Target.GOAL
+
+
+def test_where_it_has_been_itself_a_seeker_learns_nothing() -> None:
+    """It has seen its goal, but glass is before it: its own ghost is forgotten, and any promise is welcome."""
+    arena = Arena([(0.0, 0.0), GHOST], [[(5.0, 0.0)]], sight_m=6.0, solid=False, patience_s=1.0)
+    arena.silent = {1}
+    arena.tick(2)
+    arena._sight_m = 3.5
+    for _ in range(20):
+        arena.tick()
+        arena.places[0] = (0.0, 0.0)
     assert arena.told(0, GhostReached) == []
     assert arena.machines[0].ways.of[0] is None
     advise(arena, 50.0)
     arena.tick()
     assert arena.machines[0].seeker is not None
     assert arena.machines[0].seeker.target is Target.PROMISE
+
+
+def test_each_time_a_goal_in_sight_is_not_come_to_the_algorithm_is_left_alone_for_longer() -> None:
+    """A dead body stands on the goal: 2 s of trying, then 4 s by the algorithm, 2 s, 8 s, 2 s, 16 s."""
+    arena = Arena([(2.0, 0.0), (3.0, 0.0)], [[(3.0, 0.0)]], patience_s=2.0, detour_s=4.0)
+    arena.silent = {1}
+    spells, ticks = [], 0
+    for _ in range(400):
+        before = arena.machines[0].records.steps[Target.ALGORITHM]
+        arena.tick()
+        if arena.machines[0].records.steps[Target.ALGORITHM] > before:
+            ticks += 1
+        elif ticks:
+            spells.append(ticks)
+            ticks = 0
+    assert spells[:3] == pytest.approx([40, 80, 160], abs=2)
+
+
+def test_a_seeker_goes_to_the_very_place_of_a_ghost() -> None:
+    """A step beside it, the jamb of a door may hide what was seen from there."""
+    arena = advised()
+    arena.tick()
+    advise(arena, 5.0)
+    arena.places[1] = (0.0, 4.0)
+    arena.run(60, GhostReached)
+    assert math.dist(arena.places[0], GHOST) < 0.02
+
+
+def test_a_seeker_keeps_its_ghost_though_a_corner_hides_it() -> None:
+    """What is out of sight is no place of its own: it would turn back to where it saw the helper last."""
+    arena = advised()
+    arena.tick()
+    advise(arena, 5.0)
+    arena.places[1] = (0.0, 4.0)
+    arena.tick(3)
+    arena._sight_m = 1.0
+    arena.tick(3)
+    way = arena.machines[0].ways.of[0]
+    assert way is not None
+    assert (way.x_m, way.y_m) == GHOST
+    assert arena.run(60, GhostReached) < 60
 
 
 def test_who_follows_a_helper_keeps_away_from_it() -> None:
@@ -160,7 +217,7 @@ def test_a_shorter_promise_is_followed_at_once() -> None:
     assert arena.places[0][1] > 1.0
 
 
-@pytest.mark.parametrize(("renewal", "follows"), [("shorter", False), ("any", True)])
+@pytest.mark.parametrize(("renewal", "follows"), [("stored", True), ("shorter", False), ("any", True)])
 def test_after_a_ghost_only_a_shorter_way_counts(renewal: str, follows: bool) -> None:
     arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0)]], sight_m=6.0, renewal=renewal)
     arena.silent = {1}
@@ -174,6 +231,55 @@ def test_after_a_ghost_only_a_shorter_way_counts(renewal: str, follows: bool) ->
     advise(arena, 0.5)
     arena.tick(10)
     assert arena.places[0][1] > 0.3
+
+
+@pytest.mark.parametrize(("renewal", "follows"), [("stored", False), ("shorter", True), ("any", True)])
+def test_the_stored_distance_is_not_computed_again_as_the_robot_moves(renewal: str, follows: bool) -> None:
+    """A promise of 3 + 5 m led nowhere; 10 m away from there, one of 9 m is longer than that, and shorter than 15 m."""
+    arena = Arena([(0.0, 0.0), GHOST], [[(40.0, 0.0)]], sight_m=12.0, renewal=renewal)
+    arena.silent = {1}
+    arena.tick()
+    advise(arena, 5.0)
+    arena.places[1] = (3.0, 2.0)
+    arena.run(60, GhostReached)
+    arena.run(100)
+    x, _ = arena.places[0]
+    assert 12.0 < x < 14.0
+    arena.places[1] = (x, 2.0)
+    arena.tick()
+    advise(arena, 7.0)
+    arena.tick(10)
+    assert (arena.places[0][1] > 0.3) is follows
+    arena.places[1] = (arena.places[0][0], 2.0)
+    arena.tick()
+    advise(arena, 3.0)
+    arena.tick(10)
+    assert arena.places[0][1] > 0.3
+
+
+def test_with_the_next_goal_all_promises_count_again() -> None:
+    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0), (0.0, 30.0)]], sight_m=6.0, give_up_s=6.0)
+    arena.silent = {1}
+    arena.tick()
+    advise(arena, 1.0)
+    arena.places[1] = (0.0, 4.0)
+    arena.run(60, GhostReached)
+    assert arena.machines[0].ways.bound_m < 5.0
+    arena.run(60, GoalGivenUp)
+    arena.places[1] = (arena.places[0][0], 3.0)
+    arena.tick()
+    arena.inject(0, 1, encode(Frame(False, False, arena.now // MS, (), (), ((0, 4, 40.0, 0),))))
+    arena.tick()
+    assert arena.machines[0].ways.of[0] is not None
+
+
+def test_frames_are_sent_once_in_a_period() -> None:
+    sent = {}
+    for period in (None, 0.5):
+        arena = screen(period_s=period)
+        arena.tick(20)
+        sent[period] = len(arena.payloads[1])
+    assert sent == {None: 20, 0.5: 4}
 
 
 def test_promises_of_a_dead_helper_age() -> None:

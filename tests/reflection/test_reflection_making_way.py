@@ -40,8 +40,11 @@ def test_a_helper_on_the_goal_makes_way() -> None:
 
 def test_a_helper_goes_back_to_its_post() -> None:
     arena = Arena([(0.0, 0.0), (2.0, 0.0)], [[(5.0, 0.0)]], [(), ((2.0, 0.0),)], DOOR)
+    arena.run(400, MadeWay, 1)
+    arena.tick(3)
+    assert arena.machines[1].patrol is not None
+    assert arena.machines[1].patrol.off_its_way
     arena.run(400, GoalReached)
-    assert arena.told(1, MadeWay)
     arena.tick(100)
     assert math.dist(arena.places[1], (2.0, 0.0)) <= 0.11
 

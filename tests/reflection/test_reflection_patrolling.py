@@ -74,9 +74,24 @@ def test_a_helper_that_comes_nowhere_takes_to_the_algorithm_until_it_is_at_a_way
     assert going[0] == POINTS[0]
     assert going[25] == POINTS[1]  # tries the next
     assert going[-1] == pytest.approx((4.0, 5.0))  # lost: ten steps upwards
-    found = walk.points_m[walk._at]
-    assert walk.choose(at(*found), {}, 6 * S) in POINTS
-    assert walk.choose(at(3.0, 3.0), {}, 6 * S) in POINTS
+    assert walk.places() == list(walk.points_m)
+    walk.look([False, False, False, False], (4.0, 5.0))
+    assert walk.choose(at(4.0, 5.0), {}, 11 * S) == pytest.approx((4.0, 6.0))
+    walk.look([False, False, True, False], (4.0, 6.0))
+    assert walk.choose(at(4.0, 6.0), {}, 12 * S) == POINTS[2]
+    assert not walk.off_its_way
+    assert walk.choose(at(*POINTS[2]), {}, 13 * S) == POINTS[1]
+
+
+def test_a_lost_helper_that_sees_a_way_point_tries_the_algorithm_for_a_while_first() -> None:
+    """It has just failed to go there straight."""
+    walk = patrol()
+    for now in range(0, 5 * S, 100 * MS):
+        walk.choose(at(4.0, 4.0), {}, now)
+    walk.look([True] * 4, (4.0, 4.0))
+    assert walk.choose(at(4.0, 4.0), {}, 5 * S) == pytest.approx((4.0, 5.0))
+    walk.look([True] * 4, (4.0, 4.0))
+    assert walk.choose(at(4.0, 4.0), {}, 10 * S) == POINTS[0]
 
 
 def test_a_helper_that_was_carried_away_is_lost() -> None:

@@ -229,8 +229,8 @@ def test_visbug_finds_its_targets_with_steps_that_end_at_corners_and_round_bodie
 @pytest.mark.slow
 def test_a_robot_that_dies_leaves_the_others_to_their_tasks() -> None:
     targets = [[[6.0, 4.5], [2.0, 4.5]], [[2.0, 4.5], [6.0, 4.5]]]
-    kill = {"kind": "kill", "robot": 1, "at_s": 2.0}
-    outcome = simulate(office(faults=[kill], explorers=2, targets=targets, algorithm="avoid_past"), 3)
+    kill = {"kind": "kill", "robot": 1, "at_s": 0.5}
+    outcome = simulate(office(faults=[kill], explorers=2, targets=targets, algorithm="visbug"), 3)
     assert outcome.metrics["robots_killed"] == 1.0
     assert outcome.metrics["targets_reached"] == 2.0
     assert outcome.simulated_s < 120.0

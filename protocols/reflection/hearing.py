@@ -1,0 +1,112 @@
+"""What a robot takes from the frames of the robots that it sees: their goals, and ways to its own (rules 1 to 4)."""
+
+import math
+from collections.abc import Sequence
+
+from cosim.machine import Address, Event
+from cosim.units import MS, Time, from_seconds
+from protocols.reflection.bearings import Point, from_peer, turn_between
+from protocols.reflection.frames import CLOCK_MS, Frame, GoalTerm
+from protocols.reflection.goals import GoalBook, Verdict, goal_number
+from protocols.reflection.journal import BadBytes
+from protocols.reflection.knowledge import Knowledge
+from protocols.reflection.parameters import Parameters
+from protocols.reflection.promises import Ways
+from protocols.reflection.records import Records
+
+
+class Hearing:
+    """One robot's ear: it puts down what others tell in its book of goals and its ways."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        book: GoalBook,
+        ways: Ways,
+        events: list[Event],
+        records: Records,
+        start: Time,
+    ) -> None:
+        """Report bad numbers in *events*, and count advice in *records*."""
+        self.me = book.me
+        self._book = book
+        self._ways = ways
+        self._events = events
+        self._records = records
+        self._start = start
+        self._size = knowledge.size
+        self._stale = from_seconds(parameters.stale_s)
+        self._objects_m = knowledge.tasks[self.me].objects_m if parameters.goals == "object" else None
+        self._metres_per_ms = tuple(step_m * MS / knowledge.tick for step_m in knowledge.steps_m)
+        self._here: Point = (0.0, 0.0)
+        self._looked_ms = 0
+
+    def looked(self, here_m: Point, now: Time) -> None:
+        """Note where the robot is at the tick at which it sees the others where they are seen."""
+        self._here = here_m
+        self._looked_ms = (now - self._start) // MS
+
+    def goals(self, frame: Frame, peer_m: Point) -> None:
+        """Rules 1 and 2: put down the goals that a robot tells, which is seen at *peer_m* and sees this one."""
+        for robot, bearing in frame.bearings:
+            if robot == self.me:
+                self._put_down(frame.terms, peer_m, bearing)
+                return
+
+    def _put_down(self, terms: Sequence[GoalTerm], peer_m: Point, bearing: float) -> None:
+        book, me, turn = self._book, self.me, None
+        for owner, identifier, along, across in terms:
+            if owner >= self._size:
+                self._events.append(BadBytes(f"a goal of robot {owner} in a team of {self._size}"))
+            elif owner != me and identifier >= book.identifiers[owner]:
+                place: Point | None
+                if self._objects_m is None:
+                    if turn is None:
+                        here = self._here
+                        turn = turn_between(math.atan2(peer_m[1] - here[1], peer_m[0] - here[0]), bearing)
+                    place = from_peer((along, across), peer_m, turn)
+                else:
+                    place = self._looks_like(owner, identifier)
+                if place is not None and book.consider(owner, identifier, *place) is Verdict.NEW:
+                    self._ways.forget(owner)
+
+    def promises(self, frame: Frame, peer: Address, peer_m: Point, now: Time) -> bool:
+        """Rules 3 and 4: put down what *peer*, which is seen at *peer_m*, can promise.
+
+        Return whether that is now the way to the own goal.
+        """
+        team, book = self._size, self._book
+        arrival_ms = (now - self._start) // MS
+        age_ms = (arrival_ms - frame.stamp_ms) % CLOCK_MS
+        moved_m = self._moved_since(frame.stamp_ms, peer)
+        own = False
+        for owner, identifier, length, seen_ms in frame.pledges:
+            if owner >= team:
+                self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
+                continue
+            same_goal = book.identifiers[owner] and (identifier - 1) // team == (book.identifiers[owner] - 1) // team
+            if owner == self.me:
+                self._records.count_advice(not same_goal, age_ms * MS > self._stale)
+            if not same_goal:
+                continue
+            seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
+            taken = self._ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
+            own = own or (taken and owner == self.me)
+        return own
+
+    def _looks_like(self, owner: Address, identifier: int) -> Point | None:
+        """Return where the object is that *identifier* means, for ``sees`` to answer whether it is in sight."""
+        assert self._objects_m is not None
+        objects = self._objects_m[owner]
+        number = goal_number(identifier, self._size)
+        return objects[number - 1] if number <= len(objects) else None
+
+    def _moved_since(self, stamp_ms: int, peer: Address) -> float:
+        """Return how far *peer* can have driven, metres, from when it told its promises to where it was seen last.
+
+        A way leads to where the peer is seen, but was measured from where it stood then. In the paper both are one
+        instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
+        """
+        lag_ms = (self._looked_ms - stamp_ms) % CLOCK_MS
+        return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms) if lag_ms else 0.0
