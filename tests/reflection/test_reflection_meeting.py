@@ -65,3 +65,79 @@ def test_helpers_and_slaves_look_for_nobody() -> None:
     assert taken(out) == [Scan(True)]
     room.look([1, 2], 3 * S)
     assert taken(out)[-1] == Inquire(5 * S, 2)
+
+
+def test_robots_of_lower_numbers_are_left_to_look_themselves() -> None:
+    room, out = meeting(me=5)
+    room.look([1, 2], 0)
+    assert taken(out) == []
+    room.look([1, 7], S)
+    assert taken(out) == [Scan(False), Inquire(5 * S, 1)]
+
+
+def test_a_master_of_seven_looks_for_nobody_and_pages_nobody() -> None:
+    room, out = meeting()
+    room.look([7, 8], 0)
+    for peer in range(1, 7):
+        room.linked.add(peer)
+    room.link(Discovered(7), S)
+    room.link(Discovered(8), S)
+    room.link(InquiryComplete((7, 8)), S)
+    assert taken(out)[-1] == Page(7)
+    room.link(Connected(7, Role.MASTER), 2 * S)
+    room.look([8], 30 * S)
+    assert taken(out) == []
+
+
+def test_who_is_found_twice_is_paged_once_and_who_is_linked_or_oneself_never() -> None:
+    room, out = meeting()
+    room.linked.add(2)
+    room.look([1, 2], 0)
+    taken(out)
+    for peer in (2, 0, 1, 1):
+        room.link(Discovered(peer), S)
+    room.link(InquiryComplete((2, 0, 1)), S)
+    assert taken(out) == [Page(1)]
+    room.link(PageFailed(1), 2 * S)
+    assert taken(out) == []
+
+
+def test_who_becomes_a_slave_in_an_inquiry_pages_nobody_after_it_and_looks_at_once_when_it_is_free() -> None:
+    room, out = meeting()
+    room.look([1], 0)
+    room.link(Discovered(1), S)
+    room.link(Connected(9, Role.SLAVE), 2 * S)
+    taken(out)
+    room.link(InquiryComplete((1,)), 3 * S)
+    assert taken(out) == []
+    room.link(Lost(9), 4 * S)
+    room.look([1], 4 * S)
+    assert taken(out) == [Scan(True), Scan(False), Inquire(5 * S, 1)]
+
+
+def test_a_link_that_is_lost_in_an_inquiry_does_not_make_the_device_scan() -> None:
+    room, out = meeting()
+    room.link(Connected(2, Role.MASTER), 0)
+    room.look([1], S)
+    taken(out)
+    room.link(Lost(2), 2 * S)
+    assert taken(out) == []
+
+
+def test_a_page_is_waited_for_as_long_as_the_parameters_have_it_and_what_it_says_later_is_no_news() -> None:
+    room, out = meeting()
+    room.look([1, 3], 0)
+    room.link(Discovered(1), S)
+    room.link(Discovered(3), S)
+    room.link(InquiryComplete((1, 3)), 10 * S)
+    taken(out)
+    room.look([1, 3], 12 * S)
+    assert taken(out) == []
+    room.look([], 16 * S)
+    assert taken(out) == [Scan(True)]
+    room.link(PageFailed(1), 17 * S)
+    assert taken(out) == []
+    room.look([3], 18 * S)
+    taken(out)
+    room.link(InquiryComplete(()), 23 * S)  # nobody was found this time
+    assert taken(out) == [Scan(True)]
