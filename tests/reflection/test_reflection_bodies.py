@@ -12,9 +12,12 @@ from protocols.reflection import spec
 from protocols.reflection.seeking import Seeker, Target
 
 Places = Sequence[Sequence[float]]
-CORNERS = [[14, 11, 14, 11.75], [14, 12.65, 14, 19], [16, 11, 16, 19], [8, 11, 14, 11], [16, 11, 22, 11]]
+CORNERS = [[14, 11, 14, 11.75], [14, 12.65, 14, 19], [16, 11, 16, 13.75], [16, 14.65, 16, 19],
+           [2, 11, 14, 11], [16, 11, 28, 11], [2, 9, 14.55, 9], [15.45, 9, 28, 9]]  # fmt: skip
 """Through the door in x = 14 a robot sees what is behind it, but the end of the wall y = 11 keeps its body off."""
-ROOMS = [[0, 4, 2.5, 4], [3.5, 4, 8, 4], [4, 0, 4, 3], [4, 3, 5, 3], [4, 4, 4, 6.4], [4, 7.6, 4, 9]]
+WING = [[0, 9, 0.55, 9], [1.45, 9, 10.55, 9], [11.45, 9, 14.55, 9], [15.45, 9, 18, 9], [6, 0, 6, 9], [12, 0, 12, 9],
+        [0, 4.5, 4.55, 4.5], [5.45, 4.5, 6, 4.5], [12, 4.5, 12.55, 4.5], [13.45, 4.5, 18, 4.5]]  # fmt: skip
+"""Rooms behind rooms, with doors of 0.9 m, south of a corridor."""
 
 
 def scene(
@@ -40,10 +43,10 @@ def scene(
 
 
 @pytest.mark.slow
-def test_a_goal_seen_through_a_gap_that_is_narrower_for_a_body_is_not_come_back_to_for_ever(
+def test_a_goal_that_a_corner_hides_again_from_a_body_on_its_way_is_not_left_to_the_algorithm(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It saw its goal, went round the corner, saw it no more, went back by VisBug, saw it, and so on."""
+    """Else it goes back by VisBug, sees its goal, comes round the corner, sees it no more, and so on."""
     turned = []
     turn_to = Seeker._turn_to
 
@@ -52,12 +55,11 @@ def test_a_goal_seen_through_a_gap_that_is_narrower_for_a_body_is_not_come_back_
         turn_to(self, target, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Seeker, "_turn_to", noted)
-    for start in ([17.5, 9.9], [18.5, 10.2], [19.5, 9.5], [20.5, 10.4]):
+    for start in ([20.0, 9.6], [19.0, 9.9], [18.0, 10.2], [17.0, 10.6]):
         turned.clear()
-        metrics = simulate(scene(CORNERS, [start], [[[10.5, 13.25]]], (8, 9, 22, 19)), 1).metrics
+        metrics = simulate(scene(CORNERS, [start], [[[10.5, 13.25]]], (2, 5, 28, 19)), 1).metrics
         assert metrics["targets_reached"] == 1.0
-        assert metrics["motion_steps"] < 200.0
-        assert turned.count(Target.GOAL) <= 3
+        assert set(turned) == {Target.GOAL}
 
 
 @pytest.mark.slow
@@ -73,12 +75,12 @@ def test_visbug_does_not_hang_on_how_far_it_keeps_from_walls(monkeypatch: pytest
         return choose(self, observation, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Seeker, "choose", noted)
-    targets = [[[7.0, 1.0], [1.0, 8.0], [7.0, 8.0], [1.0, 1.0]]]
+    targets = [[[15.0, 2.25], [9.0, 4.5], [3.0, 6.75], [15.0, 6.75], [3.0, 2.25]]]
     steps = []
     for slack_m in (0.0005, 0.002, 0.02):
         monkeypatch.setattr(spec, "LOOPS_SLACK_M", slack_m)
-        metrics = simulate(scene(ROOMS, [[1.0, 1.0]], targets, (0, 0, 8, 9)), 1).metrics
-        assert metrics["targets_reached"] == 4.0
+        metrics = simulate(scene(WING, [[3.0, 2.25]], targets, (0, 0, 18, 11)), 1).metrics
+        assert metrics["targets_reached"] == 5.0
         assert metrics["steps_to_algorithm"] > 100.0
         steps.append(metrics["motion_steps"])
     assert blocked == 0
