@@ -11,7 +11,7 @@ under which half of the other's body appears, times U[-b, b]. The paper has b = 
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import chain
+from itertools import accumulate, chain, pairwise
 from struct import Struct
 from typing import Any, Final, Literal, TypeAlias
 
@@ -169,13 +169,9 @@ class Senses:
             return
         others, places = self._others[:seen].tolist(), self._places[:seen].tolist()
         all_seen = [_new(Sighting, (other, x, y)) for other, (x, y) in zip(others, places, strict=True)]
-        self._sightings, self._visible = [], []
-        begin = 0
-        for count in self._counts.tolist():
-            end = begin + count
-            self._sightings.append(tuple(all_seen[begin:end]))
-            self._visible.append(tuple(others[begin:end]))
-            begin = end
+        ends = list(accumulate(self._counts.tolist(), initial=0))
+        self._sightings = [tuple(all_seen[begin:end]) for begin, end in pairwise(ends)]
+        self._visible = [tuple(others[begin:end]) for begin, end in pairwise(ends)]
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""

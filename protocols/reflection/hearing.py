@@ -76,23 +76,24 @@ class Hearing:
 
         Return whether that is now the way to the own goal.
         """
-        team, book = self._size, self._book
+        me, team, ways = self.me, self._size, self._ways
+        identifiers = self._book.identifiers
         arrival_ms = (now - self._start) // MS
-        age_ms = (arrival_ms - frame.stamp_ms) % CLOCK_MS
         moved_m = self._moved_since(frame.stamp_ms, peer)
         own = False
         for owner, identifier, length, seen_ms in frame.pledges:
             if owner >= team:
                 self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
                 continue
-            same_goal = book.identifiers[owner] and (identifier - 1) // team == (book.identifiers[owner] - 1) // team
-            if owner == self.me:
-                self._records.count_advice(not same_goal, age_ms * MS > self._stale)
-            if not same_goal:
-                continue
-            seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
-            taken = self._ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
-            own = own or (taken and owner == self.me)
+            known = identifiers[owner]
+            same_goal = known and (identifier - 1) // team == (known - 1) // team
+            if owner == me:
+                late = (arrival_ms - frame.stamp_ms) % CLOCK_MS * MS > self._stale
+                self._records.count_advice(not same_goal, late)
+            if same_goal and not ways.seen(owner):
+                seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
+                taken = ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
+                own = own or (taken and owner == me)
         return own
 
     def _looks_like(self, owner: Address, identifier: int) -> Point | None:

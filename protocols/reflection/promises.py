@@ -102,6 +102,11 @@ class Ways:
             at += 1 + ghost
         self._last = x_m, y_m
 
+    def seen(self, owner: Address) -> bool:
+        """Return whether *owner*'s goal is in sight: no promise is shorter than that."""
+        way = self.of[owner]
+        return way is not None and way.direct
+
     def offer(self, owner: Address, place_m: Point, rest_m: float, seen: Time, via: Address, here_m: Point) -> bool:
         """Take the promise of *via*, seen at *place_m*, if its way is shorter from *here_m*; return whether it is."""
         x, y = here_m

@@ -36,7 +36,7 @@ class TargetReferee:
                 continue
             self._steps[explorer] += self._begun
             x, y = targets[at]
-            if math.hypot(x_m[explorer] - x, y_m[explorer] - y) < self._epsilon_m:
+            if math.hypot(x_m.item(explorer) - x, y_m.item(explorer) - y) < self._epsilon_m:
                 self._next[explorer] = at + 1
             open_targets = open_targets or self._next[explorer] < len(targets)
         self._begun = True
