@@ -21,7 +21,11 @@ MAKING_WAY = 5 * S
 LOST_STALLS = 2
 """A robot that has stalled on so many ways on end is lost."""
 LOST = 5 * S
-"""So long at least the algorithm A leads it then."""
+"""So long at least the algorithm A leads it then, and twice as long each time until it comes to a way point."""
+AT_STEPS = 1.5
+"""Nearer than so many steps a lost robot is at its way point: the algorithm A stops a step before it."""
+MOST_DOUBLINGS = 6
+"""Avoid Past finds out of a room within five minutes, mostly."""
 
 
 class Courtesy:
@@ -106,7 +110,8 @@ class Patrol:
 
     A way leads straight from each to the next. A robot that leaves it to make way lays a thread of places, each in
     sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) is
-    lost: it takes to the algorithm A until it sees a way point again.
+    lost: it takes to the algorithm A until it sees a way point again. It may see one past a jamb that its body does not
+    pass, so each time that it is lost again A leads it for longer.
     """
 
     def __init__(
@@ -119,6 +124,7 @@ class Patrol:
         self._at = 0
         self._stalls = 0
         self._lost_until: Time = 0
+        self._losses = 0
         self._in_sight: int | None = None
         self._thread: list[Point] = []
         self._last: Point | None = None
@@ -162,6 +168,7 @@ class Patrol:
         self._last = None
         self._stalls = LOST_STALLS
         self._lost_until = now
+        self._losses = 0
         self._in_sight = None
         self._navigator.restart()
 
@@ -174,7 +181,9 @@ class Patrol:
             if distance > self._step_m and not self._straight.stalled(now):
                 return self._straight.towards(place, distance, observation, now)
         if self.lost:
-            if self._in_sight is None or now < self._lost_until:
+            if math.dist(here, self.points_m[self._at]) <= AT_STEPS * self._step_m:
+                self._in_sight = self._at
+            elif self._in_sight is None or now < self._lost_until:
                 return self._by_algorithm(observation, sightings)
             self._at, self._stalls = self._in_sight, 0
             self._straight.begin(now)
@@ -198,14 +207,15 @@ class Patrol:
         if self._thread or distance_m > self._step_m:
             self._stalls += 1
         if self.lost:
-            self._lost_until, self._in_sight = now + LOST, None
+            self._lost_until, self._in_sight = now + (LOST << min(self._losses, MOST_DOUBLINGS)), None
+            self._losses += 1
             self._thread.clear()
             self._navigator.restart()
         elif not self._thread:
             self._at = (self._at + 1) % len(self.points_m)
 
     def _turn_to_next(self, now: Time) -> None:
-        self._stalls = 0
+        self._stalls = self._losses = 0
         if len(self.points_m) > 1:
             self._at = (self._at + 1) % len(self.points_m)
             self._straight.begin(now)

@@ -1,5 +1,6 @@
 """Patrols: way points in turn, back to the way along a thread, and what a lost helper does."""
 
+import math
 from collections.abc import Sequence
 
 import pytest
@@ -7,6 +8,8 @@ import pytest
 from cosim.navigation.status import Status
 from cosim.navigation.steering import Steer
 from cosim.observation import Observation
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
 from cosim.units import MS, S
 from protocols.reflection.patrolling import Patrol
 from protocols.reflection.straight import Straight
@@ -98,3 +101,40 @@ def test_a_helper_that_was_carried_away_is_lost() -> None:
     walk = patrol()
     walk.displaced(0)
     assert walk.choose(at(4.0, 4.0), {}, 0) == pytest.approx((4.0, 5.0))
+
+
+@pytest.mark.slow
+def test_a_way_point_that_is_seen_past_a_jamb_does_not_hold_a_lost_helper_in_a_room_for_ever() -> None:
+    """It sees the end of the corridor through the door, and its body does not pass the door on that line."""
+    walls = [[0, 6, 14.45, 6], [15.55, 6, 24, 6], [12, 0, 12, 6], [16, 0, 16, 6], [0, 8, 24, 8]]
+    patrol = [(23.0, 6.5), (1.0, 6.5)]
+    scenario = Scenario.model_validate(
+        {
+            "duration_s": 320,
+            "floorplan": {"map": "walls", "bounds_m": [0, 0, 24, 14], "walls": walls},
+            "team": {
+                "size": 2,
+                "starts": [(2.0, 3.0), (14.0, 3.0)],
+                "sight_range_m": 12,
+                "body": {"radius_m": 0.2, "speed_mps": 1.0, "acceleration_mps2": 100, "drive": "omni"},
+                "senses": {"frames": "own", "beams": 24},
+            },
+            "channel": {"kind": "optical", "range_m": 12},
+            "protocol": {
+                "use": "reflection",
+                "parameters": {
+                    "algorithm": "straight",
+                    "give_up_s": 1000,
+                    "targets": [[(-50.0, -50.0)]],
+                    "patrols": [patrol],
+                },
+            },
+        }
+    )
+    nearest = math.inf
+    run = Simulation(scenario, 1)
+    run.begin()
+    for second in range(1, 320):
+        run.kernel.run(second * S)
+        nearest = min(nearest, *(math.dist(run.fleet.positions_m[1], point) for point in patrol))
+    assert nearest < 0.3
