@@ -227,13 +227,18 @@ def test_visbug_finds_its_targets_with_steps_that_end_at_corners_and_round_bodie
 
 
 @pytest.mark.slow
-def test_a_robot_that_dies_leaves_the_others_to_their_tasks() -> None:
+@pytest.mark.parametrize(("algorithm", "killed_at_s", "within_s"), [("avoid_past", 2.0, 300.0), ("visbug", 0.5, 120.0)])
+def test_a_robot_that_dies_leaves_the_others_to_their_tasks(
+    algorithm: str, killed_at_s: float, within_s: float
+) -> None:
+    """Its body stays: VisBug, which would be at the door after 2 s, does not pass one that is dead there."""
     targets = [[[6.0, 4.5], [2.0, 4.5]], [[2.0, 4.5], [6.0, 4.5]]]
-    kill = {"kind": "kill", "robot": 1, "at_s": 0.5}
-    outcome = simulate(office(faults=[kill], explorers=2, targets=targets, algorithm="visbug"), 3)
+    kill = {"kind": "kill", "robot": 1, "at_s": killed_at_s}
+    scenario = office(faults=[kill], explorers=2, targets=targets, algorithm=algorithm)
+    outcome = simulate(scenario.model_copy(update={"duration_s": within_s}), 3)
     assert outcome.metrics["robots_killed"] == 1.0
     assert outcome.metrics["targets_reached"] == 2.0
-    assert outcome.simulated_s < 120.0
+    assert outcome.simulated_s < within_s
 
 
 def test_frames_turn_places_and_back() -> None:
