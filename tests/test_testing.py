@@ -265,7 +265,7 @@ class RaisesOnFatesWhenDriven(Beacon):
 class RaisesOnABlockedBody(Beacon):
     def observe(self, observation: Observation, now: Time) -> None:
         if observation.blocked:
-            raise NotImplementedError
+            raise ValueError("it does not know what to do now")
         super().observe(observation, now)
 
 
@@ -314,7 +314,7 @@ def test_a_machine_that_keeps_the_laws_passes():
         (SendsLessWhenItIsLate, "a later start makes all deadlines later.*outbox"),
         (RaisesOnALinkThatItHasNot, "taken or refused.*Lost.*KeyError"),
         (RaisesOnFatesWhenDriven, "taken or refused.*Fate.*KeyError"),
-        (RaisesOnABlockedBody, "taken or refused.*blocked=True.*NotImplementedError"),
+        (RaisesOnABlockedBody, "taken or refused.*blocked=True.*ValueError"),
         (RaisesOnAnEarlyWake, "taken or refused.*wake raised ValueError"),
         (RaisesInAnOrdinaryRun, "a drive as in a run raised LocalProtocolError"),
     ],

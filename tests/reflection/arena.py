@@ -13,6 +13,7 @@ from cosim.machine import BROADCAST, GoTo, Outgoing, Reception
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
 from cosim.units import MS
+from protocols.reflection.frames import Frame, encode
 from protocols.reflection.guidance import HeadStraight
 from protocols.reflection.knowledge import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.machine import Reflection
@@ -192,3 +193,25 @@ class Arena:
                 if robot not in self.silent:
                     machine.receive(data, Reception(source, True), self.now + 1)
                     self._drain(robot)
+
+
+SCREEN = [(2.0, -1.0, 2.0, 9.0)]
+"""A wall between the seeker and its goal; a helper below its end sees both."""
+SEEKER, HELPER, GOAL = (0.0, 3.0), (2.0, -2.0), (4.0, 3.0)
+GHOST = (3.0, 0.0)
+
+
+def screen(**more: object) -> Arena:
+    return Arena([SEEKER, HELPER], [[GOAL]], walls=SCREEN, **more)  # type: ignore[arg-type]
+
+
+def advised() -> Arena:
+    """A seeker, and a silent helper that has promised, where it stands, a way of 5 m, and then has gone elsewhere."""
+    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0)]], sight_m=6.0)
+    arena.silent = {1}
+    return arena
+
+
+def advise(arena: Arena, length_m: float) -> None:
+    """Have the helper promise, from where the seeker sees it now, a way of this length."""
+    arena.inject(0, 1, encode(Frame(False, False, arena.now // MS, (), (), ((0, 2, length_m, 0),))))

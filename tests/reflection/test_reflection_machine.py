@@ -7,7 +7,6 @@ import pytest
 
 from cosim.machine import Reception
 from cosim.randomness import Draws
-from cosim.units import MS
 from protocols.reflection.frames import Frame, decode, encode
 from protocols.reflection.guidance import draws_of
 from protocols.reflection.journal import (
@@ -17,20 +16,11 @@ from protocols.reflection.journal import (
     GoalGivenUp,
     GoalReached,
     GoalSet,
-    PromiseForgotten,
     PromiseTaken,
     TroubleChanged,
 )
 from protocols.reflection.seeking import Target
-from tests.reflection.arena import STEP_M, Arena
-
-SCREEN = [(2.0, -1.0, 2.0, 9.0)]
-"""A wall between the seeker and its goal; a helper below its end sees both."""
-SEEKER, HELPER, GOAL = (0.0, 3.0), (2.0, -2.0), (4.0, 3.0)
-
-
-def screen(**more: object) -> Arena:
-    return Arena([SEEKER, HELPER], [[GOAL]], walls=SCREEN, **more)  # type: ignore[arg-type]
+from tests.reflection.arena import GHOST, GOAL, HELPER, SCREEN, SEEKER, STEP_M, Arena, advise, advised, screen
 
 
 def test_alone_a_robot_that_sees_its_goal_goes_there_straight() -> None:
@@ -88,21 +78,6 @@ def test_a_goal_in_sight_beats_every_promise() -> None:
     assert arena.machines[0].seeker is not None
     assert arena.machines[0].seeker.target is Target.GOAL
     assert arena.places[0][1] == 0.0
-
-
-GHOST = (3.0, 0.0)
-
-
-def advised() -> Arena:
-    """A seeker, and a silent helper that has promised, where it stands, a way of 5 m, and then has gone elsewhere."""
-    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0)]], sight_m=6.0)
-    arena.silent = {1}
-    return arena
-
-
-def advise(arena: Arena, length_m: float) -> None:
-    """Have the helper promise, from where the seeker sees it now, a way of this length."""
-    arena.inject(0, 1, encode(Frame(False, False, arena.now // MS, (), (), ((0, 2, length_m, 0),))))
 
 
 def test_the_seeker_heads_for_the_helper_s_ghost_and_forgets_the_promise_there() -> None:
@@ -170,31 +145,6 @@ def test_each_time_a_goal_in_sight_is_not_come_to_the_algorithm_is_left_alone_fo
     assert spells[:3] == pytest.approx([40, 80, 160], abs=2)
 
 
-def test_a_seeker_goes_to_the_very_place_of_a_ghost() -> None:
-    """A step beside it, the jamb of a door may hide what was seen from there."""
-    arena = advised()
-    arena.tick()
-    advise(arena, 5.0)
-    arena.places[1] = (0.0, 4.0)
-    arena.run(60, GhostReached)
-    assert math.dist(arena.places[0], GHOST) < 0.02
-
-
-def test_a_seeker_keeps_its_ghost_though_a_corner_hides_it() -> None:
-    """What is out of sight is no place of its own: it would turn back to where it saw the helper last."""
-    arena = advised()
-    arena.tick()
-    advise(arena, 5.0)
-    arena.places[1] = (0.0, 4.0)
-    arena.tick(3)
-    arena._sight_m = 1.0
-    arena.tick(3)
-    way = arena.machines[0].ways.of[0]
-    assert way is not None
-    assert (way.x_m, way.y_m) == GHOST
-    assert arena.run(60, GhostReached) < 60
-
-
 def test_who_follows_a_helper_keeps_away_from_it() -> None:
     wall = [(2.0, -99.0, 2.0, 99.0)]
     arena = Arena([(1.7, 3.0), (0.3, 3.0)], [[GOAL]], (), wall, share_states=True, trouble_limit=25, progress_window=5)
@@ -206,73 +156,6 @@ def test_who_follows_a_helper_keeps_away_from_it() -> None:
     assert [event.in_trouble for event in arena.told(0, TroubleChanged)][:2] == [True, False]
 
 
-def test_a_shorter_promise_is_followed_at_once() -> None:
-    arena = advised()
-    arena.tick()
-    advise(arena, 5.0)
-    arena.places[1] = (0.0, 4.0)
-    arena.tick(5)
-    advise(arena, 2.0)
-    arena.tick(20)
-    assert arena.places[0][1] > 1.0
-
-
-@pytest.mark.parametrize(("renewal", "follows"), [("stored", True), ("shorter", False), ("any", True)])
-def test_after_a_ghost_only_a_shorter_way_counts(renewal: str, follows: bool) -> None:
-    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0)]], sight_m=6.0, renewal=renewal)
-    arena.silent = {1}
-    arena.tick()
-    advise(arena, 5.0)
-    arena.places[1] = (0.0, 2.0)
-    arena.run(60, GhostReached)
-    advise(arena, 4.0)  # from (0, 2), 3.6 m away: longer than the 5 m from the ghost
-    arena.tick(10)
-    assert (arena.places[0][1] > 0.3) is follows
-    advise(arena, 0.5)
-    arena.tick(10)
-    assert arena.places[0][1] > 0.3
-
-
-@pytest.mark.parametrize(("renewal", "follows"), [("stored", False), ("shorter", True), ("any", True)])
-def test_the_stored_distance_is_not_computed_again_as_the_robot_moves(renewal: str, follows: bool) -> None:
-    """A promise of 3 + 5 m led nowhere; 10 m away from there, one of 9 m is longer than that, and shorter than 15 m."""
-    arena = Arena([(0.0, 0.0), GHOST], [[(40.0, 0.0)]], sight_m=12.0, renewal=renewal)
-    arena.silent = {1}
-    arena.tick()
-    advise(arena, 5.0)
-    arena.places[1] = (3.0, 2.0)
-    arena.run(60, GhostReached)
-    arena.run(100)
-    x, _ = arena.places[0]
-    assert 12.0 < x < 14.0
-    arena.places[1] = (x, 2.0)
-    arena.tick()
-    advise(arena, 7.0)
-    arena.tick(10)
-    assert (arena.places[0][1] > 0.3) is follows
-    arena.places[1] = (arena.places[0][0], 2.0)
-    arena.tick()
-    advise(arena, 3.0)
-    arena.tick(10)
-    assert arena.places[0][1] > 0.3
-
-
-def test_with_the_next_goal_all_promises_count_again() -> None:
-    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0), (0.0, 30.0)]], sight_m=6.0, give_up_s=6.0)
-    arena.silent = {1}
-    arena.tick()
-    advise(arena, 1.0)
-    arena.places[1] = (0.0, 4.0)
-    arena.run(60, GhostReached)
-    assert arena.machines[0].ways.bound_m < 5.0
-    arena.run(60, GoalGivenUp)
-    arena.places[1] = (arena.places[0][0], 3.0)
-    arena.tick()
-    arena.inject(0, 1, encode(Frame(False, False, arena.now // MS, (), (), ((0, 4, 40.0, 0),))))
-    arena.tick()
-    assert arena.machines[0].ways.of[0] is not None
-
-
 def test_frames_are_sent_once_in_a_period() -> None:
     sent = {}
     for period in (None, 0.5):
@@ -280,16 +163,6 @@ def test_frames_are_sent_once_in_a_period() -> None:
         arena.tick(20)
         sent[period] = len(arena.payloads[1])
     assert sent == {None: 20, 0.5: 4}
-
-
-def test_promises_of_a_dead_helper_age() -> None:
-    arena = Arena([(-9.0, -2.0), (2.0, -2.0)], [[GOAL]], walls=SCREEN, promise_life_s=3.0)
-    arena.tick(5)
-    arena.silent = {1}
-    assert arena.machines[0].ways.of[0] is not None
-    arena.tick(31)
-    assert [event.reason for event in arena.told(0, PromiseForgotten)] == ["out of sight, or too old"]
-    assert arena.machines[0].ways.of[0] is None
 
 
 def test_frames_of_robots_that_are_not_in_sight_are_of_no_use() -> None:
@@ -351,17 +224,6 @@ def test_a_frame_about_robots_that_do_not_exist_is_noted_and_the_rest_of_it_used
     assert arena.machines[0].ways.of[0] is not None
 
 
-def test_advice_about_a_former_goal_is_counted_as_stale_and_not_followed() -> None:
-    arena = Arena([SEEKER, HELPER], [[(0.0, 3.1), GOAL]], walls=SCREEN)
-    arena.tick()
-    machine = arena.machines[0]
-    assert machine.book.number(0) == 2
-    before = machine.records.outdated
-    arena.inject(0, 1, encode(Frame(False, False, 0, ((0, 1.0),), (), ((0, 2, 0.5, 0),))))
-    assert machine.records.outdated == before + 1
-    assert machine.ways.of[0] is None or machine.ways.of[0].rest_m != 0.5
-
-
 def test_what_is_known_of_a_goal_is_forgotten_with_the_goal() -> None:
     arena = Arena([(0.0, 3.0), (2.0, -2.0)], [[(0.0, 3.6), (0.0, 20.0)]], sight_m=6.0)
     arena.tick(2)
@@ -369,25 +231,6 @@ def test_what_is_known_of_a_goal_is_forgotten_with_the_goal() -> None:
     arena.tick(6)
     assert arena.machines[1].book.number(0) == 2
     assert arena.machines[1].ways.of[0] is None
-
-
-def test_a_promise_is_as_old_as_the_sight_of_its_goal() -> None:
-    arena = Arena([(0.0, 0.0), GHOST], [[(20.0, 0.0)]], sight_m=6.0, promise_life_s=3.0)
-    arena.silent = {1}
-    arena.tick(50)
-    for seen_ms, followed in ((1000, False), (4000, True)):
-        arena.inject(0, 1, encode(Frame(False, False, 4900, (), (), ((0, 2, 5.0, seen_ms),))))
-        arena.tick()
-        assert (arena.machines[0].ways.of[0] is not None) is followed
-
-
-def test_a_promise_that_brings_no_progress_is_given_up() -> None:
-    """The helper's body stays where it stood when it made its promise."""
-    arena = advised()
-    arena.tick()
-    advise(arena, 5.0)
-    arena.run(150, PromiseForgotten)
-    assert [event.reason for event in arena.told(0, PromiseForgotten)] == ["no progress"]
 
 
 def test_a_goal_in_sight_that_no_straight_way_leads_to_is_left_to_the_algorithm_for_a_while() -> None:
@@ -399,17 +242,6 @@ def test_a_goal_in_sight_that_no_straight_way_leads_to_is_left_to_the_algorithm_
     assert steps[Target.ALGORITHM] <= 2
     arena.tick(40)
     assert 35 <= steps[Target.ALGORITHM] <= 42
-
-
-def test_late_advice_is_counted() -> None:
-    arena = screen(delay=8)
-    arena.tick(30)
-    records = arena.machines[0].records
-    assert records.advice > 10
-    assert records.late == records.stale == records.advice
-    prompt = screen(delay=2)
-    prompt.tick(30)
-    assert prompt.machines[0].records.late == 0
 
 
 def test_objects_are_found_by_those_who_see_them() -> None:
