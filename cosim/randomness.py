@@ -1,9 +1,9 @@
 """Randomness by name: streams that no other consumer can move, and per-slot draws that depend on nothing before them.
 
 Two kinds of draws. A *stream* (``Streams``) is a NumPy generator seeded by the run's seed and the stream's names;
-adding a consumer moves no one else. A *counter-based* draw (``philox``, ``Draws``) is a pure function of a key and a
-counter, Philox 4x32-10 of Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (SC'11): a model that skips
-idle slots draws the same numbers as one that visits them all.
+adding a consumer moves no one else. A *counter-based* draw (``Draws``, ``philox_words``) is a pure function of a key
+and a counter, Philox 4x32-10 of Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (SC'11): a model that
+skips idle slots draws the same numbers as one that visits them all.
 """
 
 import hashlib
@@ -16,46 +16,29 @@ from cosim.jit import njit
 
 Words: TypeAlias = tuple[int, int, int, int]
 
-_MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
-_WEYL = (0x9E3779B9, 0xBB67AE85)
 _MASK = 0xFFFFFFFF
-
-
-def philox(counter: Words, key: tuple[int, int], rounds: int = 10) -> Words:
-    """Return the four 32-bit words of Philox 4x32 for *counter* (four 32-bit words) under *key* (two)."""
-    c0, c1, c2, c3 = counter
-    k0, k1 = key
-    for _ in range(rounds):
-        p0 = _MULTIPLIERS[0] * c0
-        p1 = _MULTIPLIERS[1] * c2
-        c0, c1, c2, c3 = (p1 >> 32) ^ c1 ^ k0, p1 & _MASK, (p0 >> 32) ^ c3 ^ k1, p0 & _MASK
-        k0 = (k0 + _WEYL[0]) & _MASK
-        k1 = (k1 + _WEYL[1]) & _MASK
-    return c0, c1, c2, c3
-
-
-_WIDE_MULTIPLIERS = tuple(np.uint64(word) for word in _MULTIPLIERS)
-_WIDE_WEYL = tuple(np.uint64(word) for word in _WEYL)
-_WIDE_MASK = np.uint64(_MASK)
+_WORD = np.uint64(_MASK)
 _HALF = np.uint64(32)
+_MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
+_WEYL = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
 
 
 @njit(cache=True)
 def philox_words(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> Words:
-    """Return what ``philox((c0, c1, c2, c3), (k0, k1))`` returns; a kernel for kernels.
+    """Return the four words of Philox 4x32-10 for the counter (c0, c1, c2, c3) under the key (k0, k1).
 
-    Of each argument the low 32 bits count. The words are signed 64-bit integers in 0..2**32 - 1.
+    Of each argument the low 32 bits count; all must fit 64. The words are signed 64-bit integers in 0..2**32 - 1.
     """
     # unsigned throughout: a product needs all 64 bits, and numba makes a float of mixed signs
-    a, b, c, d = np.uint64(c0) & _WIDE_MASK, np.uint64(c1) & _WIDE_MASK, np.uint64(c2) & _WIDE_MASK, np.uint64(c3)
-    d &= _WIDE_MASK
-    key_0, key_1 = np.uint64(k0) & _WIDE_MASK, np.uint64(k1) & _WIDE_MASK
+    a, b, c, d = np.uint64(c0) & _WORD, np.uint64(c1) & _WORD, np.uint64(c2) & _WORD, np.uint64(c3)
+    d &= _WORD
+    key_0, key_1 = np.uint64(k0) & _WORD, np.uint64(k1) & _WORD
     for _ in range(10):
-        p0 = _WIDE_MULTIPLIERS[0] * a
-        p1 = _WIDE_MULTIPLIERS[1] * c
-        a, b, c, d = (p1 >> _HALF) ^ b ^ key_0, p1 & _WIDE_MASK, (p0 >> _HALF) ^ d ^ key_1, p0 & _WIDE_MASK
-        key_0 = (key_0 + _WIDE_WEYL[0]) & _WIDE_MASK
-        key_1 = (key_1 + _WIDE_WEYL[1]) & _WIDE_MASK
+        p0 = _MULTIPLIERS[0] * a
+        p1 = _MULTIPLIERS[1] * c
+        a, b, c, d = (p1 >> _HALF) ^ b ^ key_0, p1 & _WORD, (p0 >> _HALF) ^ d ^ key_1, p0 & _WORD
+        key_0 = (key_0 + _WEYL[0]) & _WORD
+        key_1 = (key_1 + _WEYL[1]) & _WORD
     return int(np.int64(a)), int(np.int64(b)), int(np.int64(c)), int(np.int64(d))
 
 
@@ -80,7 +63,8 @@ class Draws:
 
     def words(self, number: int, link: int = 0, purpose: int = 0) -> Words:
         """Return four 32-bit words for (*number*, *link*, *purpose*); *number* may need 64 bits, the others 32."""
-        return philox((number & _MASK, (number >> 32) & _MASK, link & _MASK, purpose & _MASK), self._key)
+        words: Words = philox_words(number & _MASK, (number >> 32) & _MASK, link & _MASK, purpose & _MASK, *self._key)
+        return words
 
     def below(self, bound: int, number: int, link: int = 0, purpose: int = 0) -> int:
         """Return an integer in [0, *bound*), uniform but for a bias below bound / 2**64."""

@@ -1,8 +1,12 @@
-"""What all tests share: long campaigns say at the end of the run how many cases they have compared."""
+"""What all tests share: no deadlines, and long campaigns say at the end how many cases they have compared."""
 
 from collections import Counter
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("cosim", deadline=None)  # a first call compiles its kernel
+settings.load_profile("cosim")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

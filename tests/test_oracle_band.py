@@ -38,7 +38,7 @@ def default_cases() -> Iterator[tuple[Case, Outcome]]:
     return (_default_case(number) for number in range(DEFAULT))
 
 
-@settings(max_examples=30, deadline=None, derandomize=True, database=None)
+@settings(max_examples=30, derandomize=True, database=None)
 @given(st.data())
 @pytest.mark.slow
 def test_the_band_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:

@@ -139,7 +139,7 @@ def default_cases() -> Iterator[tuple[Case, Outcome]]:
     return (_default_case(number) for number in range(DEFAULT))
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=60, derandomize=True, database=None)
 @given(st.data())
 @pytest.mark.slow
 def test_polling_equals_the_oracle_over_cases_that_shrink(data: st.DataObject) -> None:

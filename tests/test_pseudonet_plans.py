@@ -88,7 +88,7 @@ def cost(grid: CoverageGrid, tour: Tour) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", PLANS)
 @given(grid=grids(), team=st.integers(1, 8), data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_every_cell_is_in_exactly_one_tour(plan, grid, team, data):
     reachable = np.flatnonzero(grid.reachable)
     left = reachable[: data.draw(st.integers(0, len(reachable)))] if data.draw(st.booleans()) else reachable[::3]
@@ -100,7 +100,7 @@ def test_every_cell_is_in_exactly_one_tour(plan, grid, team, data):
 
 @pytest.mark.parametrize("plan", PLANS)
 @given(grid=grids(), team=st.integers(1, 8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_tour_costs_more_than_its_share(plan, grid, team):
     island = max(nx.connected_components(graph_of(grid)), key=len, default=set())
     whole = plan(grid, sorted(island), 1)[0]
@@ -109,7 +109,7 @@ def test_no_tour_costs_more_than_its_share(plan, grid, team):
 
 @pytest.mark.parametrize("plan", PLANS)
 @given(grid=grids())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_tour_leads_where_there_is_no_way_if_there_are_robots_for_all_pieces(plan, grid):
     pieces = list(nx.connected_components(graph_of(grid)))
     for tour in plan(grid, np.flatnonzero(grid.reachable), max(1, len(pieces))):
@@ -205,7 +205,7 @@ def test_a_sweep_cell_is_entered_at_its_nearest_corner():
 
 @pytest.mark.slow
 @given(grid=grids())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_a_walk_is_closed_steps_over_all_cells_of_its_piece(grid):
     walks = closed_walks(grid)
     assert {frozenset(walk) for walk in walks} == {frozenset(c) for c in nx.connected_components(graph_of(grid))}
@@ -215,7 +215,7 @@ def test_a_walk_is_closed_steps_over_all_cells_of_its_piece(grid):
 
 
 @given(seed=st.integers(0, 2**32), width=st.integers(1, 5), height=st.integers(1, 5))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_whole_mega_cells_are_walked_around_without_a_second_visit(seed, width, height):
     blocks = np.random.default_rng(seed).random((height, width)) < 0.75
     for walk in closed_walks(grid_of(np.kron(blocks, np.ones((2, 2), bool)))):
@@ -303,7 +303,7 @@ def test_a_tour_cannot_be_split_among_nobody():
 
 
 @given(grid=grids(), data=st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_drives_are_shortest_paths_and_the_impossible_ones_the_dearest(grid, data):
     cells = np.flatnonzero(grid.reachable).tolist()
     if not cells:

@@ -78,7 +78,7 @@ spots = st.tuples(lengths, lengths)
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(spots, spots), max_size=12),
     spots,

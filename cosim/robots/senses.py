@@ -143,7 +143,7 @@ class Senses:
         self._ticks = 0
         self._sightings: Sequence[tuple[Sighting, ...]] = self._nobody
         self._visible: Sequence[tuple[int, ...]] = self._nobody
-        self._known = self._poses[:, _OWN_X : _BLOCKED + 1]
+        self._known: list[list[float]] = [[0.0] * (_BLOCKED + 1)] * count
         self._views = [_View(self._room, robot, self._beams) for robot in range(count)]
 
     def observe(self, fleet: Fleet) -> list[Observation]:
@@ -155,10 +155,11 @@ class Senses:
         if picture:
             self._picture(seen)
         self._ticks += 1
+        self._known = self._poses[:, : _BLOCKED + 1].tolist()
         return [
             _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, view))
-            for (x, y, heading, speed, arrived, blocked), visible, sightings, view in zip(
-                self._known.tolist(), self._visible, self._sightings, self._views, strict=True
+            for (_, _, _, x, y, heading, speed, arrived, blocked), visible, sightings, view in zip(
+                self._known, self._visible, self._sightings, self._views, strict=True
             )
         ]
 
@@ -177,7 +178,7 @@ class Senses:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
         if not isinstance(command, GoTo):
             return command
-        x, y, heading, own_x, own_y, own_heading = self._poses[robot, : _OWN_HEADING + 1].tolist()
+        x, y, heading, own_x, own_y, own_heading, *_ = self._known[robot]
         cos, sin = math.cos(heading - own_heading), math.sin(heading - own_heading)
         dx, dy = command[0] - own_x, command[1] - own_y
         return _new(GoTo, (x + cos * dx - sin * dy, y + sin * dx + cos * dy))

@@ -17,8 +17,8 @@ from cosim.channels.bluetooth.radio import Air, Fate, Frame, Heard, Part
 from cosim.channels.bluetooth.scanning import IdTrain
 from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer
 from cosim.machine import Address
-from cosim.randomness import philox
 from cosim.units import MS, TICK, US, Time
+from tests.oracles.philox import philox
 from tests.radio_scene import ACCESS_END, BEGIN, DM1_AIR, DM5_AIR, HAIR_DB, HEADER_END, ID_AIR, NEVER, RECEIVED, Scene
 
 # ---------------------------------------------------------------- what is remembered

@@ -6,7 +6,7 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.channels.bluetooth.bits.codes import (
@@ -170,7 +170,6 @@ def test_a_packet_has_as_many_bits_as_its_air_time_says(kind):
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.data(), st.sampled_from(sorted(PACKETS)), laps, uaps, headers, seeds, st.integers(0, 3))
 def test_what_is_encoded_is_decoded(data, name, lap, uap, header, seed, llid):
     kind = PACKETS[name]
@@ -258,7 +257,6 @@ def test_a_packet_without_payload_ends_with_its_header():
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 1), max_size=400), st.sampled_from(sorted(TYPE_CODES)), seeds, st.integers(0, 2))
 def test_bad_bits_never_raise(noise, name, seed, kept):
     start = encode(NULL, 1, 2, Header(1, 0))[:72]

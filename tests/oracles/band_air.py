@@ -12,8 +12,8 @@ from math import inf
 from typing import Literal, NamedTuple
 
 from cosim.channels.bluetooth.errors import section_probabilities
-from cosim.randomness import philox
 from tests.oracles.medium import COLLIDED, OUT_OF_RANGE, RECEIVED, US, OnAir
+from tests.oracles.philox import philox
 
 BIT_ERRORS = "bit_errors"
 LONGEST_AGO = 6_000_000

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import UserError
@@ -119,7 +119,6 @@ _frames = st.lists(st.tuples(messages | messages | _answers | _syncs, st.sampled
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.sampled_from(ALGORITHMS), st.integers(0, 2), _frames)
 def test_well_formed_frames_of_any_content_never_raise(
     algorithm: str, me: int, frames: list[tuple[Packet, int]]

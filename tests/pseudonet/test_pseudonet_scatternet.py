@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.machine import (
@@ -82,7 +82,6 @@ _roll = [Census(True, 1, 9, number, 2, 0, 1, piconet) for number, piconet in enu
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.integers(0, 2), st.booleans(), st.lists(st.tuples(_wide, st.sampled_from([0, 1, 2])), max_size=30))
 def test_well_formed_wide_frames_of_any_content_never_raise(
     me: int, called_up: bool, frames: list[tuple[WidePacket, int]]

@@ -190,7 +190,7 @@ def perform(data: bytes, delays: bool) -> tuple[Play, int]:
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(plays, st.booleans())
 def test_no_promise_is_based_on_itself_below_the_straight_line_or_told_when_it_is_dead(
     data: bytes, delays: bool
@@ -199,7 +199,7 @@ def test_no_promise_is_based_on_itself_below_the_straight_line_or_told_when_it_i
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(plays, st.booleans())
 def test_when_nobody_sees_a_goal_or_moves_any_more_no_way_shrinks_and_none_outlives_its_promise(
     data: bytes, delays: bool
@@ -261,7 +261,7 @@ HOP_M = 2.5e-5
 """What a hop costs by rounding to single floats: 0.12 urad over at most 128 m, and twice 3.8 um."""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(spots, poses), min_size=2, max_size=10), spots, st.integers(1, 3))
 def test_a_goal_that_bytes_carry_along_a_chain_of_machines_is_at_its_place_in_every_frame(
     chain: list[tuple[tuple[float, float], tuple[float, float, float]]], goal: tuple[float, float], number: int
