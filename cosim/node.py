@@ -60,7 +60,7 @@ class Node:
                 self._channel.send(self.address, item)
             else:
                 self._channel.command(self.address, item)
-        self.motion.extend(machine.commands())
+        self.motion += machine.commands()
         deadline, timer = machine.wake_at(), self._timer
         if deadline is not None and (timer is None or deadline < timer.time):
             self._arm(deadline, now)

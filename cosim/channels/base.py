@@ -77,13 +77,14 @@ class Channel(ABC):
 
     def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
         """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""
-        now = self.kernel.now
-        touched = set()
+        now, endpoints = self.kernel.now, self.endpoints
+        touched: set[Address] = set()
+        touch = touched.add
         for address, payload, reception in arrivals:
-            self.endpoints[address].receive(payload, reception, now)
-            touched.add(address)
+            endpoints[address].receive(payload, reception, now)
+            touch(address)
         for address, event in news:
-            self.endpoints[address].link(event, now)
-            touched.add(address)
+            endpoints[address].link(event, now)
+            touch(address)
         for address in sorted(touched):
-            self.endpoints[address].drain(now)
+            endpoints[address].drain(now)

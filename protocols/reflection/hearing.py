@@ -1,12 +1,11 @@
 """What a robot takes from the frames of the robots that it sees: their goals, and ways to its own (rules 1 to 4)."""
 
 import math
-from collections.abc import Sequence
 
 from cosim.machine import Address, Event
 from cosim.units import MS, Time, from_seconds
 from protocols.reflection.bearings import Point, from_peer, turn_between
-from protocols.reflection.frames import CLOCK_MS, Frame, GoalTerm
+from protocols.reflection.frames import CLOCK_MS, Frame
 from protocols.reflection.goals import GoalBook, Verdict, goal_number
 from protocols.reflection.journal import BadBytes
 from protocols.reflection.knowledge import Knowledge
@@ -49,14 +48,18 @@ class Hearing:
 
     def goals(self, frame: Frame, peer_m: Point) -> None:
         """Rules 1 and 2: put down the goals that a robot tells, which is seen at *peer_m* and sees this one."""
-        for robot, bearing in frame.bearings:
-            if robot == self.me:
-                self._put_down(frame.terms, peer_m, bearing)
+        identifiers, me, size = self._book.identifiers, self.me, self._size
+        for owner, identifier, _, _ in frame.terms:  # most are no news: only for others the turn is computed
+            if owner >= size or (owner != me and identifier >= identifiers[owner]):
+                self._put_down(frame, peer_m)
                 return
 
-    def _put_down(self, terms: Sequence[GoalTerm], peer_m: Point, bearing: float) -> None:
+    def _put_down(self, frame: Frame, peer_m: Point) -> None:
+        bearing = next((bearing for robot, bearing in frame.bearings if robot == self.me), None)
+        if bearing is None:
+            return
         book, me, turn = self._book, self.me, None
-        for owner, identifier, along, across in terms:
+        for owner, identifier, along, across in frame.terms:
             if owner >= self._size:
                 self._events.append(BadBytes(f"a goal of robot {owner} in a team of {self._size}"))
             elif owner != me and identifier >= book.identifiers[owner]:
@@ -77,9 +80,9 @@ class Hearing:
         Return whether that is now the way to the own goal.
         """
         me, team, ways = self.me, self._size, self._ways
-        identifiers = self._book.identifiers
+        identifiers, of = self._book.identifiers, ways.of
         arrival_ms = (now - self._start) // MS
-        moved_m = self._moved_since(frame.stamp_ms, peer)
+        moved_m = 0.0 if frame.stamp_ms == self._looked_ms else self._moved_since(frame.stamp_ms, peer)
         own = False
         for owner, identifier, length, seen_ms in frame.pledges:
             if owner >= team:
@@ -90,7 +93,8 @@ class Hearing:
             if owner == me:
                 late = (arrival_ms - frame.stamp_ms) % CLOCK_MS * MS > self._stale
                 self._records.count_advice(not same_goal, late)
-            if same_goal and not ways.seen(owner):
+            way = of[owner]
+            if same_goal and not (way is not None and way.direct):  # no promise is shorter than what is in sight
                 seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS
                 taken = ways.offer(owner, peer_m, length + moved_m, seen, peer, self._here)
                 own = own or (taken and owner == me)

@@ -6,6 +6,7 @@ the robot sees their sender, which is also where the sender's promises and place
 """
 
 import math
+from typing import Final
 
 from cosim.errors import WireError
 from cosim.machine import (
@@ -37,6 +38,7 @@ from protocols.reflection.seeking import Seeker
 from protocols.reflection.straight import Straight
 from protocols.reflection.telling import compose
 
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 JUMP_STEPS = 5.0
 """A robot that is farther than so many motion steps from where it was a tick ago has been moved."""
 
@@ -101,20 +103,21 @@ class Reflection:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a frame, if its sender is in sight."""
-        if reception.source == self.me:
+        peer = reception.source
+        if peer == self.me:
             return
         try:
             frame = decode(data)
         except WireError as error:
             self._events.append(BadBytes(str(error)))
             return
-        peer_m = self._sightings.get(reception.source)
+        peer_m = self._sightings.get(peer)
         if peer_m is None:
             self._unseen(frame)
             return
-        self._states[reception.source] = frame.in_trouble
+        self._states[peer] = frame.in_trouble
         self._hearing.goals(frame, peer_m)
-        if frame.pledges and self._hearing.promises(frame, reception.source, peer_m, now) and self.seeker is not None:
+        if frame.pledges and self._hearing.promises(frame, peer, peer_m, now) and self.seeker is not None:
             self.seeker.promised(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
@@ -233,6 +236,6 @@ class Reflection:
         records.frames += 1
         records.payload_bytes += len(payload)
         if self._meeting is None:
-            self._outbox.append(Outgoing(BROADCAST, payload))
+            self._outbox.append(_new(Outgoing, (BROADCAST, payload, None)))
         else:
             self._outbox += [Outgoing(peer, payload) for peer in sorted(self._meeting.linked)]

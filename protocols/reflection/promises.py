@@ -102,17 +102,14 @@ class Ways:
             at += 1 + ghost
         self._last = x_m, y_m
 
-    def seen(self, owner: Address) -> bool:
-        """Return whether *owner*'s goal is in sight: no promise is shorter than that."""
-        way = self.of[owner]
-        return way is not None and way.direct
-
     def offer(self, owner: Address, place_m: Point, rest_m: float, seen: Time, via: Address, here_m: Point) -> bool:
         """Take the promise of *via*, seen at *place_m*, if its way is shorter from *here_m*; return whether it is."""
         x, y = here_m
         length = rest_m + math.hypot(place_m[0] - x, place_m[1] - y)
         way = self.of[owner]
-        if way is not None and (way.direct or length > way.length(x, y) - GAIN_M):
+        if way is not None and (
+            way.direct or length > way.rest_m + math.hypot(way.x_m - x, way.y_m - y) - GAIN_M  # its length, in line
+        ):
             return False
         if owner == self.me and length > self.bound_m - GAIN_M:
             return False
