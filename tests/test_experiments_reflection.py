@@ -434,6 +434,12 @@ def test_explorers_share_out_the_targets():
     assert 0 < 4 * told["steps"] <= 2 * 10 * told["done_s"]  # ten motion steps a second, of two explorers
 
 
+def test_roles_that_cannot_be_set_up_are_named():
+    base = load_experiment(EXPERIMENTS / "reflection_roles" / "sweep.yaml").base
+    with pytest.raises(UserError, match=r"^roles: protocol\.parameters\.target_count: 0 is not > 0$"):
+        measure(base | {"explorers": 2, "targets": 1}, 1)
+
+
 @pytest.mark.slow
 def test_the_picture_shows_a_run_with_its_ghosts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "run.png"

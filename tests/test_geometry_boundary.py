@@ -8,7 +8,6 @@ import shapely
 
 from cosim.geometry.boundary import (
     CLEAR_M,
-    arc_length,
     boundary,
     edge_length,
     free_height,
@@ -58,7 +57,6 @@ def test_a_walk_along_the_loop_comes_back_after_its_perimeter():
     for first, perimeter in ((0, 10.0), (4, 12.0)):
         edge, walked = first, 0.0
         while True:
-            assert arc_length(loops, edge, 0.25) == pytest.approx(walked + 0.25)
             assert loops.preceding[loops.following[edge]] == edge
             assert point_at(loops, edge, lengths[edge]) == point_at(loops, loops.following[edge], 0.0)
             walked += lengths[edge]

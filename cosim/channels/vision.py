@@ -3,7 +3,8 @@
 With an unlimited rate and the default latency it is the paper's assumption that robots in sight of each other talk at
 once (Sgorbissa and Arkin, "Local navigation strategies for a team of robots", section 1). With a rate and a latency it
 is an optical link: light signals that a camera reads picture by picture. One payload is on its way from a sender at a
-time; it is received by who is in sight of the sender when it begins and when it arrives.
+time; it is received by who is in sight of the sender when it begins and when it arrives. A sender that is switched off
+before the end of its payload has not sent it.
 
 What looks like a link to a host is the line of sight: inquiry finds who is in sight, and a link ends with it.
 """
@@ -53,7 +54,7 @@ class OpticalChannel(IdealChannel):
 
     metrics: ClassVar[tuple[Metric, ...]] = (
         Metric("frames_sent", "1", "payloads sent"),
-        Metric("frames_missed", "1", "payloads times robots that were in sight at the beginning, not at the arrival"),
+        Metric("frames_missed", "1", "payloads times robots that were in sight at the beginning and did not get them"),
     )
 
     def __init__(self, settings: OpticalSettings, kernel: Kernel, trace: Trace, size: int, walls: PackedWalls) -> None:
@@ -92,13 +93,24 @@ class OpticalChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; those in sight lose a dead one at once."""
         super().power(address, on)
-        if not on:  # what waits is lost
+        if not on:  # what waits is lost, and what has not come to its end
             for handle in self._waiting[address]:
                 handle.cancel()
             self._waiting[address].clear()
             self._free_at[address] = self.kernel.now
+            self._cut_off(address)
         self._looks += 1
         self._all_on = all(self._on)
+
+    def _cut_off(self, source: Address) -> None:
+        """Lose the payload that *source* is just sending; what has been sent to its end arrives."""
+        for arrival, flights in self._in_flight.items():
+            if arrival - self.delay > self.kernel.now:
+                for flight in [flight for flight in flights if flight.source == source]:
+                    flights.remove(flight)
+                    self._missed += len(flight.audience)
+                    if self._frames_wanted:
+                        self._note(source, flight.outgoing, flight.begin, flight.audience, ())
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices in sight that are switched on, if this one is."""
@@ -150,8 +162,9 @@ class OpticalChannel(IdealChannel):
         for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
             to_all = outgoing.destination == BROADCAST
             heard = audience
-            if looks != self._looks:  # robots have moved meanwhile
-                heard = tuple(address for address in audience if self._hears(source, address))
+            if looks != self._looks:  # robots have moved meanwhile, or devices have been switched
+                in_sight = self._sight()[source]
+                heard = tuple(address for address in audience if self._on[address] and address in in_sight)
                 self._missed += len(audience) - len(heard)
             reception, payload = self._receptions[source, to_all], outgoing.payload
             for address in heard:
@@ -177,7 +190,7 @@ class OpticalChannel(IdealChannel):
             self.trace.row(FRAMES, begin, source, address, duration, "OPTICAL", -1, 0, length, outcome, "")
 
     def summary(self) -> dict[str, float]:
-        """Return how many payloads and bytes were sent, and how often a robot left sight before one arrived."""
+        """Return how many payloads were sent, and how often a robot in sight did not get one."""
         numbers = {"frames_sent": self.sent, "frames_missed": self._missed}
         return {name: float(number) for name, number in numbers.items()}
 

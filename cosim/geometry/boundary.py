@@ -26,8 +26,8 @@ from cosim.jit import njit
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-PackedBoundary: TypeAlias = tuple[Floats, Ints, Integers, Floats]
-"""Numbers and members of the grid, links (3, n), and measures (n + 1,): the arcs and the side."""
+PackedBoundary: TypeAlias = tuple[Floats, Ints, Integers, float]
+"""Numbers and members of the grid, links (3, n), and the side."""
 
 CLEAR_M: Final = 1e-6
 """How far beside an edge the eye of a robot is that touches the edge."""
@@ -49,8 +49,6 @@ class Boundary(NamedTuple):
     """The edge before each edge, (n,)."""
     loop: Integers
     """The number of each edge's loop, (n,): obstacles first, in the order given, then enclosures."""
-    arc_m: Floats
-    """The length of the loop before each edge, (n,)."""
     side: float
     """1.0 if the obstacle is at the right hand of who walks (local direction left), else -1.0."""
 
@@ -64,7 +62,7 @@ def boundary(
     each other; *left* is the local direction. Repeated vertices are dropped. Raise ValueError for a loop that
     encloses nothing.
     """
-    edges, following, loop, arcs = [], [], [], []
+    edges, following, loop = [], [], []
     first = 0
     for number, vertices in enumerate((*obstacles, *enclosures)):
         ring = _tidy(np.asarray(vertices, dtype=np.float64))
@@ -77,26 +75,25 @@ def boundary(
         edges.append(np.hstack((ring, ahead)))
         following.append(first + (np.arange(size) + 1) % size)
         loop.append(np.full(size, number))
-        arcs.append(np.concatenate(([0.0], np.cumsum(np.hypot(*(ahead - ring).T))[:-1])))
         first += size
     grid = segment_grid(np.concatenate(edges) if edges else ())
     after = np.concatenate([np.zeros(0, np.int64), *following]).astype(np.int64)
     before = np.empty_like(after)
     before[after] = np.arange(first)
     loops = np.concatenate([np.zeros(0, np.int64), *loop]).astype(np.int64)
-    return Boundary(grid, after, before, loops, np.concatenate([np.zeros(0), *arcs]), 1.0 if left else -1.0)
+    return Boundary(grid, after, before, loops, 1.0 if left else -1.0)
 
 
 def packed_boundary(loops: Boundary) -> PackedBoundary:
-    """Return *loops* as four arrays: a kernel gets them ten times faster than named tuples (``unpacked_boundary``)."""
+    """Return *loops* in parts (``unpacked_boundary``): a kernel gets them ten times faster than as named tuples."""
     links = np.stack((loops.following, loops.preceding, loops.loop))
-    return *packed_walls(loops.grid), links, np.append(loops.arc_m, loops.side)
+    return *packed_walls(loops.grid), links, loops.side
 
 
 @njit(cache=True)
-def unpacked_boundary(numbers: Floats, members: Ints, links: Integers, measures: Floats) -> Boundary:
+def unpacked_boundary(numbers: Floats, members: Ints, links: Integers, side: float) -> Boundary:
     """Return the boundary of :func:`packed_boundary`; a kernel for kernels."""
-    return Boundary(unpacked(numbers, members), links[0], links[1], links[2], measures[:-1], measures[-1])
+    return Boundary(unpacked(numbers, members), links[0], links[1], links[2], side)
 
 
 def _tidy(ring: Floats) -> Floats:
@@ -126,11 +123,6 @@ def inflated(walls_m: npt.ArrayLike, radius_m: float, quad_segs: int = 4) -> tup
     parts = [part for part in shapely.get_parts(grown) if not part.is_empty]
     obstacles = [np.asarray(part.exterior.coords)[:-1] for part in parts]
     return obstacles, [np.asarray(ring.coords)[:-1] for part in parts for ring in part.interiors]
-
-
-def arc_length(loops: Boundary, edge: int, along_m: float) -> float:
-    """Return how far along its loop a place is, in metres from the loop's first vertex."""
-    return float(loops.arc_m[edge]) + along_m
 
 
 def visible_stretches(loops: Boundary, x_m: float, y_m: float, radius_m: float) -> Floats:

@@ -33,7 +33,7 @@ from cosim.geometry.boundary import (
 )
 from cosim.geometry.segments import cells_near, in_sight
 from cosim.jit import njit
-from cosim.navigation.status import Status
+from cosim.navigation.status import ARRIVED, STUCK, UNDERWAY, UNREACHABLE, Status
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
@@ -62,7 +62,6 @@ class Path(NamedTuple):
 S_X, S_Y, T_X, T_Y, U_X, U_Y, TOTAL, WALKING, EDGE, ALONG, LINE, HIT, LAST, STATUS = range(14)
 SIZE: Final = 14
 
-UNDERWAY, ARRIVED, UNREACHABLE, STUCK = map(int, Status)
 NOTHING, LEFT, CLOSED, GOAL = 0, 1, 2, 3
 """What a stretch of boundary brings: nothing, a leave point, the hit point again, the goal."""
 _WAITING: Final = 20

@@ -15,32 +15,56 @@ forgotten, and what comes in is new ground. A new goal clears the map.
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from cosim.jit import njit
-from cosim.navigation.schemas import Vector
+from cosim.navigation.schemas import Floats, Vector
 
 Counts: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Corner: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
+_PER_M, _HORIZON, _MARK, _CEILING, _GAIN, _NUMBERS = range(6)
 _VISITS: Final = 10.0
 """So many visits of every cell of the window push with about 1."""
 _FARTHEST_CELLS: Final = 1e15
 """Cells farther off are not counted: their numbers would not be exact."""
 
 
+class Past(NamedTuple):
+    """Where a robot has been, and how that pushes it: what :func:`avoid_past` reads and writes."""
+
+    visits: Counts
+    """(n, n), a count for every cell of a square map that follows the robot, by column and row."""
+    corner: Corner
+    """(2,), the cell of F_i that ``visits[0, 0]`` stands for."""
+    numbers: Floats
+    """The settings, packed; see :func:`empty_past`."""
+
+
+def empty_past(
+    side_cells: int, cells_per_m: float, horizon_cells: int, mark_cells: int, ceiling: float, gain: float
+) -> Past:
+    """Return the past of a robot that has been nowhere; raise ValueError if horizon or mark reach beyond half the map.
+
+    *ceiling* is the greatest length of the push before its weight, *gain*.
+    """
+    if not 2 * max(horizon_cells, mark_cells) < side_cells:
+        raise ValueError(f"a map of {side_cells} cells is too small for {horizon_cells} and {mark_cells} cells")
+    numbers = np.empty(_NUMBERS)
+    numbers[:] = cells_per_m, horizon_cells, mark_cells, ceiling, gain
+    return Past(np.zeros((side_cells, side_cells), np.int32), np.full(2, -(side_cells // 2), np.int64), numbers)
+
+
 @njit(cache=True)
-def avoid_past(
-    visits: Counts, corner: Corner, x_m: float, y_m: float, cells_per_m: float, horizon: int, mark: int, ceiling: float
-) -> Vector:
+def avoid_past(visits: Counts, corner: Corner, numbers: Floats, x_m: float, y_m: float) -> Vector:
     """Return the push away from where the robot has been, and count the cells around (x, y) in *visits*.
 
-    *visits* (n, n) is indexed by column and row; *corner* (2,) is the cell of F_i that ``visits[0, 0]`` stands for.
-    Both are changed in place. *horizon* and *mark* are cells, each less than n / 2. A place that is not finite, or too
-    far off for whole cells, pushes with (0, 0) and is not counted.
+    The first three are those of a :class:`Past`; *visits* and *corner* are changed in place. A place that is not
+    finite, or too far off for whole cells, pushes with (0, 0) and is not counted.
     """
+    cells_per_m, horizon, mark = numbers[_PER_M], int(numbers[_HORIZON]), int(numbers[_MARK])
     n = visits.shape[0]
     farthest_m = _FARTHEST_CELLS / cells_per_m
     if not (abs(x_m) < farthest_m and abs(y_m) < farthest_m):  # also for NaN
@@ -52,11 +76,11 @@ def avoid_past(
         _shift(visits, i - n // 2, j - n // 2)
         corner[0], corner[1] = cell_x - n // 2, cell_y - n // 2
         i, j = n // 2, n // 2
-    push = _push(visits, i, j, horizon, ceiling)
+    push_x, push_y = _push(visits, i, j, horizon, numbers[_CEILING])
     for k in range(i - mark, i + mark + 1):
         for m in range(j - mark, j + mark + 1):
             visits[k, m] += 1
-    return push
+    return numbers[_GAIN] * push_x, numbers[_GAIN] * push_y
 
 
 @njit(cache=True)
@@ -91,29 +115,3 @@ def _shift(visits: Counts, by_x: int, by_y: int) -> None:
         for m in range(n):
             a, b = k + by_x, m + by_y
             visits[k, m] = old[a, b] if 0 <= a < n and 0 <= b < n else 0
-
-
-class Past:
-    """Where a robot has been, as counts of visits on a square map that follows it."""
-
-    def __init__(
-        self, side_cells: int, cells_per_m: float, horizon_cells: int, mark_cells: int, ceiling: float
-    ) -> None:
-        """Make an empty map; raise ValueError if horizon or mark reach beyond half its side."""
-        if not 2 * max(horizon_cells, mark_cells) < side_cells:
-            raise ValueError(f"a map of {side_cells} cells is too small for {horizon_cells} and {mark_cells} cells")
-        self.visits: Counts = np.zeros((side_cells, side_cells), np.int32)
-        self.corner: Corner = np.full(2, -(side_cells // 2), np.int64)
-        self._cells_per_m = float(cells_per_m)
-        self._horizon, self._mark, self._ceiling = horizon_cells, mark_cells, float(ceiling)
-
-    def push(self, x_m: float, y_m: float) -> Vector:
-        """Return the push on a robot at (x, y), and remember that it is there; see :func:`avoid_past`."""
-        push: Vector = avoid_past(
-            self.visits, self.corner, x_m, y_m, self._cells_per_m, self._horizon, self._mark, self._ceiling
-        )
-        return push
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self.visits.fill(0)

@@ -16,5 +16,6 @@ class Status(IntEnum):
     """The robot has made no progress for a while; it may still, if something changes."""
 
 
+UNDERWAY, ARRIVED, UNREACHABLE, STUCK = map(int, Status)  # for kernels
 STATUSES: Final = tuple(Status)
 """By their numbers: faster than the enumeration's constructor."""

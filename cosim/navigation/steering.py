@@ -15,14 +15,15 @@ the goal.
 import math
 from collections.abc import Sequence
 from struct import Struct
-from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.jit import njit
-from cosim.navigation.past import Corner, Counts, Past, avoid_past
+from cosim.navigation.past import Corner, Counts, avoid_past, empty_past
 from cosim.navigation.schemas import (
+    Floats,
     Vector,
     avoid_robots,
     beam_directions,
@@ -31,23 +32,18 @@ from cosim.navigation.schemas import (
     noise,
     potential_field,
 )
-from cosim.navigation.status import STATUSES, Status
+from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.randomness import Draws
 from cosim.settings import Settings
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-
 
 _STILL: Final = 0.05
 """Less than this share of a step is no motion."""
 _HELD_STEPS: Final = 3
 """After so many steps without motion a robot is held; a command may act a tick or two late."""
-
-_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
-STUCK: Final = int(Status.STUCK)
-UNDERWAY: Final = int(Status.UNDERWAY)
 _FREEING: Final = 1
 """The purpose of the draws for steps that free a robot."""
+
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
 class Steer(NamedTuple):
@@ -153,8 +149,7 @@ class AvoidPastParameters(PotentialFieldParameters):
 
 # a navigator's numbers for its kernel: what it is told once, and what it remembers from step to step
 _GOAL_GAIN, _AVOID_GAIN, _SPHERE, _MARGIN, _SPEEDS, _PROGRESS, _PATIENCE, _OWN_NUMBERS = range(8)
-_NEAREST, _VAIN, _LAST_X, _LAST_Y, _ASKED, _STILL_STEPS, _NUMBERS = range(7)
-_PER_M, _HORIZON, _MARK, _CEILING, _PAST_GAIN, _PAST_NUMBERS = range(6)
+_NEAREST, _VAIN, _LAST_X, _LAST_Y, _ASKED, _STILL_STEPS, _MEMORY = range(7)
 _HELD: Final = -1
 """Stands for a status where the robot is held, and its step is left to chance."""
 
@@ -207,11 +202,8 @@ def _past_step(
     urge_y: float,
 ) -> tuple[float, float, int]:
     """Do what :func:`_field_step` does, with the push away from the past added to the urge."""
-    push_x, push_y = avoid_past(
-        visits, corner, x_m, y_m, past[_PER_M], int(past[_HORIZON]), int(past[_MARK]), past[_CEILING]
-    )
-    gain = past[_PAST_GAIN]
-    urge_x, urge_y = urge_x + gain * push_x, urge_y + gain * push_y
+    push_x, push_y = avoid_past(visits, corner, past, x_m, y_m)
+    urge_x, urge_y = urge_x + push_x, urge_y + push_y
     return _field_step(ranges, beams, own, memory, x_m, y_m, goal_x, goal_y, step_m, urge_x, urge_y)
 
 
@@ -264,7 +256,7 @@ class PotentialField:
         self._numbers = np.empty(_OWN_NUMBERS)
         self._numbers[: _MARGIN + 1] = own.goal_gain, own.avoid_gain, own.avoid_sphere_m, own.avoid_margin_m
         self._numbers[_SPEEDS:] = own.drive == "speed", own.progress_m, own.patience
-        self._memory = np.zeros(_NUMBERS)
+        self._memory = np.zeros(_MEMORY)
         self._memory[_NEAREST] = math.inf
         self._draws = draws
         self._ring = _Ring()
@@ -321,20 +313,19 @@ class AvoidPast(PotentialField):
     def __init__(self, parameters: AvoidPastParameters, draws: Draws) -> None:
         super().__init__(parameters, draws)
         own = parameters
-        self._past = Past(own.side_cells, own.cells_per_m, own.horizon_cells, own.mark_cells, own.past_ceiling)
-        self._gains = np.empty(_PAST_NUMBERS)
-        self._gains[: _CEILING + 1] = own.cells_per_m, own.horizon_cells, own.mark_cells, own.past_ceiling
-        self._gains[_PAST_GAIN] = own.past_gain
+        self._past = empty_past(
+            own.side_cells, own.cells_per_m, own.horizon_cells, own.mark_cells, own.past_ceiling, own.past_gain
+        )
 
     def restart(self) -> None:
         """Forget the progress and the ground visited: the goal is a new one."""
         super().restart()
-        self._past.clear()
+        self._past.visits.fill(0)
 
     def _motion(self, ranges_m: Sequence[float] | Floats, *numbers: float) -> tuple[float, float, int]:
-        ring, past = self._ring, self._past
+        ring = self._ring
         ranges = ring.take(ranges_m)
         motion: tuple[float, float, int] = _past_step(
-            ranges, ring.beams, self._numbers, self._memory, past.visits, past.corner, self._gains, *numbers
+            ranges, ring.beams, self._numbers, self._memory, *self._past, *numbers
         )
         return motion

@@ -38,7 +38,6 @@ from cosim.geometry.boundary import (
 from cosim.jit import njit
 from cosim.navigation.bug2 import (
     ALONG,
-    ARRIVED,
     CLOSED,
     EDGE,
     GOAL,
@@ -54,8 +53,6 @@ from cosim.navigation.bug2 import (
     TOTAL,
     U_X,
     U_Y,
-    UNDERWAY,
-    UNREACHABLE,
     WALKING,
     Move,
     Path,
@@ -73,7 +70,7 @@ from cosim.navigation.bug2 import (
     waited,
     walk,
 )
-from cosim.navigation.status import Status
+from cosim.navigation.status import ARRIVED, UNDERWAY, UNREACHABLE, Status
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
@@ -159,7 +156,7 @@ def visbug_packed(
     numbers: Floats,
     members: Ints,
     links: Integers,
-    measures: Floats,
+    side: float,
     memory: Floats,
     begun: bool,
     x: float,
@@ -170,10 +167,12 @@ def visbug_packed(
     step: float,
     near: float,
 ) -> tuple[float, float, int]:
-    """Do what :func:`visbug_kernel` does, for those who call it at every tick: numba is slow to pass anything but
-    arrays in, and to hand arrays out. *memory* (MEMORY,) is changed in place, and means nothing unless *begun*.
+    """Do what :func:`visbug_kernel` does, for those who call it at every tick, with the loops of ``packed_boundary``.
+
+    Numba is slow to pass anything but arrays in, and to hand arrays out. *memory* (MEMORY,) is changed in place, and
+    means nothing unless *begun*.
     """
-    loops = unpacked_boundary(numbers, members, links, measures)
+    loops = unpacked_boundary(numbers, members, links, side)
     known = memory if begun else memory[:0]
     to_x, to_y, status, after = visbug_kernel(loops, known, x, y, goal_x, goal_y, vision, step, near)
     memory[:] = after

@@ -4,8 +4,8 @@ The work is the same whoever does it: the explorers share out as many targets. S
 themselves, as long as they have a target.
 """
 
+import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 from pydantic import Field
@@ -14,6 +14,7 @@ from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
+from experiments.reflection_tables.choices import changed, steps_with_target
 
 COLUMNS: Final = (
     Column("steps", "float", "1", "motion steps a target; one that is given up counts with the steps until then"),
@@ -23,7 +24,6 @@ COLUMNS: Final = (
     Column("troubles", "float", "1", "times that a robot got into trouble"),
     Column("payload_bytes", "float", "B", "bytes in the frames of all robots"),
 )
-STEPS: Final = ("steps_to_goal", "steps_to_promise", "steps_to_helper", "steps_to_algorithm")
 
 
 class Parameters(Settings):
@@ -39,24 +39,19 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)
     each = given.targets // given.explorers
-    changes = {"explorers": given.explorers, "target_count": each}
-    scenario = with_team(given.scenario, given.explorers + given.helpers, changes)
-    metrics = simulate(scenario, seed).metrics
+    changes = {
+        "team.size": given.explorers + given.helpers,
+        "protocol.parameters.explorers": given.explorers,
+        "protocol.parameters.target_count": each,
+    }
+    metrics = simulate(changed(given.scenario, changes, "roles"), seed).metrics
     wanted = each * given.explorers
-    steps = sum(metrics[name] for name in STEPS)
+    steps = steps_with_target(metrics)
     return {
         "steps": steps / wanted,
         "given_up": metrics["targets_given_up"] / wanted,
         "done_s": metrics["simulated_s"],
-        "promise_share": metrics["steps_to_promise"] / steps,
+        "promise_share": metrics["steps_to_promise"] / (steps or math.nan),  # all may stand at their targets
         "troubles": metrics["troubles"],
         "payload_bytes": metrics["payload_bytes"],
     }
-
-
-def with_team(scenario: Scenario, size: int, changes: Mapping[str, Any]) -> Scenario:
-    """Return *scenario* with a team of *size* and other parameters of its protocol; maps are looked for from here."""
-    plain = scenario.model_dump(mode="json")
-    plain["team"]["size"] = size
-    plain["protocol"]["parameters"] |= changes
-    return Scenario.model_validate(plain).placed(Path(__file__).parent)

@@ -1,16 +1,16 @@
 """How goal reflection grows with the team: bytes of a frame and of the team, and targets in a given time."""
 
+import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.documents import Assignment, parse_place
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
+from experiments.reflection_tables.choices import changed, steps_with_target
 
 COLUMNS: Final = (
     Column("bytes_a_frame", "float", "B", "mean size of what a robot tells at once, the payload of a frame"),
@@ -20,7 +20,6 @@ COLUMNS: Final = (
     Column("targets_given_up", "float", "1", "targets that explorers did without"),
     Column("promise_share", "float", "1", "share of explorers' steps that were headed for a promise"),
 )
-STEPS: Final = ("steps_to_goal", "steps_to_promise", "steps_to_helper", "steps_to_algorithm")
 
 
 class Task(Settings):
@@ -49,10 +48,9 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         "team.size": given.robots,
         "protocol.parameters.explorers": explorers,
     }
-    assignments = [Assignment(parse_place(path), value, "task") for path, value in changes.items()]
-    scenario = build(dump(given.scenario), "scenario", Path(__file__).parent, assignments)
+    scenario = changed(given.scenario, changes, "task")
     metrics = simulate(scenario, seed).metrics
-    steps, reached = sum(metrics[name] for name in STEPS), metrics["targets_reached"]
+    steps, reached = steps_with_target(metrics), metrics["targets_reached"]
     period_s = getattr(scenario.protocol.parameters, "period_s", None) or scenario.tick_s
     return {
         "bytes_a_frame": metrics["payload_bytes"] / metrics["frames"] if metrics["frames"] else float("nan"),
@@ -60,5 +58,5 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         "targets_an_hour": reached / explorers * 3600 / metrics["simulated_s"],
         "steps_a_target": steps / reached if reached else float("nan"),
         "targets_given_up": metrics["targets_given_up"],
-        "promise_share": metrics["steps_to_promise"] / steps,
+        "promise_share": metrics["steps_to_promise"] / (steps or math.nan),  # all may stand at their targets
     }

@@ -91,8 +91,21 @@ class Parameters(Settings):
         changes = {"floorplan.map": (self.floors | self.choice.floors)[self.floor]} | self.choice.set
         if self.team == "smallest":
             changes["team.size"] = self.smallest.get(self.algorithm, 1)
-        assignments = [Assignment(parse_place(path), value, "choice") for path, value in changes.items()]
-        return build(dump(self.scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(self.scenario, changes, "choice")
+
+
+def changed(scenario: Scenario, changes: Mapping[str, Any], source: str) -> Scenario:
+    """Return *scenario* with other settings, by their paths; maps are looked for from here.
+
+    Raise UserError, naming *source*, for a setting that it does not have or that cannot be.
+    """
+    assignments = [Assignment(parse_place(path), value, f"{source}: {path}") for path, value in changes.items()]
+    return build(dump(scenario), "scenario", Path(__file__).parent, assignments)
+
+
+def steps_with_target(metrics: Mapping[str, float]) -> float:
+    """Return the motion steps that robots have made while they had a target, by their own count."""
+    return sum(steps for name, steps in metrics.items() if name.startswith("steps_to_"))
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

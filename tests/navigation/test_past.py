@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.navigation.past import Past
+from cosim.navigation.past import avoid_past, empty_past
 
 
 class PlainPast:
@@ -45,11 +45,11 @@ class PlainPast:
 )
 def test_every_push_of_a_random_walk_equals_the_plain_model(side, horizon, mark):
     draw = np.random.default_rng(side)
-    past, plain = Past(side, 5.0, horizon, mark, 0.5), PlainPast(side, 5.0, horizon, mark, 0.5)
+    past, plain = empty_past(side, 5.0, horizon, mark, 0.5, 1.0), PlainPast(side, 5.0, horizon, mark, 0.5)
     places = np.cumsum(draw.normal(0.0, 0.4, (250, 2)), axis=0)
     pushes = []
     for x, y in places.tolist():
-        pushes.append(past.push(x, y))
+        pushes.append(avoid_past(*past, x, y))
         assert pushes[-1] == pytest.approx(plain.push(x, y), abs=1e-12)
     lengths = np.hypot(*np.array(pushes).T)
     assert plain.scrolled >= 3, "the map has moved along"
@@ -57,64 +57,71 @@ def test_every_push_of_a_random_walk_equals_the_plain_model(side, horizon, mark)
     assert lengths.max() <= 0.5 + 1e-12
 
 
-def past_of(*places, visits=1, ceiling=100.0):
-    past = Past(60, 10.0, 5, 3, ceiling)
+def past_of(*places, visits=1, ceiling=100.0, gain=1.0):
+    past = empty_past(60, 10.0, 5, 3, ceiling, gain)
     for _ in range(visits):
         for x, y in places:
-            past.push(x, y)
+            avoid_past(*past, x, y)
     return past
 
 
 @pytest.mark.parametrize("angle", np.linspace(0.1, 2 * np.pi, 9).tolist())
 def test_a_robot_is_pushed_to_the_side_where_it_has_been_less_often(angle):
     been = (0.25 * math.cos(angle), 0.25 * math.sin(angle))
-    x, y = past_of(been).push(0.0, 0.0)
+    x, y = avoid_past(*past_of(been), 0.0, 0.0)
     assert x * been[0] + y * been[1] < -0.8 * math.hypot(x, y) * math.hypot(*been)
 
 
 def test_the_push_grows_with_the_visits_up_to_its_ceiling():
     # 7 x 7 marked cells, all in the window of horizon 5: 49 visits of 40 * 25 a time
     been = (0.25, 0.05)
-    assert math.hypot(*past_of(been, visits=3).push(0.05, 0.05)) == pytest.approx(3 * 49 / 1000)
-    assert math.hypot(*past_of(been, visits=30).push(0.05, 0.05)) == pytest.approx(30 * 49 / 1000)
-    assert math.hypot(*past_of(been, visits=30, ceiling=0.7).push(0.05, 0.05)) == pytest.approx(0.7)
+    assert math.hypot(*avoid_past(*past_of(been, visits=3), 0.05, 0.05)) == pytest.approx(3 * 49 / 1000)
+    assert math.hypot(*avoid_past(*past_of(been, visits=30), 0.05, 0.05)) == pytest.approx(30 * 49 / 1000)
+    assert math.hypot(*avoid_past(*past_of(been, visits=30, ceiling=0.7), 0.05, 0.05)) == pytest.approx(0.7)
+
+
+def test_its_gain_weighs_the_push_after_its_ceiling():
+    been = (0.25, 0.05)
+    assert math.hypot(*avoid_past(*past_of(been, visits=3, gain=2.0), 0.05, 0.05)) == pytest.approx(2 * 3 * 49 / 1000)
+    held = past_of(been, visits=30, ceiling=0.7, gain=3.0)
+    assert math.hypot(*avoid_past(*held, 0.05, 0.05)) == pytest.approx(2.1)
 
 
 def test_new_ground_does_not_push_and_neither_does_a_place_alone():
     past = past_of()
-    assert past.push(0.05, 0.05) == (0.0, 0.0)
-    assert past.push(0.05, 0.05) == (0.0, 0.0), "its own marks lie around it alike"
+    assert avoid_past(*past, 0.05, 0.05) == (0.0, 0.0)
+    assert avoid_past(*past, 0.05, 0.05) == (0.0, 0.0), "its own marks lie around it alike"
 
 
 def test_what_lies_beyond_the_horizon_does_not_push():
-    assert past_of((0.05, 0.05)).push(0.95, 0.05) == (0.0, 0.0)  # 9 cells: marks reach 3 of them, the horizon 5
-    assert past_of((0.05, 0.05)).push(0.85, 0.05)[0] > 0.0  # 8 cells
+    assert avoid_past(*past_of((0.05, 0.05)), 0.95, 0.05) == (0.0, 0.0)  # 9 cells: marks reach 3 of them, the horizon 5
+    assert avoid_past(*past_of((0.05, 0.05)), 0.85, 0.05)[0] > 0.0  # 8 cells
 
 
 def test_the_map_moves_along_and_forgets_what_falls_off():
     past = past_of((0.0, 0.0), visits=5)
     for step in range(80):
-        past.push(0.1 * step, 0.0)
+        avoid_past(*past, 0.1 * step, 0.0)
     for step in range(10):
-        past.push(8.0, 0.1 * step)
+        avoid_past(*past, 8.0, 0.1 * step)
     assert past.visits.sum() < 95 * 49
     corner = past.corner.tolist()
     assert corner[0] <= 80 - 8 < 80 + 8 < corner[0] + 60
     fresh, there = past_of(), (0.31, 0.2)
-    past.push(0.2, 0.2)  # back at once: nothing of the map is left
-    fresh.push(0.2, 0.2)
-    assert past.push(*there) == fresh.push(*there) != (0.0, 0.0)
+    avoid_past(*past, 0.2, 0.2)  # back at once: nothing of the map is left
+    avoid_past(*fresh, 0.2, 0.2)
+    assert avoid_past(*past, *there) == avoid_past(*fresh, *there) != (0.0, 0.0)
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (3, -7), (-1000, 412)])
 def test_pushes_do_not_depend_on_where_the_frame_begins(shift):
     # cell middles, so that rounding moves nobody into the next cell
     cells = np.cumsum(np.random.default_rng(4).integers(-1, 2, (200, 2)), axis=0)
-    here, there = Past(100, 10.0, 5, 3, 2.0), Past(100, 10.0, 5, 3, 2.0)
-    there.push(0.1 * shift[0] + 0.05, 0.1 * shift[1] + 0.05)
-    here.push(0.05, 0.05)
+    here, there = empty_past(100, 10.0, 5, 3, 2.0, 1.0), empty_past(100, 10.0, 5, 3, 2.0, 1.0)
+    avoid_past(*there, 0.1 * shift[0] + 0.05, 0.1 * shift[1] + 0.05)
+    avoid_past(*here, 0.05, 0.05)
     for x, y in ((cells + 0.5) / 10).tolist():
-        assert there.push(x + shift[0] / 10, y + shift[1] / 10) == here.push(x, y)
+        assert avoid_past(*there, x + shift[0] / 10, y + shift[1] / 10) == avoid_past(*here, x, y)
 
 
 def test_cells_are_as_wide_left_of_the_origin_as_right_of_it():
@@ -123,24 +130,16 @@ def test_cells_are_as_wide_left_of_the_origin_as_right_of_it():
     assert past.visits.sum() == 49
 
 
-def test_a_cleared_map_is_as_good_as_new():
-    past = past_of((0.0, 0.0), (0.3, 0.1), visits=4)
-    past.clear()
-    fresh = past_of()
-    for place in ((0.1, 0.0), (0.2, 0.1), (0.2, 0.2)):
-        assert past.push(*place) == fresh.push(*place)
-
-
 @pytest.mark.parametrize("place", [(math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0), (0.0, -math.inf), (0.0, 1e300)])
 def test_a_place_that_is_nowhere_is_not_counted(place):
     past = past_of((0.5, -0.3))
     before = past.visits.copy()
-    assert past.push(*place) == (0.0, 0.0)
+    assert avoid_past(*past, *place) == (0.0, 0.0)
     assert (past.visits == before).all()
 
 
 def test_a_map_must_hold_its_horizon_and_its_marks():
-    Past(11, 10.0, 5, 5, 1.0).push(0.0, 0.0)
+    avoid_past(*empty_past(11, 10.0, 5, 5, 1.0, 1.0), 0.0, 0.0)
     for horizon, mark in ((5, 1), (1, 5)):
         with pytest.raises(ValueError, match="10 cells is too small"):
-            Past(10, 10.0, horizon, mark, 1.0)
+            empty_past(10, 10.0, horizon, mark, 1.0, 1.0)
