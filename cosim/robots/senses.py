@@ -9,9 +9,10 @@ under which half of the other's body appears, times U[-b, b]. The paper has b = 
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import accumulate, chain, pairwise
+from itertools import chain, pairwise
 from struct import Struct
 from typing import Any, Final, Literal, TypeAlias
 
@@ -135,10 +136,13 @@ class Senses:
             ]
         )
         self._room = self._poses, self._limits, *walls
-        self._counts = np.zeros(count, np.int64)
-        """How many others each robot sees, and, for one after the other, whom and where."""
-        self._others = np.empty(count * count, np.int64)
+        self._pairs = np.empty(count * count, np.int64)
+        """Who sees whom, as the observer's number times that of robots, plus the other's; and where."""
         self._places = np.empty((2, count * count))
+        self._in_sight: list[int] = []
+        """The pairs of the last picture; whom they are with, and which of them are each robot's."""
+        self._others: list[int] = []
+        self._shares: list[tuple[int, int]] = [(0, 0)] * count
         self._nobody: list[tuple[()]] = [()] * count
         self._period = max(1, round((settings.camera_period_s or 0.0) / to_seconds(tick)))
         self._beams = settings.beams
@@ -152,9 +156,9 @@ class Senses:
         """Return what each robot senses now."""
         moved = self._drifts and self._ticks > 0
         picture = self._ticks % self._period == 0
-        counts = self._counts if picture else _NO_PICTURE
-        seen = _sense(*self._room, fleet.observed, self._ticks, moved, counts, self._others, self._places)
-        if picture:
+        pairs = self._pairs if picture else _NO_PICTURE
+        seen = _sense(*self._room, fleet.observed, self._ticks, moved, pairs, self._places)
+        if picture and (seen or self._in_sight):
             self._picture(seen)
         self._ticks += 1
         self._known = self._poses[:, : _BLOCKED + 1].tolist()
@@ -166,15 +170,21 @@ class Senses:
         ]
 
     def _picture(self, seen: int) -> None:
-        """Sort what the cameras have *seen* in all by who has seen it."""
-        if not seen:
-            self._sightings = self._visible = self._nobody
-            return
-        others, (xs, ys) = self._others[:seen].tolist(), self._places[:, :seen].tolist()
-        all_seen = [_new(Sighting, seen_there) for seen_there in zip(others, xs, ys, strict=True)]
-        ends = list(accumulate(self._counts.tolist(), initial=0))
-        self._sightings = [tuple(all_seen[begin:end]) for begin, end in pairwise(ends)]
-        self._visible = [tuple(others[begin:end]) for begin, end in pairwise(ends)]
+        """Sort what the cameras have *seen* in all by who has seen it; mostly they see whom they saw before."""
+        pairs, (xs, ys) = self._pairs[:seen].tolist(), self._places[:, :seen].tolist()
+        if pairs != self._in_sight:
+            self._in_sight = pairs
+            self._sort_out(pairs)
+        all_seen = [_new(Sighting, other_there) for other_there in zip(self._others, xs, ys, strict=True)]
+        self._sightings = [tuple(all_seen[begin:end]) for begin, end in self._shares]
+
+    def _sort_out(self, pairs: list[int]) -> None:
+        """Note whose each of *pairs* is; they are in order."""
+        count = len(self._views)
+        self._others = [pair % count for pair in pairs]
+        ends = [bisect_left(pairs, robot * count) for robot in range(count + 1)]
+        self._shares = list(pairwise(ends))
+        self._visible = [tuple(self._others[begin:end]) for begin, end in self._shares]
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
@@ -244,15 +254,14 @@ def _sense(
     rows: Floats,
     tick: int,
     moved: bool,
-    counts: Integers,
-    others: Integers,
+    pairs: Integers,
     places: Floats,
 ) -> int:
     """Do :func:`_locate`, and :func:`_see` if there is room for a picture; return how many have been seen in all."""
     _locate(poses, limits, rows, tick, moved)
-    if not counts.shape[0]:
+    if not pairs.shape[0]:
         return 0
-    return _see(poses, limits, unpacked(numbers, members), tick, counts, others, places)
+    return _see(poses, limits, unpacked(numbers, members), tick, pairs, places)
 
 
 @njit(cache=True)
@@ -327,14 +336,11 @@ def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, 
 
 
 @njit(cache=True)
-def _see(
-    poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, counts: Integers, others: Integers, places: Floats
-) -> int:
+def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Integers, places: Floats) -> int:
     """Write whom each robot sees, and where, in its own frame: robot by robot; return how many that are."""
     at = 0
     errors = limits[_DISTANCE_ERROR] > 0.0 or limits[_BEARING_ERROR] > 0.0
     for i in range(poses.shape[0]):
-        begin = at
         own_turn = poses[i, _OWN_HEADING] - poses[i, _HEADING]
         cos, sin = math.cos(own_turn), math.sin(own_turn)
         for j in range(poses.shape[0]):
@@ -348,11 +354,10 @@ def _see(
                 half = math.atan2(poses[j, _RADIUS], math.sqrt(dx * dx + dy * dy))
                 turn = own_turn + half * limits[_BEARING_ERROR] * aside
                 cos, sin = stretch * math.cos(turn), stretch * math.sin(turn)
-            others[at] = j
+            pairs[at] = i * poses.shape[0] + j
             places[0, at] = poses[i, _OWN_X] + cos * dx - sin * dy
             places[1, at] = poses[i, _OWN_Y] + sin * dx + cos * dy
             at += 1
-        counts[i] = at - begin
     return at
 
 

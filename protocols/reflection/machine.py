@@ -143,7 +143,7 @@ class Reflection:
             self._look(observation, here, now)
         going = self._choose(observation, now)
         if going is not self._going and going is not None and going != self._going:
-            self._commands.append(GoTo(*going))
+            self._commands.append(_new(GoTo, going))
             self._going = going
         if self._sightings and now >= self._next_frame and self._speaks:
             self._tell(here, now)

@@ -24,27 +24,29 @@ class TargetReferee:
         self._epsilon_m = epsilon_m
         self._next = [0] * len(self._targets_m)
         self._steps = [0] * len(self._targets_m)
-        self._dead: set[Address] = set()
+        self._open = [explorer for explorer, targets in enumerate(self._targets_m) if targets]
+        """Those who live and have targets left."""
         self._begun = False
 
     def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
         """Count a motion step for every living explorer with open targets; return whether there is none."""
-        open_targets = False
-        for explorer, targets in enumerate(self._targets_m):
-            at = self._next[explorer]
-            if at >= len(targets) or explorer in self._dead:
-                continue
+        for explorer in self._open.copy():
             self._steps[explorer] += self._begun
-            x, y = targets[at]
+            x, y = self._targets_m[explorer][self._next[explorer]]
             if math.hypot(x_m.item(explorer) - x, y_m.item(explorer) - y) < self._epsilon_m:
-                self._next[explorer] = at + 1
-            open_targets = open_targets or self._next[explorer] < len(targets)
+                self._reached(explorer)
         self._begun = True
-        return not open_targets and bool(self._targets_m)
+        return not self._open and bool(self._targets_m)
+
+    def _reached(self, explorer: Address) -> None:
+        self._next[explorer] += 1
+        if self._next[explorer] == len(self._targets_m[explorer]):
+            self._open.remove(explorer)
 
     def died(self, death: Death) -> None:
         """Expect nothing more of the dead."""
-        self._dead.add(death.robot)
+        if death.robot in self._open:
+            self._open.remove(death.robot)
 
     def verdict(self, now: Time) -> dict[str, float]:
         """Return motion steps and targets reached, all explorers together."""
