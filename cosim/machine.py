@@ -58,6 +58,8 @@ class Outcome(StrEnum):
     """No packet type in use can carry it."""
     FLUSHED = "flushed"
     """Taken out of the queue by a ``Flush``, for having waited too long, or as its link ended or was parked."""
+    UNACKNOWLEDGED = "unacknowledged"
+    """Sent as often as allowed, and never acknowledged by the destination's radio."""
     QUEUE_FULL = "queue_full"
     """The device holds as many payloads as it can."""
 

@@ -27,6 +27,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
 from cosim.channels.vision import OpticalSettings
@@ -44,6 +45,7 @@ CHANNELS: dict[str, type[Settings]] = {
     "ideal": IdealSettings,
     "optical": OpticalSettings,
     "bluetooth": BluetoothSettings,
+    "adhoc": AdhocSettings,
 }
 """The settings of every kind of channel."""
 
@@ -184,9 +186,9 @@ class Scenario(Settings):
     tick_s: float = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
-    channel: Annotated[IdealSettings | OpticalSettings | BluetoothSettings, Field(discriminator="kind")] = Field(
-        default_factory=IdealSettings, description="what carries their messages"
-    )
+    channel: Annotated[
+        IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings, Field(discriminator="kind")
+    ] = Field(default_factory=IdealSettings, description="what carries their messages")
     protocol: ProtocolChoice = Field(description="what they run")
     faults: tuple[FaultSettings, ...] = Field(default=(), description="what goes wrong, and when")
 

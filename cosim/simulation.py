@@ -13,6 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from cosim.channels.adhoc.channel import AdhocChannel
+from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -231,6 +233,8 @@ def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams,
             return IdealChannel(settings, kernel, trace, team.size)
         case OpticalSettings() as settings:
             return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
+        case AdhocSettings() as settings:
+            return AdhocChannel(settings, kernel, trace, team.size, streams)
         case BluetoothSettings() as settings:
             walls = floor.grid, floor.wall_loss_db
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)

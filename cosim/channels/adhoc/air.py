@@ -1,0 +1,64 @@
+"""The medium of one 802.11 channel in range mode: who hears a frame, and when it begins and ends at each.
+
+Whoever is in reach hears it after the same short delay; two frames that overlap at a receiver are both lost to it.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from cosim.channels.adhoc.dcf import Station
+from cosim.channels.adhoc.mac import Frame
+from cosim.kernel import Kernel
+from cosim.machine import Address
+from cosim.units import Time
+
+
+class RangeAir:
+    """Carries frames to all who hear their senders."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        delay: Time,
+        hearers: Callable[[Address], Sequence[Address]],
+        note: Callable[[Frame, Address, bool], None] | None = None,
+    ) -> None:
+        """Ask *hearers* who hears a sender when a frame begins; tell *note* which frame was received by whom."""
+        self.stations: Sequence[Station] = ()
+        self._kernel = kernel
+        self._delay = delay
+        self._hearers = hearers
+        self._note = note
+        self.frames = 0
+        """How many have been on the air."""
+        self._beginning: list[Frame] = []
+        """What has begun at one instant, and arrives at one."""
+        self._cut: list[Frame] = []
+
+    def begin(self, frame: Frame) -> None:
+        """Carry *frame*, which begins now."""
+        if not self._beginning or self._beginning[-1].begin != frame.begin:
+            self._beginning = []
+            self._kernel.after(self._delay, partial(self._arrive, self._beginning))
+        self._beginning.append(frame)
+        self.frames += 1
+
+    def cut(self, frame: Frame) -> None:
+        """Let nobody receive *frame*, which is on the air; its energy stays there to its end."""
+        self._cut.append(frame)
+
+    def _arrive(self, frames: list[Frame]) -> None:
+        for frame in sorted(frames, key=lambda frame: frame.source):
+            reached = self._hearers(frame.source)
+            for address in reached:
+                self.stations[address].energy_begins(frame)
+            self._kernel.after(frame.duration, partial(self._leave, frame, reached))
+
+    def _leave(self, frame: Frame, reached: Sequence[Address]) -> None:
+        whole = frame not in self._cut
+        if not whole:
+            self._cut.remove(frame)
+        for address in reached:
+            received = self.stations[address].energy_ends(frame, whole)
+            if self._note is not None:
+                self._note(frame, address, received)

@@ -1,0 +1,126 @@
+"""An 802.11 ad hoc network as a channel: a station for every robot, on one medium.
+
+A payload to one robot is acknowledged by its radio, and sent again if it is not; one to all is sent once, at the lowest
+basic rate. What looks like a link to a host is reach: inquiry finds who is in reach, and a link ends with it. There is
+no such thing in 802.11; it lets protocols that manage links run here unchanged.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from cosim.channels.adhoc.air import RangeAir
+from cosim.channels.adhoc.dcf import Station
+from cosim.channels.adhoc.mac import DATA, Frame, Packet
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.base import Arrival, Positions
+from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.kernel import Kernel
+from cosim.machine import BROADCAST, Address, Fate, Lost, Metric, Outcome, Outgoing, Reception
+from cosim.randomness import Streams
+from cosim.trace import FRAMES, Trace
+
+
+class AdhocChannel(IdealChannel):
+    """All robots' radios on one 802.11 channel."""
+
+    metrics: ClassVar[tuple[Metric, ...]] = (
+        Metric("frames_sent", "1", "frames on the air, those of the MAC and repeated ones too"),
+        Metric(
+            "payloads_dropped", "1", "payloads to one robot that were sent as often as allowed, and not acknowledged"
+        ),
+    )
+
+    def __init__(self, settings: AdhocSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams) -> None:
+        super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
+        self._range_m = settings.range_m or float("inf")
+        self._most = settings.queue_payloads
+        self._frames_wanted = trace.wants(FRAMES)
+        self._near: list[tuple[Address, ...]] | None = None
+        """Who is in whose range, once somebody has asked since they have moved."""
+        self._positions_m: Positions = np.zeros((size, 2))
+        self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
+        self._arrivals: list[Arrival] = []
+        self._dropped = 0
+        self._air = RangeAir(kernel, settings.timing().delay, self.in_reach, self._note)
+        draws = streams.draws("adhoc")
+        self._stations = [
+            Station(address, settings.timing(), settings.access, kernel, self._air, self, draws)
+            for address in range(size)
+        ]
+        self._air.stations = self._stations
+
+    # ------------------------------------------------------------ the channel's contract
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Queue a payload; its fate is DELIVERED when it is acknowledged, SENT when a broadcast has ended.
+
+        UNACKNOWLEDGED when it has been tried often enough, QUEUE_FULL at once. A device that is off sends nothing.
+        """
+        if not self._on[source]:
+            return
+        station = self._stations[source]
+        if self._most is not None and len(station.queue) >= self._most:
+            if outgoing.token is not None:
+                self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
+            return
+        station.send(Packet(outgoing.destination, outgoing.payload, outgoing.token))
+
+    def moved(self, positions_m: Positions) -> None:
+        """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
+        self._positions_m = positions_m
+        self._near = None
+        for pair in sorted(self._paged):
+            if not self._hears(*pair):
+                self._paged.discard(pair)
+                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
+        super().power(address, on)
+        self._stations[address].power(on)
+
+    def summary(self) -> dict[str, float]:
+        """Return how many frames were sent, and how many payloads were given up."""
+        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped)}
+
+    def _hears(self, one: Address, other: Address) -> bool:
+        return super()._hears(one, other) and other in self._in_range()[one]
+
+    def _in_range(self) -> Sequence[tuple[Address, ...]]:
+        if self._near is None:
+            apart = np.linalg.norm(self._positions_m[:, None] - self._positions_m[None], axis=-1)
+            near = (apart <= self._range_m) & ~np.eye(self.size, dtype=bool)
+            self._near = [tuple(np.flatnonzero(row).tolist()) for row in near]
+        return self._near
+
+    # ------------------------------------------------------------ what stations tell
+
+    def received(self, address: Address, frame: Frame) -> None:
+        """Take a payload that has arrived at *address*; all of one instant are delivered together."""
+        assert frame.packet is not None
+        if not self._arrivals:
+            self.kernel.soon(self._hand_over)
+        to_all = frame.destination == BROADCAST
+        self._arrivals.append((address, frame.packet.payload, self._receptions[frame.source, to_all]))
+
+    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
+        """Tell a host what has become of its payload."""
+        self._dropped += not acknowledged
+        if packet.token is not None:
+            to_all = packet.destination == BROADCAST
+            fate = Outcome.SENT if to_all else Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED
+            self._tell((address, Fate(packet.token, fate)))
+
+    def _hand_over(self) -> None:
+        arrivals, self._arrivals = self._arrivals, []
+        self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
+
+    def _note(self, frame: Frame, address: Address, received: bool) -> None:
+        """Write a row for every frame at every station that it is meant for."""
+        if self._frames_wanted and frame.destination in (BROADCAST, address):
+            length = len(frame.packet.payload) if frame.packet is not None and frame.kind == DATA else 0
+            outcome = "received" if received else "collided"
+            row = frame.begin, frame.source, address, frame.duration, frame.kind, -1, 0, length, outcome, ""
+            self.trace.row(FRAMES, *row)

@@ -1,0 +1,87 @@
+"""What stations of one 802.11 network share: times, rules of access, and the frames that they put on the air."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+from cosim.machine import Address
+from cosim.units import Time
+
+Kind: TypeAlias = Literal["DATA", "ACK", "RTS", "CTS"]
+
+DATA: Final = "DATA"
+ACK: Final = "ACK"
+RTS: Final = "RTS"
+CTS: Final = "CTS"
+
+
+class Timing(NamedTuple):
+    """Times of the physical layer and of its frames, in ns (IEEE 802.11-1999, clause 9.2.10)."""
+
+    slot: Time
+    sifs: Time
+    difs: Time
+    eifs: Time
+    cca: Time
+    """From when energy arrives until it is sensed; less than a slot."""
+    delay: Time
+    """From a sender to a receiver, the same for all."""
+    timeout: Time
+    """From the end of a frame on, for so long an answer is waited for (9.2.8); for Bianchi's model less than DIFS."""
+    ack: Time
+    """On the air."""
+    rts: Time
+    cts: Time
+    unicast: Callable[[int], Time]
+    """Air time of a frame with a payload of so many octets to one station."""
+    broadcast: Callable[[int], Time]
+    """The same to all, at the lowest basic rate."""
+
+
+class Access(NamedTuple):
+    """The rules by which stations get at the medium."""
+
+    cw_min: int = 31
+    cw_max: int = 1023
+    rts_threshold: int | None = None
+    """Longer payloads, in octets, are preceded by RTS and CTS; None: none are."""
+    short_retries: int | None = 7
+    """So often an RTS, or a frame without one, is tried; None: until it succeeds."""
+    long_retries: int | None = 4
+    """So often a frame after an RTS is tried."""
+    bianchi_counting: bool = False
+    """A busy period takes a slot from every back-off."""
+
+
+@dataclass(slots=True, eq=False)
+class Packet:
+    """What a station has been asked to send, until it is done."""
+
+    destination: Address
+    payload: bytes
+    token: int | None = None
+    number: int = -1
+    """The sequence number, once it has one."""
+    short: int = 0
+    """Failures without a response to an RTS, or to a frame without one."""
+    long: int = 0
+    """Failures of a frame after an RTS."""
+
+
+class Frame(NamedTuple):
+    """A frame on the air."""
+
+    kind: Kind
+    source: Address
+    destination: Address
+    """BROADCAST for all."""
+    duration: Time
+    """Air time."""
+    reserves: Time
+    """For so long after its end the exchange goes on (the duration field): others keep silent."""
+    number: int
+    """The sequence number of the DATA that it is about, counted by who sends the DATA."""
+    packet: Packet | None
+    """Of a DATA frame."""
+    begin: Time
+    """When its sender began."""

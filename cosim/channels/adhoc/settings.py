@@ -1,0 +1,121 @@
+"""What a scenario can say about an 802.11 ad hoc network."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from cosim.channels.adhoc.mac import Access, Timing
+from cosim.channels.adhoc.phy import (
+    ACK_OCTETS,
+    CTS_OCTETS,
+    PROFILES,
+    RTS_OCTETS,
+    Phy,
+    airtime,
+    answer_timeout,
+    control_kbps,
+    eifs,
+)
+from cosim.settings import Settings
+from cosim.units import US, from_seconds
+
+PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
+
+
+class AdhocSettings(Settings):
+    """Parameters of an 802.11 ad hoc network: the distributed coordination function, on one channel."""
+
+    kind: Literal["adhoc"] = "adhoc"
+    range_m: float | None = Field(default=None, gt=0, description="m, reach of a radio; unlimited if not given")
+    phy: PhyName = Field(
+        default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"
+    )
+    rate_mbps: float | None = Field(
+        default=None, gt=0, description="Mb/s of payloads to one robot; the lowest of the PHY if not given"
+    )
+    basic_rates_mbps: tuple[float, ...] | None = Field(
+        default=None, min_length=1, description="Mb/s, of broadcasts (the lowest) and answers; the PHY's if not given"
+    )
+    overhead_octets: int = Field(
+        default=36, ge=28, description="octets of a frame beyond the payload: MAC header and FCS 28, LLC and SNAP 8"
+    )
+    cw_min: int | None = Field(
+        default=None, ge=0, description="slots, the first contention window; the PHY's if not given"
+    )
+    cw_max: int | None = Field(default=None, ge=0, description="slots, the greatest one; the PHY's if not given")
+    rts_threshold: int | None = Field(
+        default=None, ge=0, description="octets, longer payloads are preceded by RTS and CTS; none if not given"
+    )
+    short_retries: int | None = Field(
+        default=7, ge=1, description="times that an RTS, or a frame without, is sent; null: until it gets an answer"
+    )
+    long_retries: int | None = Field(default=4, ge=1, description="times that a frame after an RTS is sent")
+    queue_payloads: int | None = Field(
+        default=None, ge=1, description="payloads that a device holds; unlimited if not given"
+    )
+    propagation_s: float = Field(default=1e-6, gt=0, description="s from a sender to a receiver, wherever they are")
+    bianchi_counting: bool = Field(
+        default=False, description="whether a busy period takes a slot from every back-off, as in Bianchi's model"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        rates = [rate / 1000 for rate in self.radio.rates_kbps]
+        for field, wanted in (("rate_mbps", (self.rate_mbps,)), ("basic_rates_mbps", self.basic_rates_mbps or ())):
+            for rate in wanted:
+                if rate is not None and rate not in rates:
+                    raise ValueError(f"{field}: {rate:g} is not one of {', '.join(f'{each:g}' for each in rates)}")
+        if self.access.cw_max < self.access.cw_min:
+            raise ValueError(f"cw_max {self.access.cw_max} is not >= cw_min {self.access.cw_min}")
+        return self
+
+    @property
+    def radio(self) -> Phy:
+        """The physical layer, with the basic rates of this network."""
+        phy = PROFILES[self.phy]
+        if self.basic_rates_mbps is None:
+            return phy
+        return phy._replace(basic_kbps=tuple(sorted(_kbps(rate) for rate in self.basic_rates_mbps)))
+
+    @property
+    def rate_kbps(self) -> int:
+        """The rate of payloads to one robot."""
+        return min(self.radio.rates_kbps) if self.rate_mbps is None else _kbps(self.rate_mbps)
+
+    @property
+    def access(self) -> Access:
+        """The rules of access."""
+        phy = PROFILES[self.phy]
+        return Access(
+            phy.cw_min if self.cw_min is None else self.cw_min,
+            phy.cw_max if self.cw_max is None else self.cw_max,
+            self.rts_threshold,
+            self.short_retries,
+            self.long_retries,
+            self.bianchi_counting,
+        )
+
+    def timing(self) -> Timing:
+        """Return all times of the network."""
+        phy, rate, overhead = self.radio, self.rate_kbps, self.overhead_octets
+        delay = max(1, from_seconds(self.propagation_s))
+        answers = control_kbps(phy, rate)
+        timeout = phy.sifs + 2 * delay + US if self.bianchi_counting else answer_timeout(phy, answers, delay)
+        return Timing(
+            slot=phy.slot,
+            sifs=phy.sifs,
+            difs=phy.difs,
+            eifs=phy.difs if self.bianchi_counting else eifs(phy),
+            cca=phy.cca,
+            delay=delay,
+            timeout=timeout,
+            ack=airtime(phy, answers, ACK_OCTETS),
+            rts=airtime(phy, answers, RTS_OCTETS),
+            cts=airtime(phy, answers, CTS_OCTETS),
+            unicast=lambda octets: airtime(phy, rate, octets + overhead),
+            broadcast=lambda octets: airtime(phy, phy.lowest_kbps, octets + overhead),
+        )
+
+
+def _kbps(rate_mbps: float) -> int:
+    return round(1000 * rate_mbps)

@@ -1,0 +1,163 @@
+"""Random cases for the DCF, made for its edges, and what the fast model makes of them."""
+
+import random
+from typing import NamedTuple
+
+from cosim.channels.adhoc.air import RangeAir
+from cosim.channels.adhoc.dcf import Station
+from cosim.channels.adhoc.mac import Access, Frame, Packet, Timing
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import BROADCAST, Address
+from cosim.randomness import Draws
+from cosim.units import US, Time
+from tests.oracles import dcf as oracle
+
+SLOT, SIFS, DIFS, CCA, DELTA = 20 * US, 10 * US, 50 * US, 15 * US, 1 * US
+PREAMBLE = 24 * US
+"""A preamble as short as frames here are: long ones would only make cases longer."""
+
+
+class Case(NamedTuple):
+    """What a network is given to do."""
+
+    hears: tuple[tuple[bool, ...], ...]
+    arrivals: tuple[oracle.Arrival, ...]
+    options: oracle.Options
+    windows: tuple[int, int]
+    seed: int
+    until: Time
+
+
+class Told(NamedTuple):
+    """What comes out of a case: frames with what each station in reach made of them, and fates."""
+
+    frames: list[tuple[Time, Time, Address, Address, str]]
+    received: set[tuple[Time, Address, Address]]
+    """(begin, source, receiver)"""
+    delivered: dict[int, Time]
+    done: dict[int, tuple[Time, bool]]
+
+
+def octets_time(octets: int) -> Time:
+    """Return the air time of DATA: whole microseconds."""
+    return PREAMBLE + (28 + octets) * US
+
+
+def drawn(seed: int) -> Case:
+    """Return the case *seed*: lines, stars and others of few stations; frames come at the edges of slots and spaces."""
+    chance = random.Random(seed)
+    count = chance.randint(2, 5)
+    shape = chance.choice(["all", "line", "star", "random"])
+    hears = [[False] * count for _ in range(count)]
+    for a in range(count):
+        for b in range(a):
+            near = {"all": True, "line": a - b == 1, "star": b == 0, "random": chance.random() < 0.6}[shape]
+            hears[a][b] = hears[b][a] = near
+    arrivals = []
+    time = 0
+    for _ in range(chance.randint(1, 14)):
+        gap = chance.choice(
+            [0, 0, 1, DIFS // US, SIFS // US, SLOT // US, chance.randint(0, 60), chance.randint(0, 900)]
+        )
+        time += (gap + chance.choice([0, 0, 0, -1, 1]) if gap else 0) * US
+        station = chance.randrange(count)
+        others = [other for other in range(count) if other != station]
+        destination = chance.choice([BROADCAST, *others, *others])
+        arrivals.append(
+            oracle.Arrival(max(0, time), station, destination, chance.choice([0, 4, 30, 31, chance.randint(0, 90)]))
+        )
+    arrivals.sort(key=lambda arrival: arrival.time_ns)
+    threshold = chance.choice([None, None, 30, 0])
+    bianchi = chance.random() < 0.3
+    limits = chance.choice([(7, 4), (2, 2), (None, None), (3, 1)])
+    cw_min = chance.choice([0, 1, 3, 7, 31])
+    windows = cw_min, chance.choice([cw_min, 2 * cw_min + 1, 63 if cw_min < 63 else cw_min])
+    return Case(
+        tuple(map(tuple, hears)), tuple(arrivals), oracle.Options(bianchi, threshold, *limits), windows, seed, 8000 * US
+    )
+
+
+def slow(case: Case) -> Told:
+    """Return what the oracle makes of *case*."""
+    control = PREAMBLE + 14 * US
+    timing = oracle.Timing(
+        SLOT,
+        SIFS,
+        DIFS,
+        CCA,
+        PREAMBLE,
+        DELTA,
+        *case.windows,
+        octets_time,
+        octets_time,
+        control,
+        control,
+        control,
+        control,
+    )
+    key = Draws(case.seed, "mac").key
+    result = oracle.run(timing, case.hears, case.arrivals, case.options, key, case.until)
+    frames = [(f.begin_ns, f.end_ns, f.source, f.destination, f.kind) for f in result.frames]
+    received = {(f.begin_ns, f.source, b) for (f, b), what in result.outcomes.items() if what == oracle.RECEIVED}
+    delivered = {i: fate.delivered_ns for i, fate in enumerate(result.fates) if fate.delivered_ns is not None}
+    done = {i: (fate.done_ns, True) for i, fate in enumerate(result.fates) if fate.done_ns is not None}
+    done |= {i: (fate.dropped_ns, False) for i, fate in enumerate(result.fates) if fate.dropped_ns is not None}
+    return Told(sorted(frames), received, delivered, done)
+
+
+class Network:
+    """The fast model's stations, and what they tell."""
+
+    def __init__(self, case: Case) -> None:
+        self.told = Told([], set(), {}, {})
+        self._case = case
+        self._kernel = Kernel()
+        control = PREAMBLE + 14 * US
+        bianchi, threshold, *limits = case.options
+        timeout = SIFS + 2 * DELTA + (US if bianchi else SLOT + PREAMBLE)
+        eifs = DIFS if bianchi else SIFS + control + DIFS
+        timing = Timing(
+            SLOT, SIFS, DIFS, eifs, CCA, DELTA, timeout, control, control, control, octets_time, octets_time
+        )
+        access = Access(*case.windows, threshold, *limits, bianchi)
+        count = len(case.hears)
+        reach = [tuple(b for b in range(count) if b != a and case.hears[a][b]) for a in range(count)]
+        air = RangeAir(self._kernel, DELTA, reach.__getitem__, self._note)
+        self._begin, air.begin = air.begin, self._on_air  # type: ignore[method-assign]
+        draws = Draws(case.seed, "mac")
+        self._stations = air.stations = [
+            Station(a, timing, access, self._kernel, air, self, draws) for a in range(count)
+        ]
+        for number, (time, station, destination, octets) in enumerate(case.arrivals):
+            packet = Packet(destination, bytes(octets), number)
+            self._kernel.at(time, lambda station=station, packet=packet: self._stations[station].send(packet), WORLD)
+
+    def run(self) -> Told:
+        self._kernel.run(self._case.until)
+        self.told.frames.sort()
+        return self.told
+
+    def _on_air(self, frame: Frame) -> None:
+        self.told.frames.append(
+            (frame.begin, frame.begin + frame.duration, frame.source, frame.destination, frame.kind)
+        )
+        self._begin(frame)
+
+    def _note(self, frame: Frame, address: Address, received: bool) -> None:
+        if received:
+            self.told.received.add((frame.begin, frame.source, address))
+
+    def received(self, address: Address, frame: Frame) -> None:
+        assert frame.packet is not None
+        assert frame.packet.token is not None
+        if frame.destination != BROADCAST:
+            self.told.delivered[frame.packet.token] = self._kernel.now
+
+    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
+        assert packet.token is not None
+        self.told.done[packet.token] = self._kernel.now, acknowledged
+
+
+def fast(case: Case) -> Told:
+    """Return what the fast model makes of *case*."""
+    return Network(case).run()

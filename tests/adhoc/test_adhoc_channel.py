@@ -1,0 +1,169 @@
+"""The ad hoc network as a channel: who gets what when, what senders are told, devices that go off."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cosim.channels.adhoc.channel import AdhocChannel
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
+from cosim.randomness import Streams
+from cosim.trace import FRAMES, Trace
+from cosim.units import MS, US, S, Time
+
+
+class Host:
+    def __init__(self) -> None:
+        self.received_: list[tuple[Time, Address, bytes, bool]] = []
+        self.events: list[LinkEvent] = []
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        self.received_.append((now, reception.source, data, reception.broadcast))
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        self.events.append(event)
+
+    def drain(self, now: Time) -> None:
+        pass
+
+
+class Field:
+    """Robots on a plane, their hosts, and a channel between them."""
+
+    def __init__(self, *places_m: tuple[float, float], **settings: Any) -> None:
+        self.kernel = Kernel()
+        self.trace = Trace((FRAMES,))
+        size = len(places_m)
+        self.channel = AdhocChannel(AdhocSettings(**settings), self.kernel, self.trace, size, Streams(1))
+        self.hosts = [Host() for _ in places_m]
+        for address, host in enumerate(self.hosts):
+            self.channel.attach(address, host)
+        self.channel.moved(np.array(places_m))
+
+    def send_at(self, time: Time, source: Address, destination: Address, length: int = 100, token: int = 7) -> None:
+        outgoing = Outgoing(destination, bytes(length), token)
+        self.kernel.at(time, lambda: self.channel.send(source, outgoing), WORLD)
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        columns = self.trace.columns("frames")
+        names = ("time_ns", "source", "destination", "kind", "outcome")
+        return list(zip(*(columns[name] for name in names), strict=True))
+
+
+def test_a_payload_is_there_after_difs_and_its_air_time_and_acknowledged_sifs_later() -> None:
+    field = Field((0, 0), (5, 0), (0, 5))
+    field.send_at(1 * MS, 0, 1)
+    field.kernel.run(S)
+    # 802.11b, 1 Mb/s: the medium has been idle for long; preamble 192 us, 136 octets, 1 us on the way
+    arrival = 1 * MS + (192 + 8 * 136 + 1) * US
+    assert field.hosts[1].received_ == [(arrival, 0, bytes(100), False)]
+    assert field.hosts[0].events == [Fate(7, Outcome.DELIVERED)]
+    assert field.hosts[2].received_ == []
+    ack = arrival + 10 * US
+    assert field.rows() == [(1 * MS, 0, 1, "DATA", "received"), (ack, 1, 0, "ACK", "received")]
+
+
+def test_nobody_sends_before_difs() -> None:
+    field = Field((0, 0), (5, 0))
+    field.send_at(0, 0, 1)
+    field.kernel.run(S)
+    assert field.rows()[0][0] == 50 * US
+
+
+def test_a_broadcast_reaches_all_in_range_once_and_is_not_acknowledged() -> None:
+    field = Field((0, 0), (5, 0), (0, 5), (100, 0), range_m=20.0)
+    field.send_at(1 * MS, 0, BROADCAST)
+    field.kernel.run(S)
+    assert [len(host.received_) for host in field.hosts] == [0, 1, 1, 0]
+    assert field.hosts[1].received_[0][3] is True
+    assert field.hosts[0].events == [Fate(7, Outcome.SENT)]
+    assert [row[3] for row in field.rows()] == ["DATA", "DATA"]
+
+
+def test_who_does_not_answer_is_tried_seven_times_then_given_up() -> None:
+    field = Field((0, 0), (100, 0), range_m=20.0)
+    field.send_at(1 * MS, 0, 1)
+    field.kernel.run(S)
+    assert field.hosts[0].events == [Fate(7, Outcome.UNACKNOWLEDGED)]
+    assert field.channel.summary() == {"frames_sent": 7.0, "payloads_dropped": 1.0}
+
+
+def test_terminals_that_do_not_hear_each_other_collide_at_a_third_unless_they_ask_before() -> None:
+    arrived, collided = {}, {}
+    for threshold in (None, 0):
+        field = Field((0, 0), (15, 0), (30, 0), range_m=20.0, rts_threshold=threshold)
+        for number in range(20):
+            field.send_at(number * 100 * MS + 1 * MS, 0, 1, 1500)
+            field.send_at(number * 100 * MS + 3 * MS, 2, 1, 1500)
+        field.kernel.run(3 * S)
+        arrived[threshold] = len(field.hosts[1].received_)
+        collided[threshold] = [row[3] for row in field.rows() if row[4] == "collided"]
+    assert arrived[None] < 20
+    assert arrived[0] == 40
+    assert collided[None].count("DATA") >= 40
+    assert "DATA" not in collided[0]
+
+
+def test_a_full_queue_is_told_at_once() -> None:
+    field = Field((0, 0), (5, 0), queue_payloads=2)
+    for token in range(4):
+        field.send_at(1 * MS, 0, 1, token=token)
+    field.kernel.run(S)
+    assert sorted(field.hosts[0].events, key=str) == sorted(
+        [
+            Fate(2, Outcome.QUEUE_FULL),
+            Fate(3, Outcome.QUEUE_FULL),
+            Fate(0, Outcome.DELIVERED),
+            Fate(1, Outcome.DELIVERED),
+        ],
+        key=str,
+    )
+
+
+def test_payloads_of_one_sender_keep_their_order_broadcast_or_not() -> None:
+    field = Field((0, 0), (5, 0))
+    for length in range(1, 9):
+        field.send_at(1 * MS, 0, BROADCAST if length % 2 else 1, length)
+    field.kernel.run(S)
+    assert [len(data) for _, _, data, _ in field.hosts[1].received_] == list(range(1, 9))
+
+
+@pytest.mark.parametrize("on_again", [1_600 * US, 900 * MS])
+def test_what_a_device_holds_and_sends_is_lost_when_it_goes_off(on_again: Time) -> None:
+    field = Field((0, 0), (5, 0))
+    for token in range(3):
+        field.send_at(1 * MS, 0, 1, token=token)
+    field.kernel.at(1_500 * US, lambda: field.channel.power(0, False))  # in the midst of the first frame
+    field.kernel.at(on_again, lambda: field.channel.power(0, True))
+    field.send_at(950 * MS, 0, 1, 33, token=9)
+    field.kernel.run(S)
+    assert [len(data) for _, _, data, _ in field.hosts[1].received_] == [33]
+    assert field.hosts[0].events == [Fate(9, Outcome.DELIVERED)]
+
+
+def test_a_device_that_is_off_neither_hears_nor_answers() -> None:
+    field = Field((0, 0), (5, 0), (0, 5))
+    field.channel.power(1, False)
+    field.send_at(1 * MS, 0, 1)
+    field.send_at(500 * MS, 0, BROADCAST)
+    field.kernel.run(S)
+    assert field.hosts[1].received_ == []
+    assert Fate(7, Outcome.UNACKNOWLEDGED) in field.hosts[0].events
+    assert len(field.hosts[2].received_) == 1
+    assert field.channel.in_reach(0) == (2,)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"rate_mbps": 3}, "rate_mbps: 3 is not one of 1, 2, 5.5, 11"),
+        ({"phy": "erp", "basic_rates_mbps": (1,)}, "basic_rates_mbps: 1 is not one of 6, 9, 12, 18, 24, 36, 48, 54"),
+        ({"cw_min": 63, "cw_max": 31}, "cw_max 31 is not >= cw_min 63"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        AdhocSettings(**settings)
