@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import ClassVar, Final, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from cosim.channels.base import Arrival, Positions
@@ -23,7 +24,7 @@ from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Lost, Metric, Out
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import S, Time
-from cosim.world.sight import lines_of_sight, seen_by_each
+from cosim.world.sight import look_again, seen_by_each
 
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
@@ -74,8 +75,8 @@ class OpticalChannel(IdealChannel):
         """Where the robots are, until somebody asks who sees whom."""
         self._in_sight: list[tuple[Address, ...]] = [()] * size
         """Who sees whom, whether they are switched on or not: not to be read but by ``_sight``."""
-        self._seen = b""
-        """The matrix that this comes from."""
+        self._seen = np.zeros((size, size), np.bool_)
+        """The same as a matrix."""
         self._looks = 0
         """How often that has changed, or may have."""
         self._missed = 0
@@ -150,10 +151,11 @@ class OpticalChannel(IdealChannel):
         self.sent += 1
         now = self.kernel.now
         arrival = now + duration + self.delay
-        if arrival not in self._in_flight:
-            self._in_flight[arrival] = []
+        flights = self._in_flight.get(arrival)
+        if flights is None:
+            flights = self._in_flight[arrival] = []
             self.kernel.at(arrival, partial(self._land, arrival))
-        self._in_flight[arrival].append(_new(_Flight, (source, outgoing, now, self._looks, audience)))
+        flights.append(_new(_Flight, (source, outgoing, now, self._looks, audience)))
 
     def _land(self, arrival: Time) -> None:
         """Deliver what arrives now to who is still in sight, and tell the senders."""
@@ -199,9 +201,9 @@ class OpticalChannel(IdealChannel):
 
     def _sight(self) -> list[tuple[Address, ...]]:
         """Look who sees whom, once after robots have moved and somebody wants to know."""
-        if self._positions_m is not None:
-            seen = lines_of_sight(self._walls, self._positions_m, self._range_m)
+        positions_m = self._positions_m
+        if positions_m is not None:
             self._positions_m = None
-            if seen.tobytes() != self._seen:  # mostly they see whom they saw a tick ago
-                self._seen, self._in_sight = seen.tobytes(), seen_by_each(seen)
+            if look_again(self._walls, positions_m, self._range_m, self._seen):
+                self._in_sight = seen_by_each(self._seen)
         return self._in_sight

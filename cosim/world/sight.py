@@ -27,6 +27,15 @@ def lines_of_sight(walls: PackedWalls, positions_m: npt.ArrayLike, range_m: floa
     return seen
 
 
+def look_again(walls: PackedWalls, positions_m: Floats, range_m: float, seen: Bools) -> bool:
+    """Make *seen* (n, n), where it is out of date, what :func:`lines_of_sight` returns; return whether it was.
+
+    For those who look at every tick: mostly robots see whom they saw before. *positions_m* is an array (n, 2).
+    """
+    changed: bool = _look_at_pairs(*walls, positions_m, range_m, seen)
+    return changed
+
+
 def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike) -> Floats:
     """Return what the walls between each two robots cost, in dB, shape (n, n), symmetric, 0 on the diagonal.
 
@@ -49,12 +58,18 @@ def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
 
 
 @njit(cache=True)
-def _look_at_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float, seen: Bools) -> None:
+def _look_at_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float, seen: Bools) -> bool:
+    """Write who sees whom; return whether that is new."""
     walls = unpacked(numbers, members)
     robots = positions.shape[0]
+    changed = False
     for i in range(robots):
         for j in range(i + 1, robots):
             dx, dy = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1]
-            if dx * dx + dy * dy <= limit * limit:
-                clear = in_sight(walls, positions[i, 0], positions[i, 1], positions[j, 0], positions[j, 1])
+            clear = dx * dx + dy * dy <= limit * limit and in_sight(
+                walls, positions[i, 0], positions[i, 1], positions[j, 0], positions[j, 1]
+            )
+            if clear != seen[i, j]:
                 seen[i, j] = seen[j, i] = clear
+                changed = True
+    return changed
