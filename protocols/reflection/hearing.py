@@ -55,10 +55,14 @@ class Hearing:
                 return
 
     def _put_down(self, frame: Frame, peer_m: Point) -> None:
-        bearing = next((bearing for robot, bearing in frame.bearings if robot == self.me), None)
-        if bearing is None:
+        me, book = self.me, self._book
+        for robot, angle in frame.bearings:
+            if robot == me:
+                bearing = angle
+                break
+        else:
             return
-        book, me, turn = self._book, self.me, None
+        here, turn = self._here, None
         for owner, identifier, along, across in frame.terms:
             if owner >= self._size:
                 self._events.append(BadBytes(f"a goal of robot {owner} in a team of {self._size}"))
@@ -66,7 +70,6 @@ class Hearing:
                 place: Point | None
                 if self._objects_m is None:
                     if turn is None:
-                        here = self._here
                         turn = turn_between(math.atan2(peer_m[1] - here[1], peer_m[0] - here[0]), bearing)
                     place = from_peer((along, across), peer_m, turn)
                 else:
@@ -89,7 +92,7 @@ class Hearing:
                 self._events.append(BadBytes(f"a promise for robot {owner} in a team of {team}"))
                 continue
             known = identifiers[owner]
-            same_goal = known and (identifier - 1) // team == (known - 1) // team
+            same_goal = identifier == known or (known and (identifier - 1) // team == (known - 1) // team)
             if owner == me:
                 late = (arrival_ms - frame.stamp_ms) % CLOCK_MS * MS > self._stale
                 self._records.count_advice(not same_goal, late)
