@@ -6,7 +6,7 @@ from cosim.machine import Address, Event
 from cosim.units import MS, Time, from_seconds
 from protocols.reflection.bearings import Point, from_peer, turn_between
 from protocols.reflection.frames import CLOCK_MS, Frame
-from protocols.reflection.goals import GoalBook, Verdict, goal_number
+from protocols.reflection.goals import NEW, GoalBook, goal_number
 from protocols.reflection.journal import BadBytes
 from protocols.reflection.knowledge import Knowledge
 from protocols.reflection.parameters import Parameters
@@ -74,7 +74,7 @@ class Hearing:
                     place = from_peer((along, across), peer_m, turn)
                 else:
                     place = self._looks_like(owner, identifier)
-                if place is not None and book.consider(owner, identifier, *place) is Verdict.NEW:
+                if place is not None and book.consider(owner, identifier, *place) is NEW:
                     self._ways.forget(owner)
 
     def promises(self, frame: Frame, peer: Address, peer_m: Point, now: Time) -> bool:

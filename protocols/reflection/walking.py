@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 
 from cosim.machine import Address
-from cosim.navigation.status import Status
+from cosim.navigation.status import STUCK, UNREACHABLE, Status
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time
@@ -44,7 +44,7 @@ class LoopWalk:
         here = observation.x_m, observation.y_m
         x, y = here if observation.blocked or going is None else self._ahead(here, going)
         steer = self._navigator.steer(x, y, place, (), (), self._step_m)
-        if steer.status is Status.UNREACHABLE:
+        if steer.status == UNREACHABLE:
             return None
         whole = steer.dx * steer.dx + steer.dy * steer.dy > WHOLE
         ahead = (AHEAD_STEPS if whole else 1.0) * self._step_m
@@ -63,4 +63,4 @@ class LoopWalk:
 
     def _held(self, here: Point, sightings: Mapping[Address, Point], status: Status) -> bool:
         """Return whether it is a body that blocks the robot, as far as it knows."""
-        return status is Status.STUCK or any(math.dist(here, peer) < self._near_m for peer in sightings.values())
+        return status == STUCK or any(math.dist(here, peer) < self._near_m for peer in sightings.values())
