@@ -171,7 +171,7 @@ class Simulation:
             node.observe(observation, now)
         for death in self.faults.deaths():
             self.referee.died(death)
-        over = self.referee.look(positions[:, 0], positions[:, 1], now)
+        over = self.referee.look(self.fleet.x_m, self.fleet.y_m, now)
         if over or not self._anybody_busy():
             self._ticks.cancel()
             self.kernel.stop()

@@ -252,7 +252,11 @@ class PotentialField:
     def __init__(self, parameters: PotentialFieldParameters, draws: Draws) -> None:
         """Take the noise from *draws*: step n's depends on n, counted over all goals, and on nothing else."""
         own = parameters
-        self._own = own
+        self._arrival_m = own.arrival_m
+        self._patience = own.patience
+        self._robots = own.robot_gain, own.robot_sphere_m, own.robot_margin_m
+        self._noise_gain = own.noise_gain
+        self._noise_persistence = own.noise_persistence
         self._numbers = np.empty(_OWN_NUMBERS)
         self._numbers[: _MARGIN + 1] = own.goal_gain, own.avoid_gain, own.avoid_sphere_m, own.avoid_margin_m
         self._numbers[_SPEEDS:] = own.drive == "speed", own.progress_m, own.patience
@@ -273,14 +277,14 @@ class PotentialField:
         step_m: float = 0.1,
     ) -> Steer:
         """Return the next step along the field, see :meth:`Navigator.steer`; stay where the goal is reached."""
-        if math.hypot(goal_m[0] - x_m, goal_m[1] - y_m) <= self._own.arrival_m:
+        if math.hypot(goal_m[0] - x_m, goal_m[1] - y_m) <= self._arrival_m:
             return Steer(0.0, 0.0, Status.ARRIVED)
         urge_x, urge_y = self._urge(x_m, y_m, sightings_m)
         dx, dy, status = self._motion(ranges_m, x_m, y_m, *goal_m, step_m, urge_x, urge_y)
         if status == _HELD:
             dx, dy = noise(self._draws, self._steps, 1, _FREEING)
             self._memory[_ASKED] = max(abs(dx), abs(dy))
-            status = STUCK if self._memory[_VAIN] >= self._own.patience else UNDERWAY
+            status = STUCK if self._memory[_VAIN] >= self._patience else UNDERWAY
         return _new(Steer, (dx, dy, STATUSES[status]))
 
     def restart(self) -> None:
@@ -296,15 +300,15 @@ class PotentialField:
 
     def _urge(self, x_m: float, y_m: float, sightings_m: Sequence[Vector]) -> Vector:
         """Return the weighted sum of all schemas that need neither the goal nor the scan nor a memory."""
-        own = self._own
-        if self._steps % own.noise_persistence == 0:
-            x, y = noise(self._draws, self._steps, own.noise_persistence)
-            self._noise = own.noise_gain * x, own.noise_gain * y
+        if self._steps % self._noise_persistence == 0:
+            x, y = noise(self._draws, self._steps, self._noise_persistence)
+            self._noise = self._noise_gain * x, self._noise_gain * y
         self._steps += 1
         if not sightings_m:
             return self._noise
-        x, y = avoid_robots(x_m, y_m, sightings_m, own.robot_sphere_m, own.robot_margin_m)
-        return self._noise[0] + own.robot_gain * x, self._noise[1] + own.robot_gain * y
+        gain, sphere_m, margin_m = self._robots
+        x, y = avoid_robots(x_m, y_m, sightings_m, sphere_m, margin_m)
+        return self._noise[0] + gain * x, self._noise[1] + gain * y
 
 
 class AvoidPast(PotentialField):

@@ -91,6 +91,9 @@ class Fleet:
         self._cells: Any = self._table.data  # single cells are written faster through it
         _write_limits(self._table, bodies, to_seconds(tick))
         self._observed = self._table[:OBSERVED].T
+        self.x_m: Floats = self._table[X]
+        """The positions at the last tick, x alone, shape (n,); not to be changed."""
+        self.y_m: Floats = self._table[Y]
         self._positions, self._spare = starts.copy(), starts.copy()
 
     def __len__(self) -> int:

@@ -150,6 +150,7 @@ class Senses:
         self._sightings: Sequence[tuple[Sighting, ...]] = self._nobody
         self._visible: Sequence[tuple[int, ...]] = self._nobody
         self._known: list[list[float]] = [[0.0] * (_BLOCKED + 1)] * count
+        self._told = self._poses[:, : _BLOCKED + 1]
         self._views = [_View(self._room, robot, self._beams) for robot in range(count)]
 
     def observe(self, fleet: Fleet) -> list[Observation]:
@@ -161,7 +162,7 @@ class Senses:
         if picture and (seen or self._in_sight):
             self._picture(seen)
         self._ticks += 1
-        self._known = self._poses[:, : _BLOCKED + 1].tolist()
+        self._known = self._told.tolist()
         return [
             _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, view))
             for (_, _, _, x, y, heading, speed, arrived, blocked), visible, sightings, view in zip(
@@ -210,22 +211,23 @@ class _View:
 
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         count = len(points_m)
-        if count <= _FEW:
-            return self._sees_few(points_m)
+        if count > _FEW:
+            return self._sees_many(points_m)
+        if not count:
+            return []
+        # the usual question, for a goal and a ghost, without arrays: they would take half the time
+        (x, y), (other_x, other_y) = points_m[0], points_m[-1]
+        seen = _few_in_region(*self._room, self._robot, count, x, y, other_x, other_y)
+        return [seen > 1] if count == 1 else [seen > 1, seen % 2 > 0]
+
+    def _sees_many(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
+        count = len(points_m)
         if count > len(self._seen):
             self._points, self._seen = np.empty(4 * count), np.empty(2 * count, np.bool_)
         _layout(2 * count)(self._points.data, 0, *chain.from_iterable(points_m))  # half the time of np.array
         _in_region(*self._room, self._robot, self._points, self._seen, count)
         seen: list[bool] = self._seen[:count].tolist()
         return seen
-
-    def _sees_few(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
-        """Answer the usual question, for a goal and a ghost, without arrays: they would take half the time."""
-        if not points_m:
-            return []
-        (x, y), (other_x, other_y) = points_m[0], points_m[-1]
-        seen = _few_in_region(*self._room, self._robot, len(points_m), x, y, other_x, other_y)
-        return [seen > 1] if len(points_m) == 1 else [seen > 1, seen % 2 > 0]
 
     def ranges_m(self) -> Floats:
         ranges = np.empty(self._beams)

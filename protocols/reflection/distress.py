@@ -36,14 +36,14 @@ class Distress:
 
     def helper(self, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]) -> Point | None:
         """Return where a robot in trouble sees one that is not: always the same, as long as it sees that one."""
-        helpers = [peer for peer in sightings if states.get(peer) is False] if self.trouble.active else []
-        if not helpers:
-            self._helper = None
-            return None
-        if self._helper not in helpers:
-            self._helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here))
-        assert self._helper is not None
-        return sightings[self._helper]
+        helper = self._helper
+        if not self.trouble.active:
+            helper = None
+        elif helper is None or helper not in sightings or states.get(helper) is not False:
+            helpers = [peer for peer in sightings if states.get(peer) is False]
+            helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here), default=None)
+        self._helper = helper
+        return None if helper is None else sightings[helper]
 
     def judge(self, here: Point, place: Point, keeps_up: bool) -> None:
         """Count a motion step towards *place*; who *keeps_up* with its helper is getting on."""

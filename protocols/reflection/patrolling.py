@@ -139,7 +139,7 @@ class Patrol:
     @property
     def off_its_way(self) -> bool:
         """There is a thread that leads back, or the robot is lost."""
-        return self.lost or bool(self._thread)
+        return bool(self._thread) or self._stalls >= LOST_STALLS
 
     @property
     def lost(self) -> bool:
@@ -148,10 +148,10 @@ class Patrol:
 
     def look(self, visible: Sequence[bool], here: Point) -> None:
         """Shorten the thread if more of it is in sight, lay it on if its end is not; *visible* answers ``places``."""
-        if self.lost:
-            self._in_sight = next((at for at, seen in enumerate(visible) if seen), None)
-        elif visible:
-            if len(visible) > 1 and visible[1]:
+        if visible:
+            if self.lost:
+                self._in_sight = next((at for at, seen in enumerate(visible) if seen), None)
+            elif len(visible) > 1 and visible[1]:
                 self._thread.pop()
             elif not visible[0] and self._last is not None:
                 self._thread.append(self._last)

@@ -170,7 +170,7 @@ class Seeker:
             self._going = aside
             return aside
         way: Way | None
-        if self._straight.rounding and self._followed is not None:  # goes on, though it may see nothing from here
+        if self._followed is not None and self._straight.rounding:  # goes on, though it may see nothing from here
             target, place, way = self.target, self._place, self._followed
         else:
             way = self._followable(here, now)

@@ -34,7 +34,7 @@ class Trouble:
         """Count a motion step; return whether Tr has changed."""
         before = self.active
         if progress:
-            self.level = max(self.level - 1, 0)
+            self.level -= self.level > 0
         else:
             self.level = min(self.level + self.weight, self.weight * self.limit)
         if self.level >= self.limit if self._rule == "reaches" else self.level == self.limit:
