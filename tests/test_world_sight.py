@@ -6,7 +6,7 @@ import shapely
 
 from cosim.geometry.occupancy import outline
 from cosim.geometry.segments import packed_walls, sees, segment_grid
-from cosim.world.sight import lines_of_sight, seen_by_each, wall_losses_db
+from cosim.world.sight import lines_of_sight, look_again, seen_by_each, wall_losses_db
 
 
 def test_robots_see_each_other_within_range_where_no_wall_stands_between():
@@ -125,3 +125,13 @@ def test_the_solid_cells_of_a_map_cost_once_a_body_at_half_a_side(seed):
 def test_walls_and_losses_are_as_many():
     with pytest.raises(ValueError, match=r"2 walls have losses of shape \(3,\)"):
         wall_losses_db(segment_grid([(0, 0, 1, 1), (1, 0, 2, 1)]), [1.0, 2.0, 3.0], [(0, 0), (1, 1)])
+
+
+def test_looking_again_tells_news_and_nothing_else() -> None:
+    walls = packed_walls(segment_grid([[5.0, -1.0, 5.0, 1.0]]))
+    seen = np.zeros((3, 3), np.bool_)
+    apart = np.array([[0.0, 0.0], [3.0, 0.0], [9.0, 0.0]])
+    for positions, news in ((apart, True), (apart + 0.1, False), (apart + (0.0, 2.0), True), (apart, True)):
+        assert look_again(walls, positions, 8.0, seen) is news
+        assert seen.tolist() == lines_of_sight(walls, positions, 8.0).tolist()
+        assert not look_again(walls, positions, 8.0, seen)
