@@ -157,7 +157,8 @@ class Simulation:
             if node.motion:
                 orders += [(node.address, self._in_world(node.address, command)) for command in node.motion]
                 node.motion.clear()
-        self.fleet.apply(orders)
+        if orders:
+            self.fleet.apply(orders)
         self._distance_m += self.fleet.step()
         self.channel.moved(self.fleet.positions_m)
         self._sense(now)

@@ -131,7 +131,7 @@ def test_looking_again_tells_news_and_nothing_else() -> None:
     walls = packed_walls(segment_grid([[5.0, -1.0, 5.0, 1.0]]))
     seen = np.zeros((3, 3), np.bool_)
     apart = np.array([[0.0, 0.0], [3.0, 0.0], [9.0, 0.0]])
-    for positions, news in ((apart, True), (apart + 0.1, False), (apart + (0.0, 2.0), True), (apart, True)):
+    for positions, news in ((apart, True), (apart + 0.1, False), (apart + np.array([0.0, 2.0]), True), (apart, True)):
         assert look_again(walls, positions, 8.0, seen) is news
         assert seen.tolist() == lines_of_sight(walls, positions, 8.0).tolist()
         assert not look_again(walls, positions, 8.0, seen)
