@@ -9,9 +9,11 @@ from collections.abc import Iterable, Sequence
 from inspect import getdoc
 from typing import Final
 
+from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
+from cosim.channels.vision import OpticalChannel
 from cosim.faults import EVENTS as FAULT_EVENTS
 from cosim.machine import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
@@ -19,7 +21,12 @@ from cosim.scenario import protocol_names, protocol_spec
 from cosim.simulation import METRICS
 from cosim.trace import TABLES, Field, event_fields, events_table
 
-CHANNELS: Final[dict[str, type[Channel]]] = {"ideal": IdealChannel, "bluetooth": BluetoothChannel}
+CHANNELS: Final[dict[str, type[Channel]]] = {
+    "ideal": IdealChannel,
+    "optical": OpticalChannel,
+    "bluetooth": BluetoothChannel,
+    "adhoc": AdhocChannel,
+}
 INTRODUCTION: Final = """\
 # Tables
 

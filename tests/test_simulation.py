@@ -188,7 +188,7 @@ def test_a_tick_has_one_order_of_phases(monkeypatch: pytest.MonkeyPatch):
     names = [[name for time, name in log if time == tick * TICK] for tick in range(4)]
     assert names[0] == ["moved", "drain", "drain", *sensing]
     assert names[1] == ["advance", "step", "moved", *sensing]
-    assert names[2] == ["advance", "apply", "apply", "step", "moved", *sensing, "delivery"]
+    assert names[2] == ["advance", "apply", "step", "moved", *sensing, "delivery"]  # all orders at once
     assert names[3] == ["advance", "step", "moved", *sensing]  # a command is applied once
     assert {time for time, name in log if name != "drain"} == set(range(0, 2 * S + 1, TICK))
 
