@@ -173,7 +173,7 @@ class OpticalChannel(IdealChannel):
                 arrivals.append((address, payload, reception))
             if self._frames_wanted:
                 self._note(source, outgoing, begin, audience, heard)
-            if outgoing.token is not None and self._on[source]:
+            if outgoing.token is not None and self._knows_of(source, begin):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
                 news.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, news)
