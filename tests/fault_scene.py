@@ -34,6 +34,8 @@ class Parameters(Settings):
     far_m: float = 0.0
     order_s: float = 0.0
     meet: bool = False
+    own: bool = False
+    """The goal is meant in the robot's own frame."""
     finish_s: float | None = None
 
 
@@ -44,6 +46,7 @@ class Driver:
         self.parameters, self.me = parameters, me
         x, y = knowledge.starts_m[me]
         back = parameters.meet and me % 2
+        x, y = (0.0, 0.0) if parameters.own else (x, y)
         self.goal = GoTo(x - parameters.far_m if back else x + parameters.far_m, y)
         self.order: Time | None = round(parameters.order_s * S)
         self.observed: list[tuple[Time, Observation]] = []
@@ -134,13 +137,15 @@ class Uninformed:
         return {"deaths_told": 0.0}
 
 
+SEEING = replace(SPEC, needs_sight=True)
+VIEWING = replace(SPEC, needs_view=True)
 OLD = replace(SPEC, referee=lambda parameters, knowledge: Uninformed())  # type: ignore[arg-type,return-value]
 
 
 def scenario(*faults: dict[str, Any], use: str = "tests.fault_scene:SPEC", size: int = 2, **changes: Any) -> Scenario:
     plain = {
         "duration_s": changes.pop("duration_s", 6.0),
-        "floorplan": {"map": "walls", "bounds_m": [0, 0, 20, 20]},
+        "floorplan": changes.pop("floorplan", {"map": "walls", "bounds_m": [0, 0, 20, 20]}),
         "team": {
             "size": size,
             "body": {"radius_m": RADIUS_M, "speed_mps": SPEED_MPS, "acceleration_mps2": ACCELERATION_MPS2},
@@ -152,7 +157,8 @@ def scenario(*faults: dict[str, Any], use: str = "tests.fault_scene:SPEC", size:
     return Scenario.model_validate(plain)
 
 
-def executed(*faults: dict[str, Any], **changes: Any) -> Simulation:
+def executed(*faults: dict[str, Any], **changes: Any) -> Any:
+    """Return the :class:`Simulation` after its run, with what came out of that as its ``outcome``."""
     run = Simulation(scenario(*faults, **changes), 1)
     run.outcome = run.run()  # type: ignore[attr-defined]
     return run
