@@ -36,6 +36,8 @@ class Parameters(Settings):
     meet: bool = False
     own: bool = False
     """The goal is meant in the robot's own frame."""
+    tokens: bool = False
+    """They ask for the fates of their calls."""
     finish_s: float | None = None
 
 
@@ -48,6 +50,8 @@ class Driver:
         back = parameters.meet and me % 2
         x, y = (0.0, 0.0) if parameters.own else (x, y)
         self.goal = GoTo(x - parameters.far_m if back else x + parameters.far_m, y)
+        self.stream, self.start = stream, start
+        self.woken: list[Time] = []
         self.order: Time | None = round(parameters.order_s * S)
         self.observed: list[tuple[Time, Observation]] = []
         self.heard: list[tuple[Time, Address]] = []
@@ -70,10 +74,11 @@ class Driver:
     def observe(self, observation: Observation, now: Time) -> None:
         self.now = now
         self.observed.append((now, observation))
-        self.out.append(Outgoing(BROADCAST, bytes([self.me])))
+        self.out.append(Outgoing(BROADCAST, bytes([self.me]), 0 if self.parameters.tokens else None))
 
     def wake(self, now: Time) -> None:
         self.order = None
+        self.woken.append(now)
         if self.parameters.far_m:
             self.motion.append(self.goal)
 
@@ -151,6 +156,7 @@ def scenario(*faults: dict[str, Any], use: str = "tests.fault_scene:SPEC", size:
             "body": {"radius_m": RADIUS_M, "speed_mps": SPEED_MPS, "acceleration_mps2": ACCELERATION_MPS2},
             **changes.pop("team", {}),
         },
+        "channel": changes.pop("channel", {"kind": "ideal"}),
         "protocol": {"use": use, "parameters": changes},
         "faults": list(faults),
     }

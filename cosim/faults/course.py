@@ -60,7 +60,7 @@ from cosim.robots.drive import wrapped
 from cosim.robots.motion import Fleet
 from cosim.robots.senses import Senses
 from cosim.trace import Trace
-from cosim.units import Time, from_seconds, to_seconds
+from cosim.units import Time, from_seconds
 from cosim.world.floorplan import Floorplan
 
 Boot: TypeAlias = Callable[[Address, int, Time], Machine]
@@ -102,6 +102,7 @@ class Faults:
         self._boots = [0] * len(self._nodes)
         self._to_scan: set[Address] = set()
         """Who has booted, but has not had its radio on since."""
+        self._batteries: dict[Address, Battery] = {}
         self._dead: set[Address] = set()
         self._coasting: dict[Address, Time] = {}
 
@@ -137,7 +138,9 @@ class Faults:
                 self._at(start, partial(self._step_clock, robot, from_seconds(fault.by_s)))
             case MovedSettings():
                 tick = self._fleet.tick
-                self._at(-(-start // tick) * tick, partial(self._carry, fault, ("fault", number, "place", start)))
+                self._at(
+                    max(1, -(-start // tick)) * tick, partial(self._carry, fault, ("fault", number, "place", start))
+                )
             case CrashSettings() | RadioOffSettings() | CameraOffSettings() | FrozenSettings():
                 self._at(start, partial(self._count, fault.kind, fault.robot, 1))
                 if end is not None:
@@ -205,6 +208,7 @@ class Faults:
 
     def _count(self, kind: str, robot: Address, change: int) -> None:
         """Count one fault of this *kind* more, or less: the first that is on begins it, the last that ends ends it."""
+        self._account(robot)
         self._lasting[kind, robot] = count = self._lasting.get((kind, robot), 0) + change
         if robot in self._dead or not (count == 0 or count == change):
             return
@@ -263,15 +267,24 @@ class Faults:
                 return
         self._note(robot, NotCarried())
 
+    # ------------------------------------------------------------ batteries
+
     def _supply(self, fault: BatterySettings) -> None:
-        """Have a battery drained at every tick, by what has been since the tick before."""
-        robot, battery, tick = fault.robot, Battery(fault), self._fleet.tick
+        """Have a battery looked at whenever a tick comes."""
+        self._batteries[fault.robot] = Battery(fault)
+        self._kernel.every(self._fleet.tick, partial(self._drain, fault.robot), WORLD)
 
-        def drain() -> None:
+    def _account(self, robot: Address) -> None:
+        """Have the robot's battery pay for the time up to now, in which host and radio were as they are."""
+        battery = self._batteries.get(robot)
+        if battery is not None:
             host_on = self._nodes[robot].alive
-            radio_on = host_on and not self._lasting.get(("radio_off", robot))
-            if robot not in self._dead and battery.drain(to_seconds(tick), self._fleet.way_m(robot), host_on, radio_on):
-                self._note(robot, BatteryEmpty())
-                self._kill(robot)
+            battery.last(self._kernel.now, host_on, host_on and not self._lasting.get(("radio_off", robot)))
 
-        self._kernel.every(tick, drain, WORLD)
+    def _drain(self, robot: Address) -> None:
+        self._account(robot)
+        battery = self._batteries[robot]
+        battery.drive(self._fleet.way_m(robot))
+        if battery.empty and robot not in self._dead:
+            self._note(robot, BatteryEmpty())
+            self._kill(robot)

@@ -95,7 +95,7 @@ class FrozenSettings(LastingSettings):
 
 
 class MovedSettings(TimedSettings):
-    """A robot is taken up and put elsewhere, at rest, at the first world tick not before that time.
+    """A robot is taken up and put elsewhere, at rest, at the first world tick after the start not before that time.
 
     Odometry does not notice: where a robot knows the world's frame without drift, it knows where it is now; else what
     it knows, its frame and the point that it drives to, go along with it.
@@ -103,7 +103,6 @@ class MovedSettings(TimedSettings):
 
     kind: Literal["moved"] = "moved"
     robot: int = Field(ge=0, description="number of the robot in the team")
-    at_s: float = Field(gt=0, description="s, when it happens; with a rate, from when on it can")
     to_m: tuple[float, float] | None = Field(
         default=None, description="m, where it is put; anywhere on free floor if not given"
     )
