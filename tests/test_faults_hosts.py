@@ -173,6 +173,17 @@ def test_steps_add_up_and_a_boot_does_not_set_the_clock():
     assert observed_at(run.machines[0]) == [1_900 * MS, 2_000 * MS]
 
 
+def test_steps_of_a_running_machine_add_up_and_a_deadline_is_looked_at_at_once():
+    run = executed(clock_step(0, 0.15, 1.0), clock_step(0, 0.25, 0.5), duration_s=0.4)
+    assert observed_at(run.machines[0]) == [0, 100 * MS, 1_200 * MS, 1_800 * MS]
+    assert executed(clock_step(0, 0.22, 0.3), order_s=0.5, duration_s=1.0).machines[0].woken == [520 * MS]
+
+
+def test_nothing_more_happens_to_the_dead():
+    hand = {"kind": "moved", "robot": 1, "at_s": 0.5, "to_m": [15.0, 15.0]}
+    assert rows(executed(kill(1, 0.2), hand, clock_step(1, 0.3, 1.0), duration_s=1.0)) == [(200 * MS, 1, "Killed")]
+
+
 def test_a_step_while_the_host_is_down_counts_when_it_boots():
     run = executed(crash(0, 0.1, 0.4), clock_step(0, 0.2, 1.0), duration_s=0.6)
     assert run.machines[0].start == 1_400 * MS
@@ -307,5 +318,5 @@ def test_a_robot_has_one_battery():
 
 
 def test_a_scenario_without_a_fault_has_no_column_for_it():
-    plain = simulate(scenario(duration_s=0.2), 1).trace.columns("events")
+    plain = simulate(scenario(kill(1, 0.1), duration_s=0.2), 1).trace.columns("events")
     assert {"to_x_m", "by_ns"} & plain.keys() == set()
