@@ -244,7 +244,7 @@ def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams,
         case OpticalSettings() as settings:
             return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
         case AdhocSettings() as settings:
-            return AdhocChannel(settings, kernel, trace, team.size, streams)
+            return AdhocChannel(settings, kernel, trace, team.size, streams, (floor.grid, floor.wall_loss_db))
         case BluetoothSettings() as settings:
             walls = floor.grid, floor.wall_loss_db
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)
