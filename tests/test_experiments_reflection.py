@@ -355,7 +355,7 @@ def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: st
         ("reflection_tables/alternatives", 288, 24),
         ("reflection_noise/sweep", 36, 18),
         ("reflection_noise/alternatives", 108, 9),
-        ("reflection_channels/sweep", 48, 8),
+        ("reflection_channels/sweep", 60, 10),
         ("reflection_roles/sweep", 48, 6),
         ("reflection_roles/alternatives", 96, 4),
         ("reflection_scaling/sweep", 18, 12),

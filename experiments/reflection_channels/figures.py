@@ -25,6 +25,8 @@ LINKS: Final = {
     "450_bit": "450 bit/s, 1 s",
     "bluetooth": "Bluetooth, 1 s",
     "bluetooth_walls": "Bluetooth, walls, 1 s",
+    "adhoc": "802.11, 1 s",
+    "adhoc_each_tick": "802.11, 0.1 s",
 }
 """By the ends of the tests' names."""
 SLIGHT: Final = 0.1

@@ -123,6 +123,33 @@ def test_a_full_queue_is_told_at_once() -> None:
     )
 
 
+def test_hosts_that_act_at_one_instant_collide_unless_they_take_their_time() -> None:
+    heard = []
+    for jitter_s in (0.0, 0.05):
+        field = Field((0, 0), (5, 0), (0, 5), host_jitter_s=jitter_s)
+        for number in range(20):
+            for source in (0, 1):
+                field.send_at((1 + 100 * number) * MS, source, BROADCAST)
+        field.kernel.run(3 * S)
+        heard.append(len(field.hosts[2].received_))
+        assert all(time < (60 + 100 * (at // 2)) * MS for at, (time, *_) in enumerate(field.hosts[2].received_))
+    assert heard[0] == 0
+    assert 30 <= heard[1] <= 40
+
+
+def test_what_a_host_has_handed_over_keeps_its_order_and_is_lost_with_the_device() -> None:
+    field = Field((0, 0), (5, 0), host_jitter_s=0.05)
+    for length in range(1, 9):
+        field.send_at(1 * MS, 0, BROADCAST, length)
+        field.send_at(200 * MS, 0, BROADCAST, 50 + length)
+    field.kernel.at(201 * MS, lambda: field.channel.power(0, False))
+    field.kernel.at(202 * MS, lambda: field.channel.power(0, True))
+    field.kernel.run(S)
+    lengths = [len(data) for _, _, data, _ in field.hosts[1].received_]
+    assert lengths[:8] == list(range(1, 9))
+    assert len(lengths) < 16
+
+
 def test_payloads_of_one_sender_keep_their_order_broadcast_or_not() -> None:
     field = Field((0, 0), (5, 0))
     for length in range(1, 9):

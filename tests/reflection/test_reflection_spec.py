@@ -227,18 +227,15 @@ def test_visbug_finds_its_targets_with_steps_that_end_at_corners_and_round_bodie
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("algorithm", "killed_at_s", "within_s"), [("avoid_past", 2.0, 300.0), ("visbug", 0.5, 120.0)])
-def test_a_robot_that_dies_leaves_the_others_to_their_tasks(
-    algorithm: str, killed_at_s: float, within_s: float
-) -> None:
-    """Its body stays: VisBug, which would be at the door after 2 s, does not pass one that is dead there."""
-    targets = [[[6.0, 4.5], [2.0, 4.5]], [[2.0, 4.5], [6.0, 4.5]]]
-    kill = {"kind": "kill", "robot": 1, "at_s": killed_at_s}
-    scenario = office(faults=[kill], explorers=2, targets=targets, algorithm=algorithm)
-    outcome = simulate(scenario.model_copy(update={"duration_s": within_s}), 3)
+@pytest.mark.parametrize("algorithm", ["avoid_past", "visbug"])
+def test_a_robot_that_dies_leaves_the_others_to_their_tasks(algorithm: str) -> None:
+    """Its body stays, in the corridor, beside the way of the other."""
+    targets = [[[7.0, 1.0], [5.0, 1.0]], [[2.0, 1.0], [7.0, 1.0]]]
+    kill = {"kind": "kill", "robot": 1, "at_s": 1.0}
+    outcome = simulate(office(faults=[kill], explorers=2, targets=targets, algorithm=algorithm), 3)
     assert outcome.metrics["robots_killed"] == 1.0
     assert outcome.metrics["targets_reached"] == 2.0
-    assert outcome.simulated_s < within_s
+    assert outcome.simulated_s < 120.0
 
 
 def test_frames_turn_places_and_back() -> None:

@@ -72,6 +72,11 @@ class AdhocSettings(Settings):
     queue_payloads: int | None = Field(
         default=None, ge=1, description="payloads that a device holds; unlimited if not given"
     )
+    host_jitter_s: float = Field(
+        default=0.0,
+        ge=0,
+        description="s, at most, that a payload takes from host to radio, at random; hosts may act at one instant",
+    )
     propagation_s: float = Field(default=1e-6, gt=0, description="s from a sender to a receiver, wherever they are")
     bianchi_counting: bool = Field(
         default=False, description="whether a busy period takes a slot from every back-off, as in Bianchi's model"
