@@ -16,6 +16,7 @@ import numpy.typing as npt
 from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
 from cosim.channels.adhoc.errors import frame_log_success
+from cosim.channels.adhoc.handover import Handover
 from cosim.channels.adhoc.mac import DATA, Frame, Packet
 from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
 from cosim.channels.adhoc.settings import AdhocSettings, mw
@@ -28,10 +29,7 @@ from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Lost, Metric, Outcome, Outgoing, Reception
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
-from cosim.units import Time, from_seconds
-
-JITTER: Final = 3
-"""The purpose of the draws for what hosts take."""
+from cosim.units import from_seconds
 
 FAINT_MW: Final = 1e-14
 """What arrives with less than -140 dBm is nothing, not even interference."""
@@ -72,15 +70,10 @@ class AdhocChannel(IdealChannel):
         self._dropped = 0
         timing = settings.timing()
         self._air = Medium(kernel, timing.delay, self._reaches, self._note)
-        self._jitter = from_seconds(settings.host_jitter_s)
         self._held = [0] * size
         """Payloads that each device has been handed and is not done with."""
-        self._handed = [0] * size
-        """How many of them were handed over with a jitter, and when the last one was or will be."""
-        self._handed_at: list[Time] = [0] * size
-        self._lives = [0] * size
-        """How often each device was switched."""
         self._draws = streams.draws("adhoc")
+        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         self._stations = [
             Station(address, timing, settings.access, self._receiver(address), kernel, self._air, self, self._draws)
             for address in range(size)
@@ -120,18 +113,7 @@ class AdhocChannel(IdealChannel):
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
-        if self._jitter == 0:
-            self._stations[source].send(packet)
-            return
-        late = self._draws.below(self._jitter + 1, self._handed[source], source, JITTER)
-        self._handed[source] += 1
-        self._handed_at[source] = max(self._handed_at[source], self.kernel.now + late)  # none overtakes another
-        self.kernel.at(self._handed_at[source], partial(self._take, source, self._lives[source], packet))
-
-    def _take(self, source: Address, life: int, packet: Packet) -> None:
-        """Have a station take *packet*, which its host has handed over, if the device was not off meanwhile."""
-        if life == self._lives[source]:
-            self._stations[source].send(packet)
+        self._handover.hand(source, partial(self._stations[source].send, packet))
 
     def moved(self, positions_m: Positions) -> None:
         """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
@@ -147,7 +129,7 @@ class AdhocChannel(IdealChannel):
         super().power(address, on)
         self._stations[address].power(on)
         self._held[address] = 0
-        self._lives[address] += 1
+        self._handover.forget(address)
 
     def summary(self) -> dict[str, float]:
         """Return how many frames were sent, and how many payloads were given up."""
