@@ -16,9 +16,12 @@ import numpy.typing as npt
 from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
 from cosim.channels.adhoc.errors import frame_log_success
+from cosim.channels.adhoc.forwarding import Forwarding
 from cosim.channels.adhoc.handover import Handover
 from cosim.channels.adhoc.mac import DATA, Frame, Packet
 from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
+from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.choice import make_router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
@@ -79,6 +82,14 @@ class AdhocChannel(IdealChannel):
             for address in range(size)
         ]
         self._air.stations = self._stations
+        self._forwarding = self._routers(streams)
+
+    def _routers(self, streams: Streams) -> Forwarding | None:
+        routing = self._settings.routing
+        if routing is None:
+            return None
+        draws = streams.draws("routing")
+        return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
 
     def _fading(self, walls: tuple[SegmentGrid, npt.ArrayLike] | None, streams: Streams) -> Propagation | None:
         law = self._settings.propagation
@@ -107,6 +118,9 @@ class AdhocChannel(IdealChannel):
         """
         if not self._on[source]:
             return
+        if self._forwarding is not None:
+            self._handover.hand(source, partial(self._forwarding.send, source, outgoing))
+            return
         if self._most is not None and self._held[source] >= self._most:
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
@@ -130,10 +144,13 @@ class AdhocChannel(IdealChannel):
         self._stations[address].power(on)
         self._held[address] = 0
         self._handover.forget(address)
+        if self._forwarding is not None:
+            self._forwarding.power(address, on)
 
     def summary(self) -> dict[str, float]:
         """Return how many frames were sent, and how many payloads were given up."""
-        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped)}
+        routed: dict[str, float] = {} if self._forwarding is None else self._forwarding.summary()
+        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped), **routed}
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
         """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
@@ -171,21 +188,41 @@ class AdhocChannel(IdealChannel):
     # ------------------------------------------------------------ what stations tell
 
     def received(self, address: Address, frame: Frame) -> None:
-        """Take a payload that has arrived at *address*; all of one instant are delivered together."""
+        """Take what has arrived at *address*: a payload, or a packet for its router."""
         assert frame.packet is not None
+        if self._forwarding is not None:
+            self._forwarding.received(address, frame)
+            return
+        self.arrived(address, Delivery(frame.source, frame.packet.payload, frame.destination == BROADCAST))
+
+    def arrived(self, address: Address, delivery: Delivery) -> None:
+        """Take a payload for the host at *address*; all of one instant are delivered together."""
         if not self._arrivals:
             self.kernel.soon(self._hand_over)
-        to_all = frame.destination == BROADCAST
-        self._arrivals.append((address, frame.packet.payload, self._receptions[frame.source, to_all]))
+        reception = self._receptions[delivery.source, delivery.broadcast]
+        self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Tell a host what has become of its payload."""
+        """Tell a host, or a router, what has become of its payload."""
         self._dropped += not acknowledged
         self._held[address] -= 1
+        if self._forwarding is not None:
+            self._forwarding.done(address, packet, acknowledged)
+            return
         if packet.token is not None:
             to_all = packet.destination == BROADCAST
             fate = Outcome.SENT if to_all else Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED
-            self._tell((address, Fate(packet.token, fate)))
+            self.told(address, packet.token, fate)
+
+    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+        """Tell the host of *address* what has become of a payload."""
+        self._tell((address, Fate(token, outcome)))
+
+    def transmit(self, address: Address, packet: Packet) -> None:
+        """Have the station of *address* send what its router wants to; what it has no room for is lost."""
+        if self._most is None or self._held[address] < self._most:
+            self._held[address] += 1
+            self._stations[address].send(packet)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []

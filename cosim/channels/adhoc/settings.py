@@ -20,6 +20,7 @@ from cosim.channels.adhoc.phy import (
     plcp_of,
 )
 from cosim.channels.adhoc.reception import Limits
+from cosim.channels.adhoc.routing.choice import RoutingSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Settings
 from cosim.units import US, from_seconds
@@ -71,6 +72,10 @@ class AdhocSettings(Settings):
     long_retries: int | None = Field(default=4, ge=1, description="times that a frame after an RTS is sent")
     queue_payloads: int | None = Field(
         default=None, ge=1, description="payloads that a device holds; unlimited if not given"
+    )
+    routing: RoutingSettings | None = Field(
+        default=None,
+        description="how payloads get beyond a radio's reach, over other robots; not at all if not given",
     )
     host_jitter_s: float = Field(
         default=0.0,
