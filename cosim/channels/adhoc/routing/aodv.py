@@ -1,9 +1,10 @@
 """AODV, ad hoc on-demand distance vector routing (RFC 3561): a robot looks for a route when it has a payload for it.
 
 This file has payloads, searches and time; ``aodv_control`` what routers say to each other, ``aodv_routes`` the table.
-Left out: multicast, subnets, gateways (sections 4, 7) and the wait after a reboot (6.13): a router that starts anew
-begins with a sequence number, its time in ms, above all that it has had. Payloads to all are not the RFC's matter: they
-are flooded, as far as NET_DIAMETER hops, and told apart by source and IP identification for PATH_DISCOVERY_TIME.
+A router that starts anew waits (6.13) unless told not to; in either case it begins with a sequence number, its time in
+ms, above all that it has had. Left out: multicast, subnets and extensions (sections 4, 7, 9). Payloads to all are not
+the RFC's matter: they are flooded, as far as NET_DIAMETER hops, and told apart by source and IP identification for
+PATH_DISCOVERY_TIME.
 """
 
 from collections.abc import Sequence
@@ -192,6 +193,8 @@ class Aodv(Control):
         else:
             self._lose(carried)
             self.table.keep(destination, now + self.times.delete)
+            if now < self._silent_until:
+                self._silent_until = now + self.times.delete
             self._report([destination], now, also=hop)
 
     def _salvage(self, carried: Carried, now: Time) -> None:
@@ -238,7 +241,7 @@ class Aodv(Control):
 
     def _request(self, destination: Address, search: Search, now: Time) -> None:
         """Send the next request of a search, or wait until the rate allows it (6.3)."""
-        search.due = self._requests.free_at(now)
+        search.due = max(self._requests.free_at(now), self._silent_until)
         if search.due > now:
             return
         self._requests.count(now)

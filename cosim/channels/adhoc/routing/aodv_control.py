@@ -44,7 +44,9 @@ class Control(Output):
         super().__init__(address, settings, draws, now)
         self.table = RouteTable(address, self.times.delete)
         self.sequence = now // MS & MASK
-        """The robot's own (6.1); who starts anew begins above all numbers that it has had, so need not wait (6.13)."""
+        """The robot's own (6.1); a router that starts anew begins above all numbers that it has had."""
+        self._silent_until = now + self.times.delete if settings.reboot_hold and now else now
+        """Until then it neither asks nor answers nor passes on, after a start at another time than 0 (6.13)."""
         self._seen = Seen(self.times.discovery)
         self._errors = RateLimit(settings.rerr_ratelimit)
         self._neighbours: dict[Address, tuple[Time, Time]] = {}
@@ -95,7 +97,7 @@ class Control(Output):
             lifetime = self.times.my_route
             self._reply(Rrep(0, self.address, self.sequence, rreq.originator, lifetime // MS), now)
             self._engage(now + lifetime, now)
-        elif not self._answers(rreq, hop, now) and ttl > 1:
+        elif now >= self._silent_until and not self._answers(rreq, hop, now) and ttl > 1:
             route = self.table.get(rreq.destination)
             newest = rreq.sequence
             known = None if route is None else route.sequence
@@ -155,7 +157,7 @@ class Control(Output):
         """Send a reply one hop towards its originator, and note who will use the route (6.7)."""
         back = self.table.active(rrep.originator)
         route = self.table.active(rrep.destination)
-        if back is None or (route is not None and route.next_hop == back.next_hop):
+        if back is None or (route is not None and route.next_hop == back.next_hop) or now < self._silent_until:
             return
         if route is not None:
             route.precursors.add(back.next_hop)

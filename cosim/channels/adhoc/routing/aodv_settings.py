@@ -64,6 +64,10 @@ class AodvSettings(Settings):
     use_mac_feedback: bool = Field(
         default=True, description="whether a link is broken if the radio has not got an acknowledgement"
     )
+    reboot_hold: bool = Field(
+        default=True,
+        description="whether a router that starts anew takes no part in searches until others have forgotten it",
+    )
     use_rrep_ack: bool = Field(
         default=False, description="whether route replies ask for an acknowledgement; who sends none is blacklisted"
     )
@@ -82,8 +86,8 @@ class AodvSettings(Settings):
 
     def times(self) -> AodvTimes:
         """Return all durations in ns."""
-        active, hello = from_seconds(self.active_route_timeout_s), from_seconds(self.hello_interval_s)
-        traversal = from_seconds(self.node_traversal_time_s)
+        active, hello = max(1, from_seconds(self.active_route_timeout_s)), max(1, from_seconds(self.hello_interval_s))
+        traversal = max(1, from_seconds(self.node_traversal_time_s))
         network = 2 * traversal * self.net_diameter
         return AodvTimes(
             active_route=active,

@@ -265,7 +265,9 @@ class Olsr(Queues):
         if destination == self._address:
             self._deliveries.append(Delivery(source, datagram.data, False))
         elif destination != BROADCAST:
-            if ttl > 1:
+            if ttl <= 1:
+                self._counts["payloads_unrouted"] += 1
+            else:
                 self._counts["payloads_forwarded"] += 1
                 self._route(datagram._replace(ttl=ttl - 1), None, now)
         elif self._payloads_seen.first((source, datagram.number), now):
@@ -294,6 +296,7 @@ class Olsr(Queues):
             raise WireError(f"{hop} puts an OLSR packet of {datagram.source} on the air")  # none makes two hops
         number, messages = decode_packet(datagram.data)
         self._neighbours.packet(hop, number, now)
+        self._neighbours.advance(now)
         for message in messages:
             if message.ttl == 0 or message.origin == self._address:
                 continue
