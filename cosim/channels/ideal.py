@@ -156,6 +156,13 @@ class IdealChannel(Channel):
         """Return whether the device of *source* is on, and has been since it began to send at *begin*."""
         return self._on[source] and self._on_since[source] <= begin
 
+    def _lose_links(self) -> None:
+        """Tell both ends of each link between devices that no longer hear each other; for channels with a reach."""
+        for pair in sorted(self._paged):
+            if not self._hears(*pair):
+                self._paged.discard(pair)
+                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+
     def _arrive(self, batch: list[_Sent]) -> None:
         """Deliver what was sent one delay ago to those who are switched on now, and tell the senders."""
         arrivals: list[Arrival] = []

@@ -29,7 +29,7 @@ from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
-from cosim.machine import BROADCAST, Address, Fate, Lost, Metric, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, Metric, Outcome, Outgoing, Reception
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import from_seconds
@@ -133,10 +133,7 @@ class AdhocChannel(IdealChannel):
         """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
         self._positions_m = positions_m
         self._reached = None
-        for pair in sorted(self._paged):
-            if not self._hears(*pair):
-                self._paged.discard(pair)
-                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+        self._lose_links()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""

@@ -56,7 +56,10 @@ class Router(Protocol):
         """Drain payloads for the host."""
 
     def fates(self) -> list[tuple[int, Outcome]]:
-        """Drain what has become of payloads: DELIVERED to the next hop, SENT to all, or NO_ROUTE."""
+        """Drain what has become of payloads: DELIVERED to the next hop, SENT to all, or why not.
+
+        That is NO_ROUTE, UNACKNOWLEDGED by the next hop, QUEUE_FULL or TOO_LONG.
+        """
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
