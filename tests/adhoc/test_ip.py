@@ -16,7 +16,7 @@ def test_the_checksum_is_that_of_a_header_whose_sum_is_known() -> None:
 
 
 def test_a_datagram_has_these_octets() -> None:
-    # version 4, 5 words; 31 octets; id 7; ttl 35; UDP; sum by hand: 4500+1f+7+2311+a00+1+ffff+ffff, carries added, = 7238
+    # version 4, 5 words; 31 octets; id 7; ttl 35; UDP; sum by hand 4500+1f+7+2311+a00+1+ffff+ffff, folded: 7238
     packet = encode(Datagram(0, BROADCAST, 35, 654, 7, b"abc"))
     assert packet.hex(" ") == (
         "45 00 00 1f 00 07 00 00 23 11 8d c7 0a 00 00 01 ff ff ff ff 02 8e 02 8e 00 0b 00 00 61 62 63"
