@@ -14,7 +14,7 @@ from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
-from cosim.faults import EVENTS as FAULT_EVENTS
+from cosim.faults.events import EVENTS as FAULT_EVENTS
 from cosim.machine import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
@@ -49,13 +49,18 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
         _section("events", "what machines report; the columns of the protocol's event types follow", _EVERY_EVENT),
         "Faults that a scenario schedules stand there too:\n",
-        *(f"`{kind.__name__}`: {(getdoc(kind) or '').partition(chr(10))[0]}\n" for kind in FAULT_EVENTS),
+        *map(_fault, FAULT_EVENTS),
         *(_protocol(spec) for spec in specs),
     ]
     return "\n".join(sections)
 
 
 _EVERY_EVENT: Final = events_table(()).fields
+
+
+def _fault(kind: type) -> str:
+    columns = event_fields(kind)
+    return f"`{kind.__name__}`: {getdoc(kind)}\n" + (f"\n{_columns(columns)}" if columns else "")
 
 
 def _protocol(spec: ProtocolSpec) -> str:

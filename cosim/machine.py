@@ -54,6 +54,8 @@ class Outcome(StrEnum):
     """On the air as often as it was to be (a broadcast: nobody acknowledges it)."""
     NO_LINK = "no_link"
     """There is no link to the destination."""
+    NO_ROUTE = "no_route"
+    """No way to the destination has been found over other robots."""
     TOO_LONG = "too_long"
     """No packet type in use can carry it."""
     FLUSHED = "flushed"

@@ -23,6 +23,8 @@ class Node:
         self.machine = machine
         self.alive = True
         self.motion: list[Command] = []
+        self.clock_offset: Time = 0
+        """By how much the machine's clock is ahead."""
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
@@ -70,6 +72,38 @@ class Node:
         self.alive = False
         self.motion.clear()
 
+    def reboot(self, machine: Machine, now: Time) -> None:
+        """Drive *machine* from now on, a new one; what the host before it was asked or told to do is forgotten."""
+        self.machine = machine if self.clock_offset == 0 else _OtherTime(machine, self.clock_offset)
+        self.alive = True
+        self.motion.clear()
+        self._rearm(now)
+        self.drain(now)
+
+    def step_clock(self, by: Time, now: Time) -> Time:
+        """Have the machine's clock, which is its offset ahead of *now*, jump by *by* ns, or to 0 if it would be less.
+
+        Return by how much it has jumped. Deadlines are met when that clock says so, at once if it has passed them.
+        """
+        by = max(by, -now - self.clock_offset)
+        self.clock_offset += by
+        if isinstance(self.machine, _OtherTime):
+            self.machine.offset = self.clock_offset
+        else:
+            self.machine = _OtherTime(self.machine, self.clock_offset)
+        if self.alive:
+            self._rearm(now)
+        return by
+
+    def _rearm(self, now: Time) -> None:
+        """Arm the machine's deadline, whatever was armed before."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        deadline = self.machine.wake_at()
+        if deadline is not None:
+            self._arm(deadline, now)
+
     def _note(self, event: Any, now: Time) -> None:
         if isinstance(event, Call):
             self._trace.row(CALLS, now, self.address, event.depth, event.room, event.call, event.detail)
@@ -102,3 +136,32 @@ class Node:
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
             raise LocalProtocolError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+
+
+class _OtherTime:
+    """A machine whose clock is ahead by an offset: so is what it is told and says of time, but for its own events."""
+
+    def __init__(self, machine: Machine, offset: Time) -> None:
+        self.offset = offset
+        self._machine = machine
+        self.outbox, self.commands, self.events = machine.outbox, machine.commands, machine.events
+
+    @property
+    def finished(self) -> bool:
+        return self._machine.finished
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        self._machine.receive(data, reception, now + self.offset)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        self._machine.link(event, now + self.offset)
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        self._machine.observe(observation, now + self.offset)
+
+    def wake(self, now: Time) -> None:
+        self._machine.wake(now + self.offset)
+
+    def wake_at(self) -> Time | None:
+        deadline = self._machine.wake_at()
+        return None if deadline is None else deadline - self.offset

@@ -33,7 +33,7 @@ from cosim.channels.ideal import IdealSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
-from cosim.faults import FaultSettings, misplaced
+from cosim.faults.settings import FaultSettings, misplaced
 from cosim.machine import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings

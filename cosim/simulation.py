@@ -21,10 +21,10 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.channels.vision import OpticalChannel, OpticalSettings
 from cosim.errors import LocalProtocolError
-from cosim.faults import EVENTS as FAULT_EVENTS
-from cosim.faults import Faults
+from cosim.faults.course import Faults, Victims
+from cosim.faults.events import events_of
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Command, Machine, Metric, ProtocolSpec, Referee, Surroundings
+from cosim.machine import Address, Command, Machine, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.node import Node
 from cosim.observation import Observation
 from cosim.randomness import Streams
@@ -72,7 +72,7 @@ class Simulation:
         self.scenario = scenario
         self.spec: ProtocolSpec = scenario.protocol.spec
         self.kernel = Kernel()
-        self.trace = Trace((events_table((*self.spec.events, *FAULT_EVENTS)), *tables))
+        self.trace = Trace((events_table((*self.spec.events, *events_of(scenario.faults))), *tables))
         self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
         streams = Streams(seed)
         parameters = scenario.protocol.parameters
@@ -91,7 +91,14 @@ class Simulation:
         ]
         for node in self.nodes:
             self.channel.attach(node.address, node)
-        self.faults = Faults(scenario.faults, self.kernel, self.nodes, self.channel, self.fleet, self.trace)
+
+        def boot(robot: Address, boots: int, now: Time) -> Machine:
+            stream = streams("machine", robot, "boot", boots)
+            self.machines[robot] = self.spec.make(parameters, knowledge, robot, stream, now)
+            return self.machines[robot]
+
+        victims = Victims(self.nodes, self.channel, self.fleet, self.senses, self.floorplan, boot)
+        self.faults = Faults(scenario.faults, self.kernel, victims, self.trace, streams)
         self.faults.schedule(scenario.duration)
         self._distance_m = 0.0
         self._poses_wanted = self.trace.wants(POSES)
@@ -178,10 +185,10 @@ class Simulation:
             self.kernel.stop()
 
     def _anybody_busy(self) -> bool:
-        for node in self.nodes:  # noqa: SIM110  # asked every tick: an expression takes three times as long
+        for node in self.nodes:  # asked every tick: an expression takes three times as long
             if node.alive and not node.machine.finished:
                 return True
-        return False
+        return self.faults.anybody_returns
 
     def _observations(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[Observation]:
         if self.senses is not None:
@@ -189,6 +196,8 @@ class Simulation:
         if not self.spec.needs_sight:
             return self.fleet.observations()
         seen = lines_of_sight(self.floorplan.packed, positions, self.scenario.team.sight_range_m or float("inf"))
+        if self.faults.blind:
+            seen[list(self.faults.blind)] = False
         return self.fleet.observations(seen_by_each(seen))
 
     def _in_world(self, robot: int, command: Command) -> Command:
@@ -235,7 +244,7 @@ def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams,
         case OpticalSettings() as settings:
             return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
         case AdhocSettings() as settings:
-            return AdhocChannel(settings, kernel, trace, team.size, streams)
+            return AdhocChannel(settings, kernel, trace, team.size, streams, (floor.grid, floor.wall_loss_db))
         case BluetoothSettings() as settings:
             walls = floor.grid, floor.wall_loss_db
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)

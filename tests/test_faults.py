@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,179 +11,12 @@ import pytest
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.jamming import PULSED, SWEEPING, Jammer
 from cosim.errors import UserError
-from cosim.machine import (
-    BROADCAST,
-    Address,
-    Command,
-    Death,
-    GoTo,
-    LinkEvent,
-    Lost,
-    Metric,
-    Outgoing,
-    ProtocolSpec,
-    Reception,
-    Surroundings,
-)
-from cosim.observation import Observation
+from cosim.machine import Address, Death, Lost
 from cosim.scenario import Scenario, build, dump
-from cosim.settings import Settings
 from cosim.simulation import Simulation, simulate
 from cosim.trace import FRAMES
 from cosim.units import MS, S, Time
-
-TICK = 100 * MS
-RADIUS_M, SPEED_MPS, ACCELERATION_MPS2 = 0.2, 0.5, 1.0
-
-
-class Parameters(Settings):
-    """Where the drivers go: x + far_m, or x - far_m for robots of odd number if they are to meet."""
-
-    far_m: float = 0.0
-    order_s: float = 0.0
-    meet: bool = False
-    finish_s: float | None = None
-
-
-class Driver:
-    """Is told to go at an instant, calls out at every tick, and notes what it takes."""
-
-    def __init__(self, parameters: Parameters, knowledge: Surroundings, me: Address, stream: Any, start: Time):
-        self.parameters, self.me = parameters, me
-        x, y = knowledge.starts_m[me]
-        back = parameters.meet and me % 2
-        self.goal = GoTo(x - parameters.far_m if back else x + parameters.far_m, y)
-        self.order: Time | None = round(parameters.order_s * S)
-        self.observed: list[tuple[Time, Observation]] = []
-        self.heard: list[tuple[Time, Address]] = []
-        self.news: list[tuple[Time, LinkEvent]] = []
-        self.motion: list[Command] = []
-        self.out: list[Outgoing] = []
-        self.now = start
-
-    @property
-    def finished(self) -> bool:
-        end = self.parameters.finish_s
-        return end is not None and self.now >= round(end * S)
-
-    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        self.heard.append((now, reception.source))
-
-    def link(self, event: LinkEvent, now: Time) -> None:
-        self.news.append((now, event))
-
-    def observe(self, observation: Observation, now: Time) -> None:
-        self.now = now
-        self.observed.append((now, observation))
-        self.out.append(Outgoing(BROADCAST, bytes([self.me])))
-
-    def wake(self, now: Time) -> None:
-        self.order = None
-        if self.parameters.far_m:
-            self.motion.append(self.goal)
-
-    def wake_at(self) -> Time | None:
-        return self.order
-
-    def outbox(self) -> list[Any]:
-        self.out, drained = [], self.out
-        return list(drained)
-
-    def commands(self) -> list[Command]:
-        self.motion, drained = [], self.motion
-        return drained
-
-    def events(self) -> list[Any]:
-        return []
-
-
-class Coroner:
-    """Writes down what it sees and whose death it is told of."""
-
-    def __init__(self, parameters: Parameters, knowledge: Surroundings) -> None:
-        self.seen: list[tuple[Time, np.ndarray[Any, Any]]] = []
-        self.deaths: list[tuple[int, Death]] = []
-        """(looks before it, death)"""
-
-    def look(self, x_m: Any, y_m: Any, now: Time) -> bool:
-        self.seen.append((now, np.stack((x_m, y_m), axis=1)))
-        return False
-
-    def died(self, death: Death) -> None:
-        self.deaths.append((len(self.seen), death))
-
-    def verdict(self, now: Time) -> dict[str, float]:
-        return {"deaths_told": float(len(self.deaths))}
-
-    def path(self, robot: Address) -> np.ndarray[Any, Any]:
-        return np.array([places[robot] for _, places in self.seen])
-
-
-SPEC = ProtocolSpec(
-    name="drivers",
-    parameters=Parameters,
-    place=lambda parameters, surroundings, size, stream: [(1.0 + 2.0 * robot, 5.0) for robot in range(size)],
-    prepare=lambda parameters, surroundings: surroundings,
-    make=Driver,
-    referee=Coroner,
-    metrics=(Metric("deaths_told", "1", "deaths"),),
-    measure=lambda machines: {},
-    events=(),
-)
-
-
-class Uninformed:
-    """A judge who has no ear for deaths, as those written before there were any."""
-
-    def look(self, x_m: Any, y_m: Any, now: Time) -> bool:
-        return False
-
-    def verdict(self, now: Time) -> dict[str, float]:
-        return {"deaths_told": 0.0}
-
-
-OLD = replace(SPEC, referee=lambda parameters, knowledge: Uninformed())  # type: ignore[arg-type,return-value]
-
-
-@pytest.fixture(autouse=True)
-def drivers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make this file the module that a user's scenario names."""
-    monkeypatch.setitem(sys.modules, "drivers", sys.modules[__name__])
-
-
-def scenario(*faults: dict[str, Any], use: str = "drivers:SPEC", size: int = 2, **changes: Any) -> Scenario:
-    plain = {
-        "duration_s": changes.pop("duration_s", 6.0),
-        "floorplan": {"map": "walls", "bounds_m": [0, 0, 20, 20]},
-        "team": {
-            "size": size,
-            "body": {"radius_m": RADIUS_M, "speed_mps": SPEED_MPS, "acceleration_mps2": ACCELERATION_MPS2},
-            **changes.pop("team", {}),
-        },
-        "protocol": {"use": use, "parameters": changes},
-        "faults": list(faults),
-    }
-    return Scenario.model_validate(plain)
-
-
-def executed(*faults: dict[str, Any], **changes: Any) -> Simulation:
-    run = Simulation(scenario(*faults, **changes), 1)
-    run.outcome = run.run()  # type: ignore[attr-defined]
-    return run
-
-
-def kill(robot: Address, at_s: float) -> dict[str, Any]:
-    return {"kind": "kill", "robot": robot, "at_s": at_s}
-
-
-def radio_off(robot: Address, at_s: float, until_s: float | None = None) -> dict[str, Any]:
-    return {"kind": "radio_off", "robot": robot, "at_s": at_s, "until_s": until_s}
-
-
-def rows(run: Simulation) -> list[tuple[Time, Address, str]]:
-    columns = run.trace.columns("events")
-    return list(zip(columns["time_ns"], columns["source"], columns["event"], strict=True))
-
+from tests.fault_scene import RADIUS_M, TICK, executed, kill, radio_off, rows, scenario
 
 # ---------------------------------------------------------------- death
 
@@ -278,9 +110,9 @@ def test_a_run_that_ends_before_the_body_rests_tells_its_referee_all_the_same():
 
 
 def test_a_referee_that_knows_of_no_deaths_judges_runs_without_any():
-    assert executed(radio_off(0, 1.0), use="drivers:OLD").outcome.simulated_s == 6.0  # type: ignore[attr-defined]
+    assert executed(radio_off(0, 1.0), use="tests.fault_scene:OLD").outcome.simulated_s == 6.0  # type: ignore[attr-defined]
     with pytest.raises(AttributeError, match="died"):
-        executed(kill(0, 1.0), use="drivers:OLD")
+        executed(kill(0, 1.0), use="tests.fault_scene:OLD")
 
 
 # ---------------------------------------------------------------- the end of the run
@@ -406,7 +238,7 @@ def complaint(*faults: Any) -> str:
         (kill(0, 2), "faults[1].robot: 0 dies twice"),
         ({"kind": "kill", "at_s": 2}, "faults[1].robot: is missing"),
         ({"robot": 1, "at_s": 2}, "faults[1].kind: is missing, in {'robot': 1, 'at_s': 2}"),
-        ({"kind": "smoke"}, "faults[1].kind: 'smoke' is not one of 'kill', 'radio_off', 'jammer'"),
+        ({"kind": "smoke"}, "faults[1].kind: 'smoke' is not one of 'kill', 'crash', 'radio_off', 'camera_off',"),
         (radio_off(1, 6, 6), "faults[1].until_s: 6 is not > 6, its at_s"),
         (radio_off(7, 6), "faults[1].robot: 7 is not one of the robots 0 to 3"),
         ({**JAMMER, "at_s": 80}, "faults[1].at_s: 80.0 is not < 60, the run's duration_s"),

@@ -68,6 +68,7 @@ class IdealChannel(Channel):
         self.delay: Time = max(1, from_seconds(settings.delay_s))
         self.sent = 0
         self._on = [True] * size
+        self._on_since: list[Time] = [0] * size
         self._scanning = [True] * size
         self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
         self._batch: list[_Sent] = []
@@ -139,6 +140,9 @@ class IdealChannel(Channel):
         """Switch a device on or off; the others lose a dead one at once."""
         lost_by = () if on else self.in_reach(address)
         self._on[address] = on
+        if on:  # what was before is nothing to it
+            self._on_since[address] = self.kernel.now
+            self._paged = {pair for pair in self._paged if address not in pair}
         self._tell(*((a, Lost(address)) for a in lost_by))
 
     def summary(self) -> dict[str, float]:
@@ -147,6 +151,17 @@ class IdealChannel(Channel):
 
     def _hears(self, one: Address, other: Address) -> bool:
         return one != other and 0 <= other < self.size and self._on[one] and self._on[other]
+
+    def _knows_of(self, source: Address, begin: Time) -> bool:
+        """Return whether the device of *source* is on, and has been since it began to send at *begin*."""
+        return self._on[source] and self._on_since[source] <= begin
+
+    def _lose_links(self) -> None:
+        """Tell both ends of each link between devices that no longer hear each other; for channels with a reach."""
+        for pair in sorted(self._paged):
+            if not self._hears(*pair):
+                self._paged.discard(pair)
+                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
 
     def _arrive(self, batch: list[_Sent]) -> None:
         """Deliver what was sent one delay ago to those who are switched on now, and tell the senders."""
@@ -158,7 +173,7 @@ class IdealChannel(Channel):
             heard = [a for a in receivers if a != source and self._on[a]]
             arrivals += [(address, outgoing.payload, Reception(source, to_all)) for address in heard]
             self._record(source, outgoing, bool(heard))
-            if outgoing.token is not None and self._on[source]:
+            if outgoing.token is not None and self._knows_of(source, self.kernel.now - self.delay):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
                 news.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, news)

@@ -12,13 +12,14 @@ find the same. At the side of a square the value jumps to an independent one.
 """
 
 import math
-from typing import Any, Final, Literal, TypeAlias
+from collections.abc import Sequence
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from cosim.geometry.segments import SegmentGrid
+from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Settings
@@ -49,6 +50,16 @@ class PropagationSettings(Settings):
     )
 
 
+class Barrier(NamedTuple):
+    """A stretch of line that costs dB where a signal crosses it, whatever the floor plan says."""
+
+    x1_m: float
+    y1_m: float
+    x2_m: float
+    y2_m: float
+    loss_db: float
+
+
 class Propagation:
     """The gains between all robots of a run."""
 
@@ -64,6 +75,11 @@ class Propagation:
         exponent = 2.0 if settings.model == "free_space" else settings.exponent
         self._law = (settings.reference_loss_db, exponent, settings.shadowing_db, settings.shadowing_cell_m)
         self._key = draws.key
+        self._barriers: Sequence[Barrier] = ()
+
+    def set_barriers(self, barriers: Sequence[Barrier]) -> None:
+        """Have *barriers*, and no others, in the way from now on."""
+        self._barriers = barriers
 
     def gains_db(self, positions_m: npt.ArrayLike) -> Floats:
         """Return the gains in dB, shape (n, n), between all *positions_m*, shape (n, 2).
@@ -75,6 +91,9 @@ class Propagation:
         gains = _gains_db(positions, self._law, self._key)
         if self._through_walls:
             gains -= wall_losses_db(self._walls, self._loss_db, positions)
+        if self._barriers:
+            lines = segment_grid([barrier[:4] for barrier in self._barriers])
+            gains -= wall_losses_db(lines, [barrier.loss_db for barrier in self._barriers], positions)
         return gains
 
 

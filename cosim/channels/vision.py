@@ -20,7 +20,7 @@ from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.geometry.segments import PackedWalls
 from cosim.kernel import Handle, Kernel
-from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Lost, Metric, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Metric, Outcome, Outgoing, Reception
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import S, Time
@@ -86,10 +86,7 @@ class OpticalChannel(IdealChannel):
         self._positions_m = positions_m
         self._looks += 1
         if self._paged:
-            for pair in sorted(self._paged):
-                if not self._hears(*pair):
-                    self._paged.discard(pair)
-                    self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+            self._lose_links()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; those in sight lose a dead one at once."""
@@ -173,7 +170,7 @@ class OpticalChannel(IdealChannel):
                 arrivals.append((address, payload, reception))
             if self._frames_wanted:
                 self._note(source, outgoing, begin, audience, heard)
-            if outgoing.token is not None and self._on[source]:
+            if outgoing.token is not None and self._knows_of(source, begin):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
                 news.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, news)

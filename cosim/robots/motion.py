@@ -20,7 +20,8 @@ from cosim.jit import njit
 from cosim.machine import Address, Command, GoTo
 from cosim.observation import Observation
 from cosim.robots.body import BodySettings
-from cosim.robots.contact import cut
+from cosim.robots.carry import Carry, Pose
+from cosim.robots.contact import BODY_SLACK_M, cut
 from cosim.robots.drive import ALIGNED_RAD, LAND_M, approach, chord, towards, wrapped
 from cosim.robots.table import (
     ANY_WAY,
@@ -29,6 +30,7 @@ from cosim.robots.table import (
     CUT,
     DX,
     DY,
+    FROZEN,
     GOAL_X,
     GOAL_Y,
     GOING,
@@ -41,6 +43,7 @@ from cosim.robots.table import (
     OBSERVED,
     PART,
     RADIUS,
+    ROOM,
     ROWS,
     SECONDS,
     SPEED,
@@ -58,8 +61,6 @@ from cosim.units import Time, to_seconds
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Pose: TypeAlias = tuple[float, float, float]
-"""x_m, y_m, heading_rad."""
 
 _NOBODY: Final[tuple[Address, ...]] = ()
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
@@ -143,6 +144,33 @@ class Fleet:
         x, y = own[X], own[Y]
         return x + part * (own[NEXT_X] - x), y + part * (own[NEXT_Y] - y), heading
 
+    def freeze(self, body: int, frozen: bool) -> None:
+        """Have *body* brake from the next :meth:`step` on, and stand; or follow its last command (again)."""
+        self._table[FROZEN, body] = frozen
+
+    def carry(self, body: int, carried: Carry, unaware: bool) -> bool:
+        """Have *body* stand at another pose at the coming tick, of which this is the instant, before the :meth:`step`.
+
+        The way that it has gone counts. If the robot is *unaware* of it, the goal of its last ``GoTo`` goes along.
+        Return whether there is room between the other bodies; if not, nothing has happened.
+        """
+        own, (x, y, heading) = self._table[:, body], carried.after
+        apart = np.hypot(self._table[NEXT_X] - x, self._table[NEXT_Y] - y) - self._table[RADIUS] - own[RADIUS]
+        apart[body] = 0.0
+        if (apart < -BODY_SLACK_M).any():
+            return False
+        own[X], own[Y], _ = carried.pose(*own[[X, Y, HEADING]].tolist())
+        if unaware:
+            own[GOAL_X], own[GOAL_Y], _ = carried.pose(*own[[GOAL_X, GOAL_Y, HEADING]].tolist())
+        own[NEXT_X], own[NEXT_Y], own[HEADING] = x, y, heading
+        own[[WAY, TURN, LANDING, CUT, ROOM]] = 0.0
+        return True
+
+    def way_m(self, body: int) -> float:
+        """Return how far *body* goes from the last tick to the next, in metres."""
+        own = self._table[:, body]
+        return math.hypot(own[NEXT_X] - own[X], own[NEXT_Y] - own[Y])
+
     def rests(self, body: int) -> bool:
         """Return whether *body* stays where it is until the next tick."""
         return bool(self._table[WAY, body] == 0.0)
@@ -189,7 +217,10 @@ def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: 
     for i in range(table.shape[1]):
         gone += _settle(table, i)
         positions[i, 0], positions[i, 1] = table[X, i], table[Y, i]
-        table[DX, i], table[DY, i] = _to_goal(table, i) if table[GOING, i] else _as_wanted(table, i)
+        if table[FROZEN, i]:
+            table[DX, i], table[DY, i] = _brake(table, i)
+        else:
+            table[DX, i], table[DY, i] = _to_goal(table, i) if table[GOING, i] else _as_wanted(table, i)
     cut(table, wall_numbers, wall_members)
     for i in range(table.shape[1]):
         part = table[PART, i]
@@ -214,6 +245,15 @@ def _settle(table: Floats, i: int) -> float:
     table[BLOCKED, i] = table[CUT, i]
     table[ARRIVED, i] = max(table[ARRIVED, i], table[LANDING, i])
     return math.sqrt(gone_x * gone_x + gone_y * gone_y)
+
+
+@njit(cache=True)
+def _brake(table: Floats, i: int) -> tuple[float, float]:
+    """Choose way and turn next to standing still; return the straight way of the tick."""
+    table[LANDING, i] = 0.0
+    table[WAY, i] = towards(0.0, table[WAY, i], table[WAY_CHANGE, i])
+    table[TURN, i] = towards(0.0, table[TURN, i], table[TURN_CHANGE, i])
+    return chord(table[HEADING, i], table[WAY, i], table[TURN, i])
 
 
 @njit(cache=True)

@@ -21,22 +21,27 @@ def checked_starts(starts_m: Sequence[Point], radii_m: Sequence[float], floorpla
     too near to an earlier start. To touch is allowed.
     """
     starts = np.array(starts_m, dtype=np.float64).reshape(-1, 2)
-    room = clearance(floorplan.grid, starts, max(radii_m, default=0.0) + 2 * TOUCH_M)
-    forbidden = floorplan.forbidden(starts)
     for number, (x, y) in enumerate(starts.tolist()):
         place = f"team.starts[{number}]: ({x:g}, {y:g})"
-        x_min, y_min, x_max, y_max = floorplan.bounds_m
-        if not (x_min <= x <= x_max and y_min <= y <= y_max):
-            raise UserError(f"{place} is outside of the floor, expected {x_min:g}..{x_max:g} by {y_min:g}..{y_max:g} m")
-        if forbidden[number]:
-            raise UserError(f"{place} is inside a wall or unknown, expected free floor")
-        if room[number] < radii_m[number] - TOUCH_M:
-            raise UserError(
-                f"{place} is inside a wall: it is {room[number]:.3g} m away, "
-                f"expected at least the radius {radii_m[number]:g} m"
-            )
+        wrong = misfit((x, y), radii_m[number], floorplan)
+        if wrong is not None:
+            raise UserError(f"{place} {wrong}")
         _check_apart(starts, radii_m, number, place)
     return starts
+
+
+def misfit(place_m: Point, radius_m: float, floorplan: Floorplan) -> str | None:
+    """Return what is wrong with *place_m* for a body of *radius_m*, if it does not fit there; to touch is allowed."""
+    x, y = place_m
+    x_min, y_min, x_max, y_max = floorplan.bounds_m
+    if not (x_min <= x <= x_max and y_min <= y <= y_max):
+        return f"is outside of the floor, expected {x_min:g}..{x_max:g} by {y_min:g}..{y_max:g} m"
+    if floorplan.forbidden(np.array([place_m]))[0]:
+        return "is inside a wall or unknown, expected free floor"
+    room_m = float(clearance(floorplan.grid, [place_m], radius_m + 2 * TOUCH_M)[0])
+    if room_m < radius_m - TOUCH_M:
+        return f"is inside a wall: it is {room_m:.3g} m away, expected at least the radius {radius_m:g} m"
+    return None
 
 
 def _check_apart(starts: Floats, radii_m: Sequence[float], number: int, place: str) -> None:

@@ -24,6 +24,7 @@ from cosim.jit import njit
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams, philox_words
+from cosim.robots.carry import Carry
 from cosim.robots.motion import Fleet
 from cosim.settings import Settings
 from cosim.units import Time, to_seconds
@@ -41,6 +42,7 @@ WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
 _SIGHT_PURPOSE: Final = 1
 _DRIFT_PURPOSE: Final = 2
 _NO_PICTURE: Final = np.empty(0, np.int64)
+_STALE: Final = [-1]  # the pairs of no picture
 _POINTS: Final = 16
 """So many points fit at first."""
 _FEW: Final = 2
@@ -61,7 +63,8 @@ _FRAME_X: Final = 9
 _FRAME_Y: Final = 10
 _FRAME_TURN: Final = 11
 _RADIUS: Final = 12
-_COLUMNS: Final = 13
+_BLIND: Final = 13
+_COLUMNS: Final = 14
 
 # columns of the table of what the sensors are like
 _RANGE: Final = 0
@@ -119,6 +122,8 @@ class Senses:
     ) -> None:
         count = len(radii_m)
         self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
+        self.aware = settings.frames == "world" and not self._drifts
+        """Whether a robot knows where it is, also if it has been carried there: odometry would not notice."""
         self._poses = np.zeros((count, _COLUMNS))
         self._poses[:, _FRAME_X : _FRAME_TURN + 1] = frames
         self._poses[:, _RADIUS] = radii_m
@@ -143,12 +148,11 @@ class Senses:
         """The pairs of the last picture; whom they are with, and which of them are each robot's."""
         self._others: list[int] = []
         self._shares: list[tuple[int, int]] = [(0, 0)] * count
-        self._nobody: list[tuple[()]] = [()] * count
         self._period = max(1, round((settings.camera_period_s or 0.0) / to_seconds(tick)))
         self._beams = settings.beams
         self._ticks = 0
-        self._sightings: Sequence[tuple[Sighting, ...]] = self._nobody
-        self._visible: Sequence[tuple[int, ...]] = self._nobody
+        self._sightings: list[tuple[Sighting, ...]] = [()] * count
+        self._visible: list[tuple[int, ...]] = [()] * count
         self._known: list[list[float]] = [[0.0] * (_BLOCKED + 1)] * count
         self._told = self._poses[:, : _BLOCKED + 1]
         self._views = [_View(self._room, robot, self._beams) for robot in range(count)]
@@ -186,6 +190,19 @@ class Senses:
         ends = [bisect_left(pairs, robot * count) for robot in range(count + 1)]
         self._shares = list(pairwise(ends))
         self._visible = [tuple(self._others[begin:end]) for begin, end in self._shares]
+
+    def blind(self, robot: int, blind: bool) -> None:
+        """Switch the camera of *robot* off, and forget its last picture; or on, to see from the next picture on."""
+        self._poses[robot, _BLIND] = blind
+        if blind:
+            self._in_sight = _STALE
+            self._sightings[robot] = self._visible[robot] = ()
+
+    def carry(self, robot: int, carried: Carry) -> None:
+        """Have *robot* carried away at this tick, before it senses: what an unaware one knows goes along."""
+        if not self.aware:
+            for row, first in ((self._poses[robot], _X), (self._poses[robot], _FRAME_X), (self._known[robot], _X)):
+                row[first : first + 3] = carried.pose(*row[first : first + 3])
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
@@ -326,6 +343,8 @@ def _hidden(poses: Floats, i: int, j: int, x: float, y: float) -> bool:
 @njit(cache=True)
 def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, x: float, y: float) -> bool:
     """Return whether robot *i* sees a point of the world, which is robot *j* (or nobody, -1)."""
+    if poses[i, _BLIND] > 0.0:
+        return False
     dx, dy = x - poses[i, _X], y - poses[i, _Y]
     if dx * dx + dy * dy > limits[_RANGE] * limits[_RANGE]:
         return False

@@ -36,4 +36,5 @@ TURN_CHANGE: Final = 25
 TURNS_FIRST: Final = 26
 SECONDS: Final = 27  # of a tick
 ANY_WAY: Final = 28  # it may change its direction as it drives
-ROWS: Final = 29
+FROZEN: Final = 29  # it brakes, then stands, whatever it was told
+ROWS: Final = 30

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.faults import KillSettings
+from cosim.faults.settings import KillSettings
 from cosim.machine import Address
 from cosim.scenario import Scenario
 from cosim.settings import Settings

@@ -164,10 +164,12 @@ def bianchi_mbps(radio: AdhocSettings, given: Parameters) -> float:
 
 def _durations(timing: Timing, given: Parameters) -> tuple[float, float]:
     """Return T_s and T_c, s."""
-    data = timing.unicast(given.network.payload_octets)
+    data = timing.unicast(given.network.payload_octets).duration
     gap = timing.sifs + timing.delay
     end = timing.delay + timing.difs
-    exchange = data + gap + timing.ack + end
+    exchange = data + gap + timing.ack.duration + end
     if given.access == "basic":
         return to_seconds(exchange), to_seconds(data + end)
-    return to_seconds(timing.rts + gap + timing.cts + gap + exchange), to_seconds(timing.rts + end)
+    return to_seconds(timing.rts.duration + gap + timing.cts.duration + gap + exchange), to_seconds(
+        timing.rts.duration + end
+    )

@@ -3,9 +3,10 @@
 import random
 from typing import NamedTuple
 
-from cosim.channels.adhoc.air import RangeAir
+from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
-from cosim.channels.adhoc.mac import Access, Frame, Packet, Timing
+from cosim.channels.adhoc.mac import Access, Form, Frame, Packet, Timing
+from cosim.channels.adhoc.reception import RangeReceiver
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -41,6 +42,10 @@ class Told(NamedTuple):
 def octets_time(octets: int) -> Time:
     """Return the air time of DATA: whole microseconds."""
     return PREAMBLE + (28 + octets) * US
+
+
+def octets_form(octets: int) -> Form:
+    return Form(octets_time(octets))
 
 
 def drawn(seed: int) -> Case:
@@ -112,21 +117,21 @@ class Network:
         self.told = Told([], set(), {}, {})
         self._case = case
         self._kernel = Kernel()
-        control = PREAMBLE + 14 * US
+        control = Form(PREAMBLE + 14 * US)
         bianchi, threshold, *limits = case.options
         timeout = SIFS + 2 * DELTA + (US if bianchi else SLOT + PREAMBLE)
-        eifs = DIFS if bianchi else SIFS + control + DIFS
+        eifs = DIFS if bianchi else SIFS + control.duration + DIFS
         timing = Timing(
-            SLOT, SIFS, DIFS, eifs, CCA, DELTA, timeout, control, control, control, octets_time, octets_time
+            SLOT, SIFS, DIFS, eifs, CCA, DELTA, timeout, control, control, control, octets_form, octets_form
         )
         access = Access(*case.windows, threshold, *limits, bianchi)
         count = len(case.hears)
-        reach = [tuple(b for b in range(count) if b != a and case.hears[a][b]) for a in range(count)]
-        air = RangeAir(self._kernel, DELTA, reach.__getitem__, self._note)
+        reach = [tuple((b, 1.0) for b in range(count) if b != a and case.hears[a][b]) for a in range(count)]
+        air = Medium(self._kernel, DELTA, reach.__getitem__, self._note)
         self._begin, air.begin = air.begin, self._on_air  # type: ignore[method-assign]
         draws = Draws(case.seed, "mac")
         self._stations = air.stations = [
-            Station(a, timing, access, self._kernel, air, self, draws) for a in range(count)
+            Station(a, timing, access, RangeReceiver(), self._kernel, air, self, draws) for a in range(count)
         ]
         for number, (time, station, destination, octets) in enumerate(case.arrivals):
             packet = Packet(destination, bytes(octets), number)
@@ -139,7 +144,7 @@ class Network:
 
     def _on_air(self, frame: Frame) -> None:
         self.told.frames.append(
-            (frame.begin, frame.begin + frame.duration, frame.source, frame.destination, frame.kind)
+            (frame.begin, frame.begin + frame.form.duration, frame.source, frame.destination, frame.kind)
         )
         self._begin(frame)
 

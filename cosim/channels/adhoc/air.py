@@ -1,7 +1,4 @@
-"""The medium of one 802.11 channel in range mode: who hears a frame, and when it begins and ends at each.
-
-Whoever is in reach hears it after the same short delay; two frames that overlap at a receiver are both lost to it.
-"""
+"""The medium of one 802.11 channel: whom a frame reaches, and when it begins and ends at each, after a short delay."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -13,21 +10,21 @@ from cosim.machine import Address
 from cosim.units import Time
 
 
-class RangeAir:
-    """Carries frames to all who hear their senders."""
+class Medium:
+    """Carries frames to all whom they reach."""
 
     def __init__(
         self,
         kernel: Kernel,
         delay: Time,
-        hearers: Callable[[Address], Sequence[Address]],
+        reach: Callable[[Address], Sequence[tuple[Address, float]]],
         note: Callable[[Frame, Address, bool], None] | None = None,
     ) -> None:
-        """Ask *hearers* who hears a sender when a frame begins; tell *note* which frame was received by whom."""
+        """Ask *reach* whom a sender reaches, with how many mW, when a frame begins; tell *note* who received which."""
         self.stations: Sequence[Station] = ()
         self._kernel = kernel
         self._delay = delay
-        self._hearers = hearers
+        self._reach = reach
         self._note = note
         self.frames = 0
         """How many have been on the air."""
@@ -49,16 +46,16 @@ class RangeAir:
 
     def _arrive(self, frames: list[Frame]) -> None:
         for frame in sorted(frames, key=lambda frame: frame.source):
-            reached = self._hearers(frame.source)
-            for address in reached:
-                self.stations[address].energy_begins(frame)
-            self._kernel.after(frame.duration, partial(self._leave, frame, reached))
+            reached = self._reach(frame.source)
+            for address, power_mw in reached:
+                self.stations[address].energy_begins(frame, power_mw)
+            self._kernel.after(frame.form.duration, partial(self._leave, frame, reached))
 
-    def _leave(self, frame: Frame, reached: Sequence[Address]) -> None:
+    def _leave(self, frame: Frame, reached: Sequence[tuple[Address, float]]) -> None:
         whole = frame not in self._cut
         if not whole:
             self._cut.remove(frame)
-        for address in reached:
+        for address, _ in reached:
             received = self.stations[address].energy_ends(frame, whole)
             if self._note is not None:
                 self._note(frame, address, received)

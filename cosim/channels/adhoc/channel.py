@@ -5,26 +5,39 @@ basic rate. What looks like a link to a host is reach: inquiry finds who is in r
 no such thing in 802.11; it lets protocols that manage links run here unchanged.
 """
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import ClassVar, Final
 
 import numpy as np
+import numpy.typing as npt
 
-from cosim.channels.adhoc.air import RangeAir
+from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
+from cosim.channels.adhoc.errors import frame_log_success
+from cosim.channels.adhoc.forwarding import Forwarding
+from cosim.channels.adhoc.handover import Handover
 from cosim.channels.adhoc.mac import DATA, Frame, Packet
-from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
+from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.choice import make_router
+from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.propagation import Barrier, Propagation
+from cosim.errors import UserError
+from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
-from cosim.machine import BROADCAST, Address, Fate, Lost, Metric, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, Metric, Outcome, Outgoing, Reception
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
-from cosim.units import Time, from_seconds
+from cosim.units import from_seconds
 
-JITTER: Final = 3
-"""The purpose of the draws for what hosts take."""
+FAINT_MW: Final = 1e-14
+"""What arrives with less than -140 dBm is nothing, not even interference."""
+RECEPTION: Final = 2
+"""The purpose of the draws for errors."""
 
 
 class AdhocChannel(IdealChannel):
@@ -37,32 +50,64 @@ class AdhocChannel(IdealChannel):
         ),
     )
 
-    def __init__(self, settings: AdhocSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams) -> None:
+    def __init__(
+        self,
+        settings: AdhocSettings,
+        kernel: Kernel,
+        trace: Trace,
+        size: int,
+        streams: Streams,
+        walls: tuple[SegmentGrid, npt.ArrayLike] | None = None,
+    ) -> None:
+        """*walls* and what each of them costs, dB, matter if signals fade."""
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
-        self._range_m = settings.range_m or float("inf")
+        self._settings = settings
         self._most = settings.queue_payloads
         self._frames_wanted = trace.wants(FRAMES)
-        self._near: list[tuple[Address, ...]] | None = None
-        """Who is in whose range, once somebody has asked since they have moved."""
+        self._propagation = self._fading(walls, streams)
+        self._reached: list[tuple[tuple[Address, float], ...]] | None = None
+        """Whom each robot reaches, with how many mW, once somebody has asked since they have moved."""
         self._positions_m: Positions = np.zeros((size, 2))
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._arrivals: list[Arrival] = []
         self._dropped = 0
-        self._air = RangeAir(kernel, settings.timing().delay, self.in_reach, self._note)
-        self._jitter = from_seconds(settings.host_jitter_s)
+        timing = settings.timing()
+        self._air = Medium(kernel, timing.delay, self._reaches, self._note)
         self._held = [0] * size
         """Payloads that each device has been handed and is not done with."""
-        self._handed = [0] * size
-        """How many of them were handed over with a jitter, and when the last one was or will be."""
-        self._handed_at: list[Time] = [0] * size
-        self._lives = [0] * size
-        """How often each device was switched."""
         self._draws = streams.draws("adhoc")
+        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         self._stations = [
-            Station(address, settings.timing(), settings.access, kernel, self._air, self, self._draws)
+            Station(address, timing, settings.access, self._receiver(address), kernel, self._air, self, self._draws)
             for address in range(size)
         ]
         self._air.stations = self._stations
+        self._forwarding = self._routers(streams)
+
+    def _routers(self, streams: Streams) -> Forwarding | None:
+        routing = self._settings.routing
+        if routing is None:
+            return None
+        draws = streams.draws("routing")
+        return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
+
+    def _fading(self, walls: tuple[SegmentGrid, npt.ArrayLike] | None, streams: Streams) -> Propagation | None:
+        law = self._settings.propagation
+        if law is None:
+            return None
+        grid, loss_db = walls or (segment_grid(()), ())
+        return Propagation(law, grid, loss_db, streams.draws("shadowing"))
+
+    def _receiver(self, address: Address) -> Receiver:
+        if self._propagation is None:
+            return RangeReceiver()
+        return SinrReceiver(self._settings.limits(), partial(self._is_right, address))
+
+    def _is_right(self, address: Address, frame: Frame, levels: Levels) -> bool:
+        """Draw whether *frame*, heard at *levels*, arrives without errors at *address*."""
+        form = frame.form
+        chance = math.exp(frame_log_success(self._settings.radio, form.rate_kbps, form.octets, levels))
+        return self._draws.uniform(frame.begin, frame.source << 16 | address, RECEPTION) < chance
 
     # ------------------------------------------------------------ the channel's contract
 
@@ -73,73 +118,108 @@ class AdhocChannel(IdealChannel):
         """
         if not self._on[source]:
             return
+        if self._forwarding is not None:
+            self._handover.hand(source, partial(self._forwarding.send, source, outgoing))
+            return
         if self._most is not None and self._held[source] >= self._most:
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
-        if self._jitter == 0:
-            self._stations[source].send(packet)
-            return
-        late = self._draws.below(self._jitter + 1, self._handed[source], source, JITTER)
-        self._handed[source] += 1
-        self._handed_at[source] = max(self._handed_at[source], self.kernel.now + late)  # none overtakes another
-        self.kernel.at(self._handed_at[source], partial(self._take, source, self._lives[source], packet))
-
-    def _take(self, source: Address, life: int, packet: Packet) -> None:
-        """Have a station take *packet*, which its host has handed over, if the device was not off meanwhile."""
-        if life == self._lives[source]:
-            self._stations[source].send(packet)
+        self._handover.hand(source, partial(self._stations[source].send, packet))
 
     def moved(self, positions_m: Positions) -> None:
         """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
         self._positions_m = positions_m
-        self._near = None
-        for pair in sorted(self._paged):
-            if not self._hears(*pair):
-                self._paged.discard(pair)
-                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+        self._reached = None
+        self._lose_links()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
         self._stations[address].power(on)
         self._held[address] = 0
-        self._lives[address] += 1
+        self._handover.forget(address)
+        if self._forwarding is not None:
+            self._forwarding.power(address, on)
 
     def summary(self) -> dict[str, float]:
         """Return how many frames were sent, and how many payloads were given up."""
-        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped)}
+        routed: dict[str, float] = {} if self._forwarding is None else self._forwarding.summary()
+        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped), **routed}
+
+    def obstruct(self, barriers: Sequence[Barrier]) -> None:
+        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        if self._propagation is None:
+            raise UserError("radios without propagation notice no walls")
+        self._propagation.set_barriers(tuple(barriers))
+        self._reached = None
 
     def _hears(self, one: Address, other: Address) -> bool:
-        return super()._hears(one, other) and other in self._in_range()[one]
+        """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
+        if not super()._hears(one, other):
+            return False
+        least = 0.0 if self._propagation is None else self._settings.limits().follows_mw
+        return any(address == other and power_mw >= least for address, power_mw in self._powers()[one])
 
-    def _in_range(self) -> Sequence[tuple[Address, ...]]:
-        if self._near is None:
-            apart = np.linalg.norm(self._positions_m[:, None] - self._positions_m[None], axis=-1)
-            near = (apart <= self._range_m) & ~np.eye(self.size, dtype=bool)
-            self._near = [tuple(np.flatnonzero(row).tolist()) for row in near]
-        return self._near
+    def _reaches(self, source: Address) -> Sequence[tuple[Address, float]]:
+        """Return whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
+        if not self._on[source]:
+            return ()
+        return tuple((address, power_mw) for address, power_mw in self._powers()[source] if self._on[address])
+
+    def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
+        if self._reached is None:
+            if self._propagation is None:
+                apart = np.linalg.norm(self._positions_m[:, None] - self._positions_m[None], axis=-1)
+                power = np.where(apart <= (self._settings.range_m or math.inf), 1.0, 0.0)
+                np.fill_diagonal(power, 0.0)
+            else:
+                power = mw(self._settings.power_dbm) * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
+            self._reached = [
+                tuple((other, each) for other, each in enumerate(row) if each > FAINT_MW) for row in power.tolist()
+            ]
+        return self._reached
 
     # ------------------------------------------------------------ what stations tell
 
     def received(self, address: Address, frame: Frame) -> None:
-        """Take a payload that has arrived at *address*; all of one instant are delivered together."""
+        """Take what has arrived at *address*: a payload, or a packet for its router."""
         assert frame.packet is not None
+        if self._forwarding is not None:
+            self._forwarding.received(address, frame)
+            return
+        self.arrived(address, Delivery(frame.source, frame.packet.payload, frame.destination == BROADCAST))
+
+    def arrived(self, address: Address, delivery: Delivery) -> None:
+        """Take a payload for the host at *address*; all of one instant are delivered together."""
         if not self._arrivals:
             self.kernel.soon(self._hand_over)
-        to_all = frame.destination == BROADCAST
-        self._arrivals.append((address, frame.packet.payload, self._receptions[frame.source, to_all]))
+        reception = self._receptions[delivery.source, delivery.broadcast]
+        self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Tell a host what has become of its payload."""
+        """Tell a host, or a router, what has become of its payload."""
         self._dropped += not acknowledged
         self._held[address] -= 1
+        if self._forwarding is not None:
+            self._forwarding.done(address, packet, acknowledged)
+            return
         if packet.token is not None:
             to_all = packet.destination == BROADCAST
             fate = Outcome.SENT if to_all else Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED
-            self._tell((address, Fate(packet.token, fate)))
+            self.told(address, packet.token, fate)
+
+    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+        """Tell the host of *address* what has become of a payload."""
+        self._tell((address, Fate(token, outcome)))
+
+    def transmit(self, address: Address, packet: Packet) -> None:
+        """Have the station of *address* send what its router wants to; what it has no room for is lost."""
+        if self._most is None or self._held[address] < self._most:
+            self._held[address] += 1
+            self._stations[address].send(packet)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []
@@ -150,5 +230,5 @@ class AdhocChannel(IdealChannel):
         if self._frames_wanted and frame.destination in (BROADCAST, address):
             length = len(frame.packet.payload) if frame.packet is not None and frame.kind == DATA else 0
             outcome = "received" if received else "collided"
-            row = frame.begin, frame.source, address, frame.duration, frame.kind, -1, 0, length, outcome, ""
+            row = frame.begin, frame.source, address, frame.form.duration, frame.kind, -1, 0, length, outcome, ""
             self.trace.row(FRAMES, *row)

@@ -24,7 +24,7 @@ from functools import partial
 from typing import Protocol
 
 from cosim.channels.adhoc.backoff import Backoff
-from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Frame, Kind, Packet, Timing
+from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Form, Frame, Kind, Packet, Timing
 from cosim.channels.adhoc.reception import Receiver
 from cosim.kernel import AIR, Handle, Kernel
 from cosim.machine import BROADCAST, Address
@@ -56,7 +56,15 @@ class Station:
     """One station: its queue, its back-off, its exchange, and what arrives at it."""
 
     def __init__(
-        self, address: Address, timing: Timing, access: Access, kernel: Kernel, air: Air, host: Host, draws: Draws
+        self,
+        address: Address,
+        timing: Timing,
+        access: Access,
+        receiver: Receiver,
+        kernel: Kernel,
+        air: Air,
+        host: Host,
+        draws: Draws,
     ) -> None:
         self.address = address
         self.queue: deque[Packet] = deque()
@@ -66,7 +74,7 @@ class Station:
         self._air = air
         self._host = host
         self._backoff = Backoff(address, access, timing.slot, draws)
-        self._receiver = Receiver()
+        self._receiver = receiver
         self._ends: Handle | None = None
         """When the back-off ends, or the interframe space before a frame without one, if the medium stays idle."""
         self._idle_from: Time = kernel.now
@@ -124,7 +132,7 @@ class Station:
         """Try the first of the queue again after a longer back-off, or drop it."""
         packet, access = self.queue[0], self._access
         after = 0 if access.bianchi_counting else self._timing.difs
-        if self._awaits == ACK and self._uses_rts(packet):
+        if self._awaits == ACK and access.asks(packet):
             packet.long += 1
         else:
             packet.short += 1
@@ -140,10 +148,6 @@ class Station:
         self._exchanging = False
         self._backoff.draw(self._kernel.now + after)
         self._contend()
-
-    def _uses_rts(self, packet: Packet) -> bool:
-        threshold = self._access.rts_threshold
-        return threshold is not None and len(packet.payload) > threshold and packet.destination != BROADCAST
 
     # ------------------------------------------------------------ access to the medium
 
@@ -176,10 +180,11 @@ class Station:
             return
         packet = self.queue[0]
         self._exchanging = True
-        if self._uses_rts(packet):
+        if self._access.asks(packet):
             timing = self._timing
-            rest = 3 * timing.sifs + timing.cts + timing.unicast(len(packet.payload)) + timing.ack
-            self._transmit(RTS, packet.destination, timing.rts, rest, packet.number)
+            data = timing.unicast(len(packet.payload)).duration
+            rest = 3 * timing.sifs + timing.cts.duration + data + timing.ack.duration
+            self._transmit(Frame(RTS, self.address, packet.destination, timing.rts, rest, packet.number))
         else:
             self._transmit_data()
 
@@ -200,26 +205,18 @@ class Station:
     def _transmit_data(self) -> None:
         packet, timing = self.queue[0], self._timing
         to_all = packet.destination == BROADCAST
-        duration = (timing.broadcast if to_all else timing.unicast)(len(packet.payload))
-        rest = 0 if to_all else timing.sifs + timing.ack
-        self._transmit(DATA, packet.destination, duration, rest, packet.number, packet)
+        form = (timing.broadcast if to_all else timing.unicast)(len(packet.payload))
+        rest = 0 if to_all else timing.sifs + timing.ack.duration
+        self._transmit(Frame(DATA, self.address, packet.destination, form, rest, packet.number, packet))
 
-    def _transmit(
-        self,
-        kind: Kind,
-        destination: Address,
-        duration: Time,
-        reserves: Time,
-        number: int,
-        packet: Packet | None = None,
-    ) -> None:
+    def _transmit(self, frame: Frame) -> None:
         now = self._kernel.now
         if self._sending is not None:
             return
         self._defer(now)
         self._receiver.drop()
-        self._sending = Frame(kind, self.address, destination, duration, reserves, number, packet, now)
-        self._acts = [self._kernel.at(now + duration, self._sent)]
+        self._sending = frame._replace(begin=now)
+        self._acts = [self._kernel.at(now + frame.form.duration, self._sent)]
         self._air.begin(self._sending)
 
     def _sent(self) -> None:
@@ -243,16 +240,17 @@ class Station:
 
     # ------------------------------------------------------------ receiving
 
-    def energy_begins(self, frame: Frame) -> None:
+    def energy_begins(self, frame: Frame, power_mw: float) -> None:
         """A frame begins to arrive."""
         now, sending = self._kernel.now, self._sending is not None
-        if self._receiver.begins(frame, sending, now) and not sending:
+        if self._receiver.begins(frame, power_mw, sending, now) and not sending:
             self._defer(now + self._timing.cca)
 
     def energy_ends(self, frame: Frame, whole: bool) -> bool:
         """A frame has arrived to its end, *whole* unless its sender was cut off; return whether it was received."""
-        received = self._receiver.ends(frame, whole)
-        idle = not self._receiver.energy and self._sending is None
+        was_busy = self._receiver.energy
+        received = self._receiver.ends(frame, whole, self._kernel.now)
+        idle = was_busy and not self._receiver.energy and self._sending is None
         if idle:
             self._idle_from = self._kernel.now
         if received is not None:
@@ -277,16 +275,16 @@ class Station:
                 self._host.received(self.address, frame)
         elif frame.kind == RTS:
             if self._reserved_until <= self._kernel.now:
-                rest = frame.reserves - self._timing.sifs - self._timing.cts
+                rest = frame.reserves - self._timing.sifs - self._timing.cts.duration
                 self._respond(CTS, frame, self._timing.cts, rest)
         elif frame.kind == self._awaits and self.queue[0].destination == frame.source:
             self._go_on()
             return True
         return False
 
-    def _respond(self, kind: Kind, frame: Frame, duration: Time, reserves: Time) -> None:
-        send = partial(self._transmit, kind, frame.source, duration, reserves, frame.number)
-        self._acts = [self._kernel.after(self._timing.sifs, send, AIR)]
+    def _respond(self, kind: Kind, frame: Frame, form: Form, reserves: Time) -> None:
+        answer = Frame(kind, self.address, frame.source, form, reserves, frame.number)
+        self._acts = [self._kernel.after(self._timing.sifs, partial(self._transmit, answer), AIR)]
 
     def _go_on(self) -> None:
         """The awaited response is there."""

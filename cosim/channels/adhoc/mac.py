@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple, TypeAlias
 
-from cosim.machine import Address
+from cosim.machine import BROADCAST, Address
 from cosim.units import Time
 
 Kind: TypeAlias = Literal["DATA", "ACK", "RTS", "CTS"]
@@ -15,8 +15,20 @@ RTS: Final = "RTS"
 CTS: Final = "CTS"
 
 
+class Form(NamedTuple):
+    """How a frame is sent."""
+
+    duration: Time
+    """On the air, ns."""
+    octets: int = 0
+    """Of the MAC, with the check sequence."""
+    rate_kbps: int = 0
+    preamble: Time = 0
+    """Of the PLCP's preamble and header, ns."""
+
+
 class Timing(NamedTuple):
-    """Times of the physical layer and of its frames, in ns (IEEE 802.11-1999, clause 9.2.10)."""
+    """Times of the physical layer in ns, and its frames (IEEE 802.11-1999, clause 9.2.10)."""
 
     slot: Time
     sifs: Time
@@ -28,13 +40,12 @@ class Timing(NamedTuple):
     """From a sender to a receiver, the same for all."""
     timeout: Time
     """From the end of a frame on, for so long an answer is waited for (9.2.8); for Bianchi's model less than DIFS."""
-    ack: Time
-    """On the air."""
-    rts: Time
-    cts: Time
-    unicast: Callable[[int], Time]
-    """Air time of a frame with a payload of so many octets to one station."""
-    broadcast: Callable[[int], Time]
+    ack: Form
+    rts: Form
+    cts: Form
+    unicast: Callable[[int], Form]
+    """Of a frame with a payload of so many octets to one station."""
+    broadcast: Callable[[int], Form]
     """The same to all, at the lowest basic rate."""
 
 
@@ -51,6 +62,11 @@ class Access(NamedTuple):
     """So often a frame after an RTS is tried."""
     bianchi_counting: bool = False
     """A busy period takes a slot from every back-off."""
+
+    def asks(self, packet: "Packet") -> bool:
+        """Return whether *packet* is preceded by an RTS."""
+        threshold = self.rts_threshold
+        return threshold is not None and len(packet.payload) > threshold and packet.destination != BROADCAST
 
 
 @dataclass(slots=True, eq=False)
@@ -75,13 +91,12 @@ class Frame(NamedTuple):
     source: Address
     destination: Address
     """BROADCAST for all."""
-    duration: Time
-    """Air time."""
+    form: Form
     reserves: Time
     """For so long after its end the exchange goes on (the duration field): others keep silent."""
     number: int
     """The sequence number of the DATA that it is about, counted by who sends the DATA."""
-    packet: Packet | None
+    packet: Packet | None = None
     """Of a DATA frame."""
-    begin: Time
-    """When its sender began."""
+    begin: Time = -1
+    """When its sender began; -1 before."""

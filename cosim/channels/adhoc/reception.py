@@ -1,15 +1,52 @@
-"""What arrives at one station where every frame in reach is equally strong: one is followed, two are none."""
+"""What arrives at one station, and what of it can be received.
+
+``RangeReceiver``: every frame in reach is equally strong. One that begins while nothing else is there is followed; any
+other that overlaps it spoils it.
+
+``SinrReceiver``: frames have powers. One that is strong enough is followed; all others, and the noise, disturb it, each
+for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place (capture).
+Whether what was followed is received is drawn at its end, from how likely all parts of it are to have no errors.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, TypeAlias
 
 from cosim.channels.adhoc.mac import Frame
 from cosim.units import Time
 
+Levels: TypeAlias = list[tuple[Time, float]]
+"""(ns since the frame began, ratio of its power to all others and noise from then on)"""
 
-class Receiver:
-    """Follows a frame that begins while nothing else is there; any other that overlaps it spoils it."""
+
+class Receiver(Protocol):
+    """What a station knows of the medium."""
+
+    energy_from: Time
+    """When the medium became busy last."""
+
+    @property
+    def energy(self) -> bool:
+        """The medium is busy with what others send."""
+
+    @property
+    def follows(self) -> bool:
+        """A frame is being received, be it in vain."""
+
+    def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
+        """Take in that *frame* begins; who is *deaf*, as it sends, follows none. Return whether that ended silence."""
+
+    def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
+        """Take in that *frame* ends; return whether it was received, None if it was not followed."""
+
+    def drop(self) -> None:
+        """Follow no frame any more."""
+
+
+class RangeReceiver:
+    """All or nothing."""
 
     def __init__(self) -> None:
         self.energy_from: Time = 0
-        """When the first of what arrives now began to."""
         self._arriving = 0
         self._followed: Frame | None = None
         self._spoilt = False
@@ -24,8 +61,8 @@ class Receiver:
         """A frame is being received, spoilt or not."""
         return self._followed is not None
 
-    def begins(self, frame: Frame, deaf: bool, now: Time) -> bool:
-        """Take in that *frame* begins; who is *deaf*, as it sends, follows none. Return whether all was silent."""
+    def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
+        """Take in that *frame* begins."""
         if self._followed is not None:
             self._spoilt = True
         elif not self._arriving and not deaf:
@@ -35,8 +72,8 @@ class Receiver:
             self.energy_from = now
         return self._arriving == 1
 
-    def ends(self, frame: Frame, whole: bool) -> bool | None:
-        """Take in that *frame* ends; return whether it was received, None if it was not followed."""
+    def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
+        """Take in that *frame* ends."""
         self._arriving -= 1
         if frame is not self._followed:
             return None
@@ -46,3 +83,80 @@ class Receiver:
     def drop(self) -> None:
         """Follow no frame any more."""
         self._followed = None
+
+
+class Limits(NamedTuple):
+    """Powers at a receiver in mW, and what they bring about."""
+
+    noise_mw: float
+    follows_mw: float
+    """A frame that is weaker is not noticed as one."""
+    busy_mw: float
+    """So much energy makes the medium busy, whatever it is."""
+    capture: float
+    """So many times stronger is a frame that takes the place of another; inf: none is."""
+
+
+class SinrReceiver:
+    """Powers, noise and interference."""
+
+    def __init__(self, limits: Limits, judge: Callable[[Frame, Levels], bool]) -> None:
+        """Ask *judge* whether a frame that was followed to its end is received."""
+        self.energy_from: Time = 0
+        self._limits = limits
+        self._judge = judge
+        self._arriving: dict[int, float] = {}
+        """mW of every frame that arrives, by its identity."""
+        self._followed: Frame | None = None
+        self._since: Time = 0
+        self._levels: Levels = []
+
+    @property
+    def energy(self) -> bool:
+        """There is much energy, or a frame that is followed."""
+        return self._followed is not None or sum(self._arriving.values()) >= self._limits.busy_mw
+
+    @property
+    def follows(self) -> bool:
+        """A frame is being received, be it in vain."""
+        return self._followed is not None
+
+    def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
+        """Take in that *frame* begins."""
+        was_busy = self.energy
+        self._arriving[id(frame)] = power_mw
+        if not deaf and power_mw >= self._limits.follows_mw and self._takes_over(power_mw, now):
+            self._followed, self._since, self._levels = frame, now, []
+        self._note(now)
+        if was_busy or not self.energy:
+            return False
+        self.energy_from = now
+        return True
+
+    def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
+        """Take in that *frame* ends."""
+        del self._arriving[id(frame)]
+        if frame is not self._followed:
+            self._note(now)
+            return None
+        self._followed = None
+        return whole and self._judge(frame, self._levels)
+
+    def drop(self) -> None:
+        """Follow no frame any more."""
+        self._followed = None
+
+    def _takes_over(self, power_mw: float, now: Time) -> bool:
+        """Return whether a frame that begins is followed from now on."""
+        followed = self._followed
+        if followed is None:
+            return True
+        early = now - self._since < followed.form.preamble
+        return early and power_mw >= self._limits.capture * self._arriving[id(followed)]
+
+    def _note(self, now: Time) -> None:
+        """Note how well the frame that is followed is heard from now on."""
+        if self._followed is not None:
+            power_mw = self._arriving[id(self._followed)]
+            others_mw = sum(self._arriving.values()) - power_mw
+            self._levels.append((now - self._since, power_mw / (self._limits.noise_mw + max(others_mw, 0.0))))

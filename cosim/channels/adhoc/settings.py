@@ -1,10 +1,12 @@
 """What a scenario can say about an 802.11 ad hoc network."""
 
+import math
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.mac import Access, Timing
+from cosim.channels.adhoc.errors import NOISE_FIGURE_DB, noise_dbm
+from cosim.channels.adhoc.mac import Access, Form, Timing
 from cosim.channels.adhoc.phy import (
     ACK_OCTETS,
     CTS_OCTETS,
@@ -15,7 +17,11 @@ from cosim.channels.adhoc.phy import (
     answer_timeout,
     control_kbps,
     eifs,
+    plcp_of,
 )
+from cosim.channels.adhoc.reception import Limits
+from cosim.channels.adhoc.routing.choice import RoutingSettings
+from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Settings
 from cosim.units import US, from_seconds
 
@@ -26,7 +32,21 @@ class AdhocSettings(Settings):
     """Parameters of an 802.11 ad hoc network: the distributed coordination function, on one channel."""
 
     kind: Literal["adhoc"] = "adhoc"
-    range_m: float | None = Field(default=None, gt=0, description="m, reach of a radio; unlimited if not given")
+    range_m: float | None = Field(
+        default=None, gt=0, description="m, reach of a radio without a law of propagation; unlimited if not given"
+    )
+    propagation: PropagationSettings | None = Field(
+        default=None, description="how signals fade; without it all frames in range_m are alike, and any two collide"
+    )
+    power_dbm: float = Field(default=15.0, description="dBm, transmit power")
+    noise_figure_db: float = Field(default=NOISE_FIGURE_DB, ge=0, description="dB, of the receivers")
+    detection_dbm: float = Field(default=-82.0, description="dBm, weaker frames are not noticed as frames")
+    energy_dbm: float = Field(default=-62.0, description="dBm, from which on energy makes the medium busy")
+    capture_db: float | None = Field(
+        default=5.0,
+        ge=0,
+        description="dB, so much stronger a frame takes over from one in its preamble; null: none does",
+    )
     phy: PhyName = Field(
         default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"
     )
@@ -53,6 +73,10 @@ class AdhocSettings(Settings):
     queue_payloads: int | None = Field(
         default=None, ge=1, description="payloads that a device holds; unlimited if not given"
     )
+    routing: RoutingSettings | None = Field(
+        default=None,
+        description="how payloads get beyond a radio's reach, over other robots; not at all if not given",
+    )
     host_jitter_s: float = Field(
         default=0.0,
         ge=0,
@@ -70,6 +94,8 @@ class AdhocSettings(Settings):
             for rate in wanted:
                 if rate is not None and rate not in rates:
                     raise ValueError(f"{field}: {rate:g} is not one of {', '.join(f'{each:g}' for each in rates)}")
+        if self.propagation is not None and self.phy == "fhss":
+            raise ValueError("phy: fhss has no model of bit errors, which propagation needs")
         if self.access.cw_max < self.access.cw_min:
             raise ValueError(f"cw_max {self.access.cw_max} is not >= cw_min {self.access.cw_min}")
         return self
@@ -114,12 +140,28 @@ class AdhocSettings(Settings):
             cca=phy.cca,
             delay=delay,
             timeout=timeout,
-            ack=airtime(phy, answers, ACK_OCTETS),
-            rts=airtime(phy, answers, RTS_OCTETS),
-            cts=airtime(phy, answers, CTS_OCTETS),
-            unicast=lambda octets: airtime(phy, rate, octets + overhead),
-            broadcast=lambda octets: airtime(phy, phy.lowest_kbps, octets + overhead),
+            ack=form(phy, answers, ACK_OCTETS),
+            rts=form(phy, answers, RTS_OCTETS),
+            cts=form(phy, answers, CTS_OCTETS),
+            unicast=lambda octets: form(phy, rate, octets + overhead),
+            broadcast=lambda octets: form(phy, phy.lowest_kbps, octets + overhead),
         )
+
+    def limits(self) -> Limits:
+        """Return what powers bring about, if signals fade."""
+        capture = math.inf if self.capture_db is None else mw(self.capture_db)
+        noise = noise_dbm(self.radio.bandwidth_hz, self.noise_figure_db)
+        return Limits(mw(noise), mw(self.detection_dbm), mw(self.energy_dbm), capture)
+
+
+def form(phy: Phy, rate_kbps: int, octets: int) -> Form:
+    """Return how a frame of *octets* is sent at *rate_kbps*."""
+    return Form(airtime(phy, rate_kbps, octets), octets, rate_kbps, plcp_of(phy, rate_kbps).time)
+
+
+def mw(dbm: float) -> float:
+    """Return mW for dBm, or a ratio for dB."""
+    return float(10.0 ** (dbm / 10.0))
 
 
 def _kbps(rate_mbps: float) -> int:

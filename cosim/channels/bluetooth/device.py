@@ -25,8 +25,8 @@ from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import Propagation
-from cosim.errors import LocalProtocolError
+from cosim.channels.propagation import Barrier, Propagation
+from cosim.errors import LocalProtocolError, UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import (
@@ -183,6 +183,13 @@ class BluetoothChannel(Channel):
         """Have *jammer* on the air as well, at its times."""
         self._jammers.append(jammer)
         self.air.set_jammers(self._jammers, self.kernel.now)
+        self._update_powers()
+
+    def obstruct(self, barriers: Sequence[Barrier]) -> None:
+        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        if isinstance(self._reach, Disc):
+            raise UserError("radios without propagation notice no walls")
+        self._reach.obstruct(barriers)
         self._update_powers()
 
     def advance(self, now: Time) -> None:

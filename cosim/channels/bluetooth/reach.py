@@ -12,7 +12,7 @@ from cosim.channels.base import Positions
 from cosim.channels.bluetooth.errors import SENSITIVITY_BER, es_n0_db_at
 from cosim.channels.bluetooth.medium import Floats
 from cosim.channels.jamming import Jammer
-from cosim.channels.propagation import Propagation
+from cosim.channels.propagation import Barrier, Propagation
 from cosim.jit import njit
 
 Bools = np.ndarray[Any, np.dtype[np.bool_]]
@@ -76,6 +76,10 @@ class Fading:
             return False
         self._positions_m = positions_m.copy()
         return True
+
+    def obstruct(self, barriers: Sequence[Barrier]) -> None:
+        """Have *barriers*, and no others, in the way from now on."""
+        self._propagation.set_barriers(tuple(barriers))
 
     def power_dbm(self) -> Floats:
         """Return what each device (column) receives of each other (row), shape (n, n)."""

@@ -1,0 +1,107 @@
+"""The routers of a network: they are driven here as nodes drive machines, between hosts and stations.
+
+A router that is switched on is a new one, without memory.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from cosim.channels.adhoc.mac import Frame, Packet
+from cosim.channels.adhoc.routing.base import Delivery, Router
+from cosim.errors import LocalProtocolError
+from cosim.kernel import WAKE, Handle, Kernel
+from cosim.machine import Address, Outcome, Outgoing
+from cosim.units import Time
+
+
+class Ends(Protocol):
+    """What routers are between."""
+
+    def transmit(self, address: Address, packet: Packet) -> None:
+        """Have the station of *address* send *packet* to a neighbour, or to all in reach."""
+
+    def arrived(self, address: Address, delivery: Delivery) -> None:
+        """Hand a payload to the host of *address*."""
+
+    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+        """Tell the host of *address* what has become of a payload."""
+
+
+class Forwarding:
+    """All routers of a run."""
+
+    def __init__(self, size: int, make: Callable[[Address, Time], Router], kernel: Kernel, ends: Ends) -> None:
+        self._make = make
+        self._kernel = kernel
+        self._ends = ends
+        self.routers = [make(address, kernel.now) for address in range(size)]
+        self._on = [True] * size
+        self._timers: list[Handle | None] = [None] * size
+        for address in range(size):
+            self._drain(address)
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Hand a host's payload to its router."""
+        self.routers[source].send(*outgoing, self._kernel.now)
+        self._drain(source)
+
+    def received(self, address: Address, frame: Frame) -> None:
+        """Hand a packet from the air to the router at *address*."""
+        assert frame.packet is not None
+        self.routers[address].receive(frame.packet.payload, frame.source, self._kernel.now)
+        self._drain(address)
+
+    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
+        """Tell the router at *address* what has become of a packet."""
+        if packet.token is not None:
+            self.routers[address].hop_done(packet.token, acknowledged, self._kernel.now)
+            self._drain(address)
+
+    def power(self, address: Address, on: bool) -> None:
+        """Have a router forget everything, and begin anew when it is switched on."""
+        self._on[address] = on
+        if on:
+            self.routers[address] = self._make(address, self._kernel.now)
+        self._drain(address)
+
+    def summary(self) -> dict[str, float]:
+        """Return what all routers have counted, summed up."""
+        total: dict[str, float] = {}
+        for router in self.routers:
+            for name, count in router.summary().items():
+                total[name] = total.get(name, 0.0) + count
+        return total
+
+    def _drain(self, address: Address) -> None:
+        """Act on what a router has left, and have it woken when it wants to be."""
+        if not self._on[address]:
+            return
+        router = self.routers[address]
+        for neighbour, packet, token in router.hops():
+            self._ends.transmit(address, Packet(neighbour, packet, token))
+        for delivery in router.deliveries():
+            self._ends.arrived(address, delivery)
+        for told, outcome in router.fates():
+            self._ends.told(address, told, outcome)
+        self._arm(address)
+
+    def _arm(self, address: Address) -> None:
+        deadline, timer = self.routers[address].wake_at(), self._timers[address]
+        if deadline is None or (timer is not None and timer.time <= deadline):
+            return  # one that comes too early looks again
+        if timer is not None:
+            timer.cancel()
+        wake = max(deadline, self._kernel.now)
+        self._timers[address] = self._kernel.at(wake, lambda: self._wake(address), WAKE)
+
+    def _wake(self, address: Address) -> None:
+        self._timers[address] = None
+        if not self._on[address]:
+            return
+        now, deadline = self._kernel.now, self.routers[address].wake_at()
+        if deadline is not None and deadline <= now:
+            self.routers[address].wake(now)
+            again = self.routers[address].wake_at()
+            if again is not None and again <= now:
+                raise LocalProtocolError(f"router {address}: after wake({now}) wake_at() is {again}, not later")
+        self._drain(address)

@@ -1,0 +1,276 @@
+"""AODV, ad hoc on-demand distance vector routing (RFC 3561): a robot looks for a route when it has a payload for it.
+
+This file has payloads, searches and time; ``aodv_control`` what routers say to each other, ``aodv_routes`` the table.
+A router that starts anew waits (6.13) unless told not to; in either case it begins with a sequence number, its time in
+ms, above all that it has had. Left out: multicast, subnets and extensions (sections 4, 7, 9). Payloads to all are not
+the RFC's matter: they are flooded, as far as NET_DIAMETER hops, and told apart by source and IP identification for
+PATH_DISCOVERY_TIME.
+"""
+
+from collections.abc import Sequence
+
+from cosim.channels.adhoc.routing.aodv_control import Control
+from cosim.channels.adhoc.routing.aodv_output import Watch
+from cosim.channels.adhoc.routing.aodv_routes import MASK
+from cosim.channels.adhoc.routing.aodv_search import Carried, RateLimit, Search
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
+from cosim.channels.adhoc.routing.aodv_wire import Rreq, decode_message
+from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.flooding import Seen
+from cosim.channels.adhoc.routing.ip import AODV_PORT, HEADER_OCTETS, PAYLOAD_PORT, Datagram, decode, encode
+from cosim.errors import WireError
+from cosim.machine import BROADCAST, Address, Outcome
+from cosim.randomness import Draws
+from cosim.units import Time
+
+__all__ = ["Aodv", "AodvSettings"]
+
+DATA_TTL = 64
+"""Of payloads to one robot; RFC 1700's default of IP."""
+_MOST_OCTETS = 0xFFFF - HEADER_OCTETS
+
+
+class Aodv(Control):
+    """One robot's router; *draws* are for jitter and the phase of hellos."""
+
+    def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time = 0) -> None:
+        super().__init__(address, settings, draws, now)
+        self._searches: dict[Address, Search] = {}
+        self._requests = RateLimit(settings.rreq_ratelimit)
+        self._flooded = Seen(self.times.discovery)
+        self._deliveries: list[Delivery] = []
+        self._fates: list[tuple[int, Outcome]] = []
+
+    # ------------------------------------------------------------ the router's contract
+
+    def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
+        """Bring *payload* to *destination*, searching a route if there is none, or flood it to all.
+
+        Its fate: DELIVERED when the next hop has acknowledged it, SENT if it is to all, NO_ROUTE when a search has
+        failed, UNACKNOWLEDGED when no next hop has taken it, QUEUE_FULL if it has given way to others that wait for
+        routes, TOO_LONG if no IP packet holds it.
+        """
+        self.table.age(now)
+        ttl = self.settings.net_diameter if destination == BROADCAST else DATA_TTL
+        if len(payload) > _MOST_OCTETS:
+            self._tell(token, Outcome.TOO_LONG)
+            return
+        carried = Carried(self._datagram(destination, ttl, PAYLOAD_PORT, payload), None, token)
+        if destination == self.address:
+            self._deliveries.append(Delivery(destination, payload, False))
+            self._tell(token, Outcome.DELIVERED)
+        elif destination == BROADCAST:
+            self._flooded.first((self.address, carried.datagram.number), now)
+            watch = None if token is None else Watch(BROADCAST, carried, False)
+            self._put(BROADCAST, encode(carried.datagram), now, watch)
+        else:
+            self._route(carried, now)
+
+    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
+        self.table.age(now)
+        try:
+            datagram = decode(packet)
+            message = decode_message(datagram.data) if datagram.port == AODV_PORT else None
+        except WireError:
+            self.counts["packets_malformed"] += 1
+            return
+        strange = message is not None and (
+            datagram.source != hop or datagram.destination not in (self.address, BROADCAST)
+        )
+        if strange or datagram.source == BROADCAST or hop in (self.address, BROADCAST):
+            self.counts["packets_malformed"] += 1
+            return
+        if hop in self._neighbours:
+            self._neighbours[hop] = self._neighbours[hop][0], now
+        if message is not None:
+            self._hears(message, datagram, hop, now)
+        elif datagram.port == PAYLOAD_PORT and datagram.source != self.address:
+            self._carry(datagram, hop, now)
+        self._go_on(now)
+
+    def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
+        """Take notice of an acknowledgement, or of a link that is broken (6.8, 6.10, 6.12)."""
+        self.table.age(now)
+        watch = self._watched.pop(token, None)
+        if watch is None:
+            return
+        neighbour, carried, reply = watch
+        if neighbour == BROADCAST or acknowledged or not self.settings.use_mac_feedback:
+            if carried is not None:
+                good = Outcome.SENT if neighbour == BROADCAST else Outcome.DELIVERED
+                self._tell(carried.token, good if acknowledged else Outcome.UNACKNOWLEDGED)
+            return
+        if reply:
+            self._blacklist[neighbour] = now + self.times.blacklist
+        repaired = None if carried is None else self._worth_repair(carried)
+        last = None if repaired is None else self.table.active(repaired)
+        self._break(neighbour, now, repaired)
+        if carried is not None and carried.previous is None:
+            self._salvage(carried, now)
+        elif carried is not None and (last is not None or self._repairs(carried.datagram.destination)):
+            self._seek(carried, now, None if last is None else last.hops)
+        elif carried is not None:
+            self._lose(carried)
+        self._go_on(now)
+
+    def wake(self, now: Time) -> None:
+        """Do what is due: held broadcasts, hellos, silent neighbours, and searches that have got no reply."""
+        self.table.age(now)
+        self._release(now)
+        self._tend_links(now)
+        for destination, search in list(self._searches.items()):
+            if search.due <= now:
+                if search.asked and not search.widen(self.settings):
+                    self._give_up(destination, now)
+                else:
+                    self._request(destination, search, now)
+
+    def wake_at(self) -> Time | None:
+        """Return when something will be due, if nothing comes in before."""
+        return min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
+
+    def deliveries(self) -> list[Delivery]:
+        """Drain payloads for the host."""
+        deliveries, self._deliveries = self._deliveries, []
+        return deliveries
+
+    def fates(self) -> list[tuple[int, Outcome]]:
+        """Drain what has become of payloads."""
+        fates, self._fates = self._fates, []
+        return fates
+
+    # ------------------------------------------------------------ payloads
+
+    def _tell(self, token: int | None, outcome: Outcome) -> None:
+        if token is not None:
+            self._fates.append((token, outcome))
+
+    def _lose(self, carried: Carried, outcome: Outcome = Outcome.UNACKNOWLEDGED) -> None:
+        self.counts["payloads_unrouted"] += 1
+        self._tell(carried.token, outcome)
+
+    def _carry(self, datagram: Datagram, hop: Address, now: Time) -> None:
+        """Deliver a payload that has come over *hop*, and pass on what is for others."""
+        source, destination, ttl = datagram.source, datagram.destination, datagram.ttl
+        if destination == BROADCAST:
+            if not self._flooded.first((source, datagram.number), now):
+                return
+            self._deliveries.append(Delivery(source, datagram.data, True))
+            if ttl > 1:
+                self.counts["payloads_forwarded"] += 1
+                self._put(BROADCAST, encode(datagram._replace(ttl=ttl - 1)), now, held=True)
+        elif destination == self.address:
+            self._deliveries.append(Delivery(source, datagram.data, False))
+            self._use((source, hop), now)
+        elif ttl <= 1:
+            self.counts["payloads_unrouted"] += 1
+        else:
+            self._route(Carried(datagram._replace(ttl=ttl - 1), hop), now)
+
+    def _use(self, robots: Sequence[Address], now: Time) -> None:
+        """Have routes that are used last ACTIVE_ROUTE_TIMEOUT from now on (6.2)."""
+        until = now + self.times.active_route
+        for robot in robots:
+            self.table.prolong(robot, until)
+        self._engage(until, now)
+
+    def _route(self, carried: Carried, now: Time) -> None:
+        """Pass a payload on, or search a route, or tell that there is none."""
+        destination, hop = carried.datagram.destination, carried.previous
+        route = self.table.active(destination)
+        if route is not None:
+            self._use((destination, route.next_hop), now)
+            if hop is not None:
+                self._use((carried.datagram.source, hop), now)
+                route.precursors.add(hop)
+                self.counts["payloads_forwarded"] += 1
+            watched = carried.token is not None or self.settings.use_mac_feedback
+            watch = Watch(route.next_hop, carried, False) if watched else None
+            self._put(route.next_hop, encode(carried.datagram), now, watch)
+        elif hop is None or self._repairs(destination):
+            self._seek(carried, now)
+        else:
+            self._lose(carried)
+            self.table.keep(destination, now + self.times.delete)
+            if now < self._silent_until:
+                self._silent_until = now + self.times.delete
+            self._report([destination], now, also=hop)
+
+    def _salvage(self, carried: Carried, now: Time) -> None:
+        carried.failures += 1
+        if carried.failures > self.settings.salvages:
+            self._lose(carried)
+        else:
+            self._route(carried, now)
+
+    # ------------------------------------------------------------ searches
+
+    def _repairs(self, destination: Address) -> bool:
+        return self.settings.local_repair and destination in self._searches
+
+    def _worth_repair(self, carried: Carried) -> Address | None:
+        """Return the destination of a payload on its way, if it is near enough to look for another way here (6.12)."""
+        destination = carried.datagram.destination
+        route = self.table.active(destination)
+        if not self.settings.local_repair or carried.previous is None or route is None:
+            return None
+        return destination if route.hops <= self.settings.max_repair_ttl else None
+
+    def _seek(self, carried: Carried, now: Time, repair: int | None = None) -> None:
+        """Have a payload wait for a route, which is searched; *repair*: instead of one of so many hops."""
+        destination = carried.datagram.destination
+        search = self._searches.get(destination)
+        if search is None:
+            search = self._searches[destination] = Search(self._first_ttl(carried, repair), repair)
+            self._request(destination, search, now)
+        carried.since = now
+        search.waiting.append(carried)
+        searches = [each for each in self._searches.values() if each.waiting]
+        if sum(len(each.waiting) for each in searches) > self.settings.queue_payloads:
+            crowded = min(searches, key=lambda each: each.waiting[0].since)
+            self._lose(crowded.waiting.pop(0), Outcome.QUEUE_FULL)
+
+    def _first_ttl(self, carried: Carried, repair: int | None) -> int:
+        if repair is None:
+            known = self.table.get(carried.datagram.destination)
+            return self.settings.first_ttl(None if known is None else known.hops)
+        back = self.table.get(carried.datagram.source)
+        farther = max(repair, 0 if back is None else back.hops // 2) + self.settings.local_add_ttl
+        return min(farther, self.settings.net_diameter)
+
+    def _request(self, destination: Address, search: Search, now: Time) -> None:
+        """Send the next request of a search, or wait until the rate allows it (6.3)."""
+        search.due = max(self._requests.free_at(now), self._silent_until)
+        if search.due > now:
+            return
+        self._requests.count(now)
+        search.ask(now, self.settings, self.times)
+        self.sequence = self.sequence + 1 & MASK
+        self._request_id = self._request_id + 1 & MASK
+        self._seen.first((self.address, self._request_id), now)
+        self.table.keep(destination, now + 2 * self.times.network)
+        known = self.table.get(destination)
+        sequence = None if known is None else known.sequence
+        flags = self.settings.gratuitous, self.settings.destination_only
+        self.counts["route_requests"] += 1
+        request = Rreq(0, self._request_id, destination, sequence, self.address, self.sequence, *flags)
+        self._say(request, BROADCAST, now, search.ttl)
+
+    def _go_on(self, now: Time) -> None:
+        """Send what has waited for a route that there is now."""
+        for destination in [each for each in self._searches if self.table.active(each)]:
+            search = self._searches.pop(destination)
+            route = self.table.active(destination)
+            if search.repair is not None and route is not None and route.hops > search.repair:
+                self._report([destination], now, no_delete=True)
+            for carried in search.waiting:
+                self._route(carried, now)
+
+    def _give_up(self, destination: Address, now: Time) -> None:
+        """Tell the hosts, and after a local repair the precursors, that no route has been found."""
+        search = self._searches.pop(destination)
+        for carried in search.waiting:
+            self._lose(carried, Outcome.NO_ROUTE)
+        if search.repair is not None:
+            self._report([destination], now)

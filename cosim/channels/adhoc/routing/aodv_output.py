@@ -1,0 +1,101 @@
+"""What a router of AODV leaves for its station, and when: packets, some of them held back for a random time."""
+
+from heapq import heappop, heappush
+from typing import NamedTuple
+
+from cosim.channels.adhoc.routing.aodv_search import Carried
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
+from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
+from cosim.channels.adhoc.routing.base import Hop
+from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
+from cosim.machine import BROADCAST, Address
+from cosim.randomness import Draws
+from cosim.units import Time
+
+_FIRST, _JITTER = 1, 2
+"""Purposes of draws."""
+_COUNTS = (
+    "packets_malformed",
+    "control_packets",
+    "control_octets",
+    "route_requests",
+    "route_errors",
+    "links_broken",
+    "payloads_forwarded",
+    "payloads_unrouted",
+)
+
+
+class Watch(NamedTuple):
+    """What a packet is about whose fate the station tells."""
+
+    neighbour: Address
+    carried: Carried | None
+    reply: bool
+    """Whether it is a route reply."""
+
+
+class Output:
+    """The packets of one robot's router."""
+
+    def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time) -> None:
+        self.address = address
+        self.settings = settings
+        self.times = settings.times()
+        self.counts = dict.fromkeys(_COUNTS, 0)
+        self._draws = draws
+        self._drawn = 0
+        self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)
+        self._out: list[Hop] = []
+        self._held: list[tuple[Time, int, Hop]] = []
+        """Broadcasts that wait for their jitter to pass."""
+        self._watched: dict[int, Watch] = {}
+        self._tokens = 0
+        self._hello_at: Time | None = None
+        """When the next hello is due."""
+
+    def hops(self) -> list[Hop]:
+        """Drain packets for the station."""
+        out, self._out = self._out, []
+        return out
+
+    def summary(self) -> dict[str, float]:
+        """Return what it has counted, by metric name."""
+        return {name: float(count) for name, count in self.counts.items()}
+
+    def _draw(self, bound: Time) -> Time:
+        """Return a random time from 0 to *bound*."""
+        self._drawn += 1
+        return self._draws.below(bound + 1, self._drawn, self.address, _JITTER)
+
+    def _datagram(self, destination: Address, ttl: int, port: int, data: bytes) -> Datagram:
+        self._identification = self._identification + 1 & 0xFFFF
+        return Datagram(self.address, destination, ttl, port, self._identification, data)
+
+    def _put(
+        self, neighbour: Address, packet: bytes, now: Time, watch: Watch | None = None, held: bool = False
+    ) -> None:
+        """Leave *packet* for the station, or after a random time if it is to be *held* back."""
+        token = None
+        if watch is not None:
+            self._tokens += 1
+            token = self._tokens
+            self._watched[token] = watch
+        hop, after = Hop(neighbour, packet, token), self._draw(self.times.jitter) if held and self.times.jitter else 0
+        if after:
+            heappush(self._held, (now + after, self._drawn, hop))
+        else:
+            self._out.append(hop)
+        if neighbour == BROADCAST and self._hello_at is not None:
+            self._hello_at = now + after + self.times.hello
+
+    def _say(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
+        packet = encode(self._datagram(neighbour, ttl, AODV_PORT, encode_message(message)))
+        self.counts["control_packets"] += 1
+        self.counts["control_octets"] += len(packet)
+        watched = neighbour != BROADCAST and self.settings.use_mac_feedback
+        self._put(neighbour, packet, now, Watch(neighbour, None, isinstance(message, Rrep)) if watched else None, held)
+
+    def _release(self, now: Time) -> None:
+        while self._held and self._held[0][0] <= now:
+            self._out.append(heappop(self._held)[2])

@@ -1,0 +1,65 @@
+"""What every router is: packets and time in, packets and time out; no radio, no clock, no map of who hears whom.
+
+A router stands between a host and its station. The host hands over payloads for a robot, or for all; the station hands
+over packets that have arrived, and tells whether a neighbour has acknowledged one. The channel drains what the router
+leaves, and wakes it at ``wake_at``. Whatever a router knows of the network it has from bytes that it has received.
+"""
+
+from typing import NamedTuple, Protocol
+
+from cosim.machine import Address, Outcome
+from cosim.units import Time
+
+
+class Hop(NamedTuple):
+    """A packet for the next hop."""
+
+    neighbour: Address
+    """Who is to take it, or BROADCAST."""
+    packet: bytes
+    """An IPv4 packet, see ``ip``."""
+    token: int | None = None
+    """By which the router is told whether the neighbour has acknowledged it."""
+
+
+class Delivery(NamedTuple):
+    """A payload that has arrived at the host."""
+
+    source: Address
+    """Who has sent it, however many hops away."""
+    payload: bytes
+    broadcast: bool
+
+
+class Router(Protocol):
+    """One robot's router."""
+
+    def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
+        """Bring *payload* to *destination*, or to all (BROADCAST); its fate is told if it has a *token*."""
+
+    def receive(self, packet: bytes, hop: Address, now: Time) -> None:
+        """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
+
+    def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
+        """Take notice of what has become of a :class:`Hop` with a *token*."""
+
+    def wake(self, now: Time) -> None:
+        """Do what is due; harmless if nothing is."""
+
+    def wake_at(self) -> Time | None:
+        """Return when something will be due, if nothing comes in before."""
+
+    def hops(self) -> list[Hop]:
+        """Drain packets for the station."""
+
+    def deliveries(self) -> list[Delivery]:
+        """Drain payloads for the host."""
+
+    def fates(self) -> list[tuple[int, Outcome]]:
+        """Drain what has become of payloads: DELIVERED to the next hop, SENT to all, or why not.
+
+        That is NO_ROUTE, UNACKNOWLEDGED by the next hop, QUEUE_FULL or TOO_LONG.
+        """
+
+    def summary(self) -> dict[str, float]:
+        """Return what it has counted, by metric name."""

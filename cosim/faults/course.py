@@ -1,0 +1,290 @@
+"""What faults do in the course of a run; carried out in the phase WORLD.
+
+A fault of the instant of a world tick comes before the tick.
+
+A killed robot's host neither takes nor answers anything from that instant on, its radio is off, and its body coasts:
+it keeps its velocity until the next world tick (that way has been checked against walls and bodies), and from there on
+brakes to rest under its acceleration limit, as if it were told to stand still. It rests there as an obstacle for ever.
+(A body that stood at once, in the midst of a tick, could be run into by one that follows it.)
+
+A crashed robot is the same until it boots: then a new machine, with what all machines know beforehand and a stream of
+its own, has the radio and the body; the clock has gone on. The referee hears of no death, for that body does not rest
+for ever, and the run waits for it. A frozen body brakes likewise; once it thaws it carries out its last order.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple, TypeAlias
+
+from cosim.channels.base import Channel
+from cosim.errors import UserError
+from cosim.faults.air import AirFaults
+from cosim.faults.battery import Battery
+from cosim.faults.events import (
+    BatteryEmpty,
+    CameraOff,
+    CameraOn,
+    Carried,
+    ClockStepped,
+    Crashed,
+    Frozen,
+    Killed,
+    NotCarried,
+    RadioOff,
+    RadioOn,
+    Rebooted,
+    Thawed,
+)
+from cosim.faults.instants import Span, spans
+from cosim.faults.places import check_places, drawn_places
+from cosim.faults.settings import (
+    BatterySettings,
+    CameraOffSettings,
+    ClockStepSettings,
+    CrashSettings,
+    FaultSettings,
+    FrozenSettings,
+    JammerSettings,
+    KillSettings,
+    MovedSettings,
+    RadioOffSettings,
+    WallSettings,
+)
+from cosim.kernel import WORLD, Kernel
+from cosim.machine import Address, Death, Drive, Machine, Scan
+from cosim.node import Node
+from cosim.randomness import Streams
+from cosim.robots.carry import Carry
+from cosim.robots.drive import wrapped
+from cosim.robots.motion import Fleet
+from cosim.robots.senses import Senses
+from cosim.trace import Trace
+from cosim.units import Time, from_seconds
+from cosim.world.floorplan import Floorplan
+
+Boot: TypeAlias = Callable[[Address, int, Time], Machine]
+"""(robot, how often it has booted again, its clock) -> its new machine."""
+
+
+class Victims(NamedTuple):
+    """What faults act on."""
+
+    nodes: Sequence[Node]
+    channel: Channel
+    fleet: Fleet
+    senses: Senses | None
+    floorplan: Floorplan
+    boot: Boot
+
+
+class Faults:
+    """The faults of one run."""
+
+    def __init__(
+        self, settings: Sequence[FaultSettings], kernel: Kernel, victims: Victims, trace: Trace, streams: Streams
+    ) -> None:
+        """Raise UserError for a place to which a robot is to be moved, but where it does not fit."""
+        check_places(settings, victims.fleet.radii_m.tolist(), victims.floorplan)
+        self.killed = 0
+        """Robots that have died."""
+        self.blind: set[Address] = set()
+        """Robots whose cameras are off."""
+        self._settings = settings
+        self._kernel = kernel
+        self._trace = trace
+        self._streams = streams
+        self._nodes, self._channel, self._fleet, self._senses, self._floorplan, self._boot = victims
+        self._lasting: dict[tuple[str, Address], int] = {}
+        """How many faults of a kind a robot has just now."""
+        self._down: set[Address] = set()
+        """Who has crashed and will boot again, or would if the run were longer."""
+        self._boots = [0] * len(self._nodes)
+        self._to_scan: set[Address] = set()
+        """Who has booted, but has not had its radio on since."""
+        self._batteries: dict[Address, Battery] = {}
+        self._dead: set[Address] = set()
+        self._coasting: dict[Address, Time] = {}
+
+    def schedule(self, run_end: Time) -> None:
+        """Enter all faults into the kernel, before anything else of the instants at which they happen.
+
+        Raise UserError for a jammer or a wall on a channel that has no radio.
+        """
+        air = AirFaults(self._kernel, self._channel, self._trace)
+        for number, fault in enumerate(self._settings):
+            if isinstance(fault, BatterySettings):
+                self._supply(fault)
+                continue
+            happening = spans(fault, self._streams("fault", number), run_end)
+            try:
+                match fault:
+                    case JammerSettings():
+                        air.jam(fault, happening, run_end)
+                    case WallSettings():
+                        air.obstruct(fault, happening)
+                    case _:
+                        for span in happening:
+                            self._schedule(number, fault, span)
+            except UserError as error:
+                raise UserError(f"faults[{number}]: {error}") from None
+
+    def _schedule(self, number: int, fault: FaultSettings, span: Span) -> None:
+        start, end = span
+        match fault:
+            case KillSettings(robot=robot):
+                self._at(start, partial(self._kill, robot))
+            case ClockStepSettings(robot=robot):
+                self._at(start, partial(self._step_clock, robot, from_seconds(fault.by_s)))
+            case MovedSettings():
+                tick = self._fleet.tick
+                self._at(
+                    max(1, -(-start // tick)) * tick, partial(self._carry, fault, ("fault", number, "place", start))
+                )
+            case CrashSettings() | RadioOffSettings() | CameraOffSettings() | FrozenSettings():
+                self._at(start, partial(self._count, fault.kind, fault.robot, 1))
+                if end is not None:
+                    self._at(end, partial(self._count, fault.kind, fault.robot, -1))
+
+    def deaths(self, run_is_over: bool = False) -> list[Death]:
+        """Return those of the dead whose bodies have come to rest, each once; all that are left if *run_is_over*."""
+        if not self._coasting:
+            return []
+        rested = [robot for robot in sorted(self._coasting) if run_is_over or self._fleet.rests(robot)]
+        return [self._death(robot, self._coasting.pop(robot)) for robot in rested]
+
+    @property
+    def anybody_returns(self) -> bool:
+        """Whether a host is down that will boot again."""
+        return bool(self._down)
+
+    def _death(self, robot: Address, at: Time) -> Death:
+        x_m, y_m = self._fleet.positions_m[robot].tolist()
+        return Death(robot, at, x_m, y_m, float(self._fleet.radii_m[robot]))
+
+    def _at(self, time: Time, act: "partial[None]") -> None:
+        self._kernel.at(time, act, WORLD)
+
+    def _note(self, robot: Address, event: object) -> None:
+        self._trace.event(self._kernel.now, robot, event)
+
+    # ------------------------------------------------------------ hosts
+
+    def _kill(self, robot: Address) -> None:
+        if robot in self._dead:
+            return
+        self.killed += 1
+        self._note(robot, Killed())
+        self._dead.add(robot)
+        self._down.discard(robot)
+        self._stop(robot)
+        self._coasting[robot] = self._kernel.now
+
+    def _stop(self, robot: Address) -> None:
+        self._nodes[robot].kill()
+        self._channel.power(robot, False)
+        self._fleet.apply([(robot, Drive(0.0, 0.0))])
+
+    def _crash(self, robot: Address, down: bool) -> None:
+        self._note(robot, Crashed() if down else Rebooted())
+        if down:
+            self._down.add(robot)
+            self._stop(robot)
+            return
+        self._down.remove(robot)
+        self._boots[robot] += 1
+        self._to_scan.add(robot)
+        if not self._lasting.get(("radio_off", robot)):
+            self._radio_on(robot)
+        node, now = self._nodes[robot], self._kernel.now
+        node.reboot(self._boot(robot, self._boots[robot], now + node.clock_offset), now)
+
+    def _step_clock(self, robot: Address, by: Time) -> None:
+        if robot in self._dead:
+            return
+        self._note(robot, ClockStepped(self._nodes[robot].step_clock(by, self._kernel.now)))
+
+    # ------------------------------------------------------------ what begins and ends
+
+    def _count(self, kind: str, robot: Address, change: int) -> None:
+        """Count one fault of this *kind* more, or less: the first that is on begins it, the last that ends ends it."""
+        self._account(robot)
+        self._lasting[kind, robot] = count = self._lasting.get((kind, robot), 0) + change
+        if robot in self._dead or not (count == 0 or count == change):
+            return
+        begins = change > 0
+        match kind:
+            case "crash":
+                self._crash(robot, begins)
+            case "radio_off":
+                self._radio(robot, begins)
+            case "camera_off":
+                self._camera(robot, begins)
+            case "frozen":
+                self._note(robot, Frozen() if begins else Thawed())
+                self._fleet.freeze(robot, begins)
+
+    def _radio(self, robot: Address, off: bool) -> None:
+        self._note(robot, RadioOff() if off else RadioOn())
+        if robot in self._down:
+            return
+        if off:
+            self._channel.power(robot, False)
+        else:
+            self._radio_on(robot)
+
+    def _radio_on(self, robot: Address) -> None:
+        """Switch the radio on; after a boot it scans, as all do in the beginning."""
+        self._channel.power(robot, True)
+        if robot in self._to_scan:
+            self._to_scan.remove(robot)
+            self._channel.command(robot, Scan(True))
+
+    def _camera(self, robot: Address, off: bool) -> None:
+        self._note(robot, CameraOff() if off else CameraOn())
+        (self.blind.add if off else self.blind.remove)(robot)
+        if self._senses is not None:
+            self._senses.blind(robot, off)
+
+    # ------------------------------------------------------------ bodies
+
+    def _carry(self, fault: MovedSettings, stream: tuple[str | int, ...]) -> None:
+        """Put a robot elsewhere, at this tick; if there is no room, it stays where it is."""
+        robot = fault.robot
+        if robot in self._dead:
+            return
+        before = self._fleet.pose_at(robot, self._kernel.now)
+        heading = before[2] if fault.heading_deg is None else wrapped(math.radians(fault.heading_deg))
+        radius_m = float(self._fleet.radii_m[robot])
+        given = fault.to_m
+        unaware = self._senses is not None and not self._senses.aware
+        for x, y in drawn_places(radius_m, self._floorplan, self._streams(*stream)) if given is None else (given,):
+            carried = Carry(before, (x, y, heading))
+            if self._fleet.carry(robot, carried, unaware):
+                if self._senses is not None:
+                    self._senses.carry(robot, carried)
+                self._note(robot, Carried(x, y))
+                return
+        self._note(robot, NotCarried())
+
+    # ------------------------------------------------------------ batteries
+
+    def _supply(self, fault: BatterySettings) -> None:
+        """Have a battery looked at whenever a tick comes."""
+        self._batteries[fault.robot] = Battery(fault)
+        self._kernel.every(self._fleet.tick, partial(self._drain, fault.robot), WORLD)
+
+    def _account(self, robot: Address) -> None:
+        """Have the robot's battery pay for the time up to now, in which host and radio were as they are."""
+        battery = self._batteries.get(robot)
+        if battery is not None:
+            host_on = self._nodes[robot].alive
+            battery.last(self._kernel.now, host_on, host_on and not self._lasting.get(("radio_off", robot)))
+
+    def _drain(self, robot: Address) -> None:
+        self._account(robot)
+        battery = self._batteries[robot]
+        battery.drive(self._fleet.way_m(robot))
+        if battery.empty and robot not in self._dead:
+            self._note(robot, BatteryEmpty())
+            self._kill(robot)

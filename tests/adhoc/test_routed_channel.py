@@ -1,0 +1,95 @@
+"""Payloads over several hops of a real 802.11: flooding, AODV and OLSR, and what happens when a relay goes off."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.channels.adhoc.channel import AdhocChannel
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.kernel import Kernel
+from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
+from cosim.randomness import Streams
+from cosim.trace import FRAMES, Trace
+from cosim.units import S, Time
+
+ROUTERS = ["flooding", "aodv", "olsr"]
+LINE = [(15.0 * n, 0.0) for n in range(5)]
+RING = [(0.0, 0.0), (15.0, 8.0), (30.0, 0.0), (15.0, -8.0)]
+
+
+class Host:
+    def __init__(self) -> None:
+        self.heard: list[tuple[Time, Address, bytes, bool]] = []
+        self.events: list[LinkEvent] = []
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        self.heard.append((now, reception.source, data, reception.broadcast))
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        self.events.append(event)
+
+    def drain(self, now: Time) -> None:
+        pass
+
+
+class Field:
+    def __init__(self, places_m: list[tuple[float, float]], kind: str, **settings: Any) -> None:
+        self.kernel = Kernel()
+        given = AdhocSettings(range_m=20.0, routing={"kind": kind, **settings})
+        self.channel = AdhocChannel(given, self.kernel, Trace((FRAMES,)), len(places_m), Streams(5))
+        self.hosts = [Host() for _ in places_m]
+        for address, host in enumerate(self.hosts):
+            self.channel.attach(address, host)
+        self.channel.moved(np.array(places_m))
+
+    def send_at(
+        self, at: Time, source: Address, destination: Address, payload: bytes, token: int | None = None
+    ) -> None:
+        self.kernel.at(at, lambda: self.channel.send(source, Outgoing(destination, payload, token)))
+
+
+@pytest.mark.parametrize("kind", ROUTERS)
+def test_a_payload_gets_from_end_to_end_of_a_line_and_back(kind: str) -> None:
+    field = Field(LINE, kind)
+    for second in range(30, 40):
+        field.send_at(second * S, 0, 4, b"there")
+        field.send_at(second * S + S // 2, 4, 0, b"back")
+    field.kernel.run(60 * S)
+    assert [(source, data, to_all) for _, source, data, to_all in field.hosts[4].heard] == [(0, b"there", False)] * 10
+    assert [(source, data, to_all) for _, source, data, to_all in field.hosts[0].heard] == [(4, b"back", False)] * 10
+    assert all(not host.heard for host in field.hosts[1:4])
+
+
+@pytest.mark.parametrize("kind", ROUTERS)
+def test_a_broadcast_gets_to_everybody_once(kind: str) -> None:
+    field = Field(LINE, kind)
+    field.send_at(30 * S, 2, BROADCAST, b"all")
+    field.kernel.run(40 * S)
+    told = [[(source, data, to_all) for _, source, data, to_all in host.heard] for host in field.hosts]
+    assert told == [[(2, b"all", True)] if robot != 2 else [] for robot in range(5)]
+
+
+@pytest.mark.parametrize("kind", ROUTERS)
+def test_when_a_relay_goes_off_another_takes_over(kind: str) -> None:
+    """Two ways lead round the ring; the one in use dies while payloads go."""
+    field = Field(RING, kind)
+    for tenth in range(300, 600):
+        field.send_at(tenth * S // 10, 0, 2, tenth.to_bytes(2, "big"))
+    field.kernel.at(35 * S, lambda: field.channel.power(1, False))
+    field.kernel.run(38 * S)
+    field.kernel.at(45 * S, lambda: field.channel.power(1, True))
+    field.kernel.at(46 * S, lambda: field.channel.power(3, False))
+    field.kernel.run(70 * S)
+    arrived = {int.from_bytes(data, "big") for _, _, data, _ in field.hosts[2].heard}
+    assert len(field.hosts[2].heard) == len(arrived), "none twice"
+    assert {*range(300, 349), *range(440, 459), *range(560, 599)} <= arrived
+
+
+def test_who_has_no_way_is_told_so_by_aodv() -> None:
+    field = Field([(0.0, 0.0), (15.0, 0.0), (100.0, 0.0)], "aodv", net_diameter=3)
+    field.send_at(1 * S, 0, 2, b"lost", token=4)
+    field.send_at(1 * S, 0, 1, b"found", token=5)
+    field.kernel.run(30 * S)
+    assert Fate(4, Outcome.NO_ROUTE) in field.hosts[0].events
+    assert Fate(5, Outcome.DELIVERED) in field.hosts[0].events
