@@ -19,17 +19,16 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
-from cosim.export.baseband import write_capture
+from cosim.export.capture import captured_tables, write_capture
 from cosim.report import report as make_report
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
 from cosim.simulation import Outcome, Simulation
 from cosim.sweep import check_set_up, default_folder, run_sweep
-from cosim.trace import CALLS, FRAMES, TABLES, Trace
+from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
@@ -83,7 +82,7 @@ def commands() -> None:
     "--pcapng",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Write what the Bluetooth radios receive there, for Wireshark.",
+    help="Write the frames of Bluetooth and 802.11 radios there, for Wireshark.",
 )
 @_JSON
 def run(
@@ -96,12 +95,14 @@ def run(
 ) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
     chosen = _scenario(scenario, sets)
-    if pcapng and chosen.channel.kind != "bluetooth":
-        raise UserError(f"--pcapng: channel.kind is {chosen.channel.kind!r}, captures are of 'bluetooth' only")
+    in_capture = captured_tables(chosen.channel) if pcapng else ()
+    if pcapng and not in_capture:
+        kind = chosen.channel.kind
+        raise UserError(f"--pcapng: channel.kind is {kind!r}, captures are of 'bluetooth' and 'adhoc' only")
     if trace and "trace_calls" in type(chosen.protocol.parameters).model_fields:
         chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
-    tables = tuple(TABLES.values()) if trace else (FRAMES,) if pcapng else ()
+    tables = (*(TABLES.values() if trace else ()), *in_capture)
     with _naming(scenario, sets), _waiting(f"{chosen.name}, seed {seed}"):
         simulation = Simulation(chosen, seed, tables)
         for folder in (trace, pcapng and pcapng.parent):
@@ -125,12 +126,9 @@ def run(
 
 
 def _capture(path: Path, simulation: Simulation, comment: str) -> str:
-    """Write what the radios of a run have received to *path*, and return what to tell of it."""
-    channel = simulation.channel
-    assert isinstance(channel, BluetoothChannel)
-    devices = [device.identity for device in channel.devices]
-    count = write_capture(path, simulation.trace.columns(FRAMES.name), devices, comment)
-    return f"{count} received frames in {path}, {path.stat().st_size / 1e6:.1f} MB"
+    """Write the frames of a run to *path*, and return what to tell of it."""
+    count = write_capture(path, simulation.channel, simulation.trace, comment)
+    return f"{count} frames in {path}, {path.stat().st_size / 1e6:.1f} MB"
 
 
 def _scenario(text: str, sets: Sequence[str]) -> Scenario:

@@ -43,6 +43,8 @@ class Reception(NamedTuple):
     """Received power, where the channel knows it."""
     bearing_rad: float | None = None
     """Direction of the source in the receiver's frame, where the channel knows it."""
+    radio: int = 0
+    """Which of the receiver's radios it came by."""
 
 
 class Outcome(StrEnum):
@@ -166,6 +168,8 @@ class Outgoing(NamedTuple):
     destination: Address
     payload: bytes
     token: int | None = None
+    radio: int = 0
+    """By which of the sender's radios."""
 
 
 @dataclass(frozen=True, slots=True)

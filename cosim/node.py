@@ -30,6 +30,7 @@ class Node:
         self._trace = trace
         self._timer: Handle | None = None
         self._messages_wanted = trace.wants(MESSAGES)
+        self._radios = channel.carried(address)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Pass a payload to the machine."""
@@ -59,6 +60,8 @@ class Node:
             self._note(event, now)
         for item in machine.outbox():
             if isinstance(item, Outgoing):
+                if item.radio not in self._radios:
+                    raise LocalProtocolError(f"robot {self.address} has no radio {item.radio}")
                 self._channel.send(self.address, item)
             else:
                 self._channel.command(self.address, item)

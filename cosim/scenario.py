@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import (
+    AfterValidator,
     Field,
     PrivateAttr,
     SerializeAsAny,
@@ -30,10 +31,11 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
+from cosim.channels.radios import RadiosSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
-from cosim.faults.settings import FaultSettings, misplaced
+from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
 from cosim.machine import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
@@ -46,6 +48,7 @@ CHANNELS: dict[str, type[Settings]] = {
     "optical": OpticalSettings,
     "bluetooth": BluetoothSettings,
     "adhoc": AdhocSettings,
+    "radios": RadiosSettings,
 }
 """The settings of every kind of channel."""
 
@@ -77,7 +80,14 @@ def protocol_spec(use: str) -> ProtocolSpec:
     return found
 
 
+def _once(numbers: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(numbers)) < len(numbers):
+        raise ValueError("names a radio twice")
+    return numbers
+
+
 PowerClass: TypeAlias = Literal[1, 2, 3]
+RadioNumbers: TypeAlias = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1), AfterValidator(_once)]
 
 
 class GroupSettings(Settings):
@@ -86,6 +96,7 @@ class GroupSettings(Settings):
     size: int = Field(default=1, ge=1, description="number of robots")
     body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
     power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
+    radios: RadioNumbers | None = Field(default=None, description="which radios they have; the team's if not given")
 
 
 class TeamSettings(Settings):
@@ -95,6 +106,9 @@ class TeamSettings(Settings):
     body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
     power_class: PowerClass | None = Field(
         default=None, description="of the robots' radios, 1 to 3; what the channel says if not given"
+    )
+    radios: RadioNumbers = Field(
+        default=(0,), description="which radios a robot has, where the channel is of the kind radios"
     )
     groups: tuple[GroupSettings, ...] | None = Field(
         default=None, min_length=1, description="what a mixed team consists of; all robots are alike if not given"
@@ -118,6 +132,11 @@ class TeamSettings(Settings):
     def power_classes(self) -> tuple[int | None, ...]:
         """The power class of each robot's radio; None where the channel decides."""
         return tuple(group.power_class or self.power_class for group in self._members())
+
+    @property
+    def carried(self) -> tuple[tuple[int, ...], ...]:
+        """Which radios each robot has."""
+        return tuple(group.radios or self.radios for group in self._members())
 
     def _members(self) -> list[GroupSettings]:
         groups = self.groups or (GroupSettings(size=self.size),)
@@ -187,7 +206,8 @@ class Scenario(Settings):
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
     channel: Annotated[
-        IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings, Field(discriminator="kind")
+        IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings | RadiosSettings,
+        Field(discriminator="kind"),
     ] = Field(default_factory=IdealSettings, description="what carries their messages")
     protocol: ProtocolChoice = Field(description="what they run")
     faults: tuple[FaultSettings, ...] = Field(default=(), description="what goes wrong, and when")
@@ -208,6 +228,10 @@ class Scenario(Settings):
     def duration(self) -> Time:
         """The longest simulated time in nanoseconds."""
         return from_seconds(self.duration_s)
+
+    @property
+    def _radio_count(self) -> int:
+        return len(self.channel.radios) if isinstance(self.channel, RadiosSettings) else 1
 
     def map_digests(self) -> list[str]:
         """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
@@ -242,11 +266,36 @@ class Scenario(Settings):
         return self
 
     @model_validator(mode="after")
+    def _radios_exist(self) -> Self:
+        count = self._radio_count
+        named: list[tuple[tuple[str | int, ...], tuple[int, ...]]] = [(("radios",), self.team.radios)]
+        named += [
+            (("groups", n, "radios"), group.radios) for n, group in enumerate(self.team.groups or ()) if group.radios
+        ]
+        for place, radios in named:
+            if max(radios) >= count:
+                expected = f"names radio {max(radios)}, which is none of the channel's radios 0 to {count - 1}"
+                raise _misplaced(("team", *place), list(radios), expected)
+        return self
+
+    @model_validator(mode="after")
     def _faults_can_happen(self) -> Self:
         wrong = misplaced(self.faults, self.team.size, self.duration_s)
         if wrong is not None:
             number, field, expected = wrong
             raise _misplaced(("faults", number, field), getattr(self.faults[number], field), expected)
+        return self
+
+    @model_validator(mode="after")
+    def _faults_name_radios_that_exist(self) -> Self:
+        for number, fault in enumerate(self.faults):
+            radio = getattr(fault, "radio", None)
+            whose, known = "the channel", tuple(range(self._radio_count))
+            if isinstance(fault, RadioOffSettings):
+                whose, known = f"robot {fault.robot}", self.team.carried[fault.robot]
+            if radio is not None and radio not in known:
+                expected = f"is none of the radios of {whose}: {', '.join(map(str, known))}"
+                raise _misplaced(("faults", number, "radio"), radio, expected)
         return self
 
 

@@ -19,6 +19,7 @@ from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.radios import OneRadio, RadiosChannel, RadiosSettings, RadioStreams, RadioTrace, with_radio
 from cosim.channels.vision import OpticalChannel, OpticalSettings
 from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
@@ -31,7 +32,7 @@ from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
 from cosim.robots.placement import checked_starts
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
-from cosim.scenario import Scenario
+from cosim.scenario import Scenario, TeamSettings
 from cosim.trace import POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
 from cosim.world.floorplan import Floorplan, load_floorplan
@@ -72,6 +73,8 @@ class Simulation:
         self.scenario = scenario
         self.spec: ProtocolSpec = scenario.protocol.spec
         self.kernel = Kernel()
+        if isinstance(scenario.channel, RadiosSettings):
+            tables = with_radio(tables)
         self.trace = Trace((events_table((*self.spec.events, *events_of(scenario.faults))), *tables))
         self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
         streams = Streams(seed)
@@ -80,7 +83,7 @@ class Simulation:
         knowledge = self.spec.prepare(parameters, surroundings)
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
         self.senses = self._senses(surroundings, streams)
-        self.channel = _channel(scenario, self.kernel, self.trace, streams, self.floorplan)
+        self.channel = _channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
         self.referee: Referee = self.spec.referee(parameters, knowledge)
         self.machines: list[Machine] = [
             self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
@@ -218,7 +221,7 @@ class Simulation:
             **self.referee.verdict(now),
         }
         summary = self.channel.summary()
-        columns = (*METRICS, *self.spec.metrics, *self.channel.metrics)
+        columns = (*METRICS, *self.spec.metrics, *self.channel.columns)
         twice = sorted(metrics.keys() & summary.keys())
         if twice:
             raise LocalProtocolError(f"{self.spec.name} and its channel both have a metric {twice[0]}")
@@ -236,15 +239,27 @@ def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: 
     return tuple((x, y, turn) for (x, y), turn in zip(starts, turns, strict=True))
 
 
-def _channel(scenario: Scenario, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan) -> Channel:
-    team = scenario.team
-    match scenario.channel:
-        case IdealSettings() as settings:
-            return IdealChannel(settings, kernel, trace, team.size)
-        case OpticalSettings() as settings:
+def _channel(
+    settings: OneRadio | RadiosSettings,
+    team: TeamSettings,
+    kernel: Kernel,
+    trace: Trace,
+    streams: Streams,
+    floor: Floorplan,
+) -> Channel:
+    walls = floor.grid, floor.wall_loss_db
+    match settings:
+        case IdealSettings():
+            return IdealChannel(settings, kernel, trace, team.size, streams)
+        case OpticalSettings():
             return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
-        case AdhocSettings() as settings:
-            return AdhocChannel(settings, kernel, trace, team.size, streams, (floor.grid, floor.wall_loss_db))
-        case BluetoothSettings() as settings:
-            walls = floor.grid, floor.wall_loss_db
+        case AdhocSettings():
+            return AdhocChannel(settings, kernel, trace, team.size, streams, walls)
+        case BluetoothSettings():
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)
+        case RadiosSettings(radios=radios):
+            parts = [
+                _channel(each, team, kernel, RadioTrace(trace, radio), RadioStreams(streams, radio), floor)
+                for radio, each in enumerate(radios)
+            ]
+            return RadiosChannel(kernel, trace, parts, team.carried)

@@ -75,6 +75,22 @@ FRAMES: Final = Table(
         Field("part", "str", "", "the part that failed first: access_code, header or payload; empty if none did"),
     ),
 )
+TRANSMISSIONS: Final = Table(
+    "transmissions",
+    "what 802.11 radios put on the air, a row a frame whoever hears it; kept only for captures (--pcapng)",
+    (
+        Field("time_ns", "int", "ns", "start of the frame"),
+        Field("source", "int", "", "transmitter"),
+        Field("kind", "str", "", "packet type"),
+        Field("destination", "int", "", "receiver; -1 for all"),
+        Field("reserves_ns", "int", "ns", "from its end on, for so long the others are to be silent"),
+        Field("number", "int", "", "sequence number of the DATA that it is about"),
+        Field("retry", "bool", "", "whether it is DATA that has been on the air before"),
+        Field("routed", "bool", "", "whether its body is a router's IPv4 packet, not a payload as it is"),
+        Field("whole", "bool", "", "whether its sender was on to its end"),
+        Field("body", "str", "", "what DATA carries, hexadecimal"),
+    ),
+)
 MESSAGES: Final = Table(
     "messages",
     "payloads that arrived at a machine",

@@ -39,6 +39,8 @@ class Parameters(Settings):
     tokens: bool = False
     """They ask for the fates of their calls."""
     finish_s: float | None = None
+    greet: bool = False
+    """They call out as soon as they exist."""
 
 
 class Driver:
@@ -57,7 +59,7 @@ class Driver:
         self.heard: list[tuple[Time, Address]] = []
         self.news: list[tuple[Time, LinkEvent]] = []
         self.motion: list[Command] = []
-        self.out: list[Outgoing] = []
+        self.out = [Outgoing(BROADCAST, b"greetings")] if parameters.greet else []
         self.now = start
 
     @property

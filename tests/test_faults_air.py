@@ -45,6 +45,8 @@ def test_walls_add_up_and_each_goes_when_it_is_over():
     losses = [wall(0.2, 0.65, 35.0), wall(0.4, 0.55, 35.0, from_m=[2.5, 0.0], to_m=[2.5, 20.0])]
     assert in_reach(*losses) == [(1, 2)] * 4 + [()] * 2 + [(1, 2)] * 2
     assert in_reach(wall(0.2, 0.45, 35.0), wall(0.2, 0.65, 35.0)) == [(1, 2)] * 2 + [()] * 3 + [(1, 2)] * 3
+    behind = wall(0.2, 0.65, from_m=[4.0, 0.0], to_m=[4.0, 20.0])
+    assert in_reach(wall(0.2, 0.45), behind) == [(1, 2)] * 2 + [()] * 3 + [(1,)] * 2 + [(1, 2)]
 
 
 def test_robots_drive_and_look_through_it():
@@ -78,7 +80,10 @@ def test_a_barrier_takes_from_the_gains_what_a_wall_of_the_floor_takes():
 @pytest.mark.parametrize(
     ("channel", "expected"),
     [
-        ({"kind": "ideal"}, "faults[1]: there is no radio that a wall could weaken on this channel"),
+        (
+            {"kind": "ideal"},
+            "faults[1]: a wall needs a channel whose signals fade, such as bluetooth or adhoc, with propagation",
+        ),
         ({"kind": "bluetooth"}, "faults[1]: radios without propagation notice no walls"),
     ],
 )

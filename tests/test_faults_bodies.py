@@ -133,6 +133,59 @@ def test_a_place_that_another_body_takes_or_will_take_is_not_free():
     assert rows(executed(moved(0, 1.0, 3.0, 5.4), duration_s=2.0, team=meets)) == [(1 * S, 0, "Carried")]
 
 
+@pytest.mark.parametrize(
+    ("away_m", "event"), [(-0.41, "Carried"), (-0.39, "NotCarried"), (0.39, "NotCarried"), (0.41, "Carried")]
+)
+def test_a_place_is_free_of_those_who_drive_where_they_are_at_that_tick(away_m: float, event: str):
+    starts = {"starts": [[2.0, 15.0], [3.0, 5.0]]}
+    there = executed(far_m=5.0, duration_s=3.0, team=starts).referee.path(1)[20, 0]  # 0.05 m further than a tick before
+    run = executed(moved(0, 2.0, there + away_m, 5.0), far_m=5.0, duration_s=3.0, team=starts)
+    assert rows(run) == [(2 * S, 0, event)]
+
+
+def test_who_is_moved_in_the_tick_in_which_it_would_have_arrived_has_not():
+    plain = executed(far_m=1.0, duration_s=6.0).machines[0].observed
+    tick = next(now // TICK for now, observation in plain if now and observation.arrived)
+    run = executed(moved(0, tick * 0.1, 3.0, 10.0), far_m=1.0, duration_s=20.0)
+    arrived = [now // TICK for now, observation in run.machines[0].observed if now and observation.arrived]
+    assert arrived[0] > tick + 50  # 5 m at 0.5 m/s
+    assert run.referee.path(0)[-1].tolist() == [2.0, 5.0]
+
+
+def test_who_is_moved_as_it_turns_is_put_down_with_the_heading_that_is_asked_for_and_turns_from_rest():
+    body = {"radius_m": RADIUS_M, "drive": "differential", "turn_radps": 2.0, "turn_acceleration_radps2": 4.0}
+    changes: dict[str, Any] = {"far_m": 1.0, "meet": True, "duration_s": 2.0, "team": {"body": body}}
+    headings = [
+        [observation.heading_rad for _, observation in executed(*faults, **changes).machines[1].observed]
+        for faults in ([], [moved(1, 0.6, 9.0, 5.0, heading_deg=0.0)])
+    ]
+    assert abs(headings[0][5]) > 0.1  # its goal is behind it
+    assert headings[1][5] == headings[0][5]
+    assert headings[1][6] == 0.0
+    assert abs(headings[1][7]) == pytest.approx(4.0 * 0.1 * 0.1)
+
+
+def test_who_is_taken_away_from_a_wall_is_not_blocked_any_more():
+    walls = {"map": "walls", "bounds_m": [0, 0, 20, 20], "walls": [[2, 0, 2, 20]]}
+    run = executed(moved(0, 4.0, 9.0, 5.0), far_m=5.0, duration_s=4.5, floorplan=walls)
+    blocked = [observation.blocked for _, observation in run.machines[0].observed]
+    assert blocked[30:] == [True] * 10 + [False] * 5
+
+
+@pytest.mark.parametrize("at_s", [1.4, 2.2, 3.0])
+def test_who_is_put_before_a_wall_stops_at_it(at_s: float):
+    walls = {"map": "walls", "bounds_m": [0, 0, 20, 20], "walls": [[8, 0, 8, 20]]}
+    run = executed(moved(0, at_s, 7.75, 5.0), far_m=9.0, duration_s=6.0, floorplan=walls)
+    x = run.referee.path(0)[:, 0]
+    assert x[round(at_s * 10)] == 7.75
+    assert x.max() <= 8.0 - RADIUS_M + 1e-7
+    assert x[-1] == pytest.approx(8.0 - RADIUS_M, abs=1e-6)
+
+
+def test_a_robot_does_not_stand_in_its_own_way():
+    assert rows(executed(moved(0, 1.0, 1.1, 5.0), duration_s=1.5)) == [(1 * S, 0, "Carried")]
+
+
 def test_two_that_are_moved_to_one_place_at_once_do_not_both_get_there():
     run = executed(moved(0, 1.0, 9.0, 9.0), moved(1, 0.95, 9.1, 9.0), duration_s=2.0)
     assert rows(run) == [(1 * S, 0, "Carried"), (1 * S, 1, "NotCarried")]
@@ -202,6 +255,14 @@ def test_odometry_does_not_notice_and_leads_where_it_would_have_led_from_the_new
             assert seen[1] == pytest.approx(seen[0], abs=1e-9)
 
 
+def test_a_robot_that_knows_the_worlds_frame_knows_where_it_has_been_put():
+    run = executed(moved(0, 2.0, 12.0, 12.0, heading_deg=90.0), use=VIEWING, far_m=4.0, duration_s=25.0, size=1)
+    places = np.array([observation[:2] for _, observation in run.machines[0].observed])
+    assert places[20].tolist() == [12.0, 12.0]
+    assert places == pytest.approx(run.referee.path(0), abs=1e-12)
+    assert run.referee.path(0)[-1].tolist() == [5.0, 5.0]
+
+
 def test_a_rigid_motion_brings_the_one_pose_to_the_other_and_keeps_distances():
     carry = Carry((1.0, 2.0, 0.5), (-3.0, 4.0, 2.0))
     assert carry.pose(1.0, 2.0, 0.5) == (-3.0, 4.0, 2.0)
@@ -241,6 +302,11 @@ def test_a_camera_that_is_on_again_sees_with_its_next_picture():
     run = executed(camera_off(1, 0.7, 1.2), use=VIEWING, duration_s=2.0, team=senses)
     assert visible(run, 1) == [*range(7), *range(15, 20)]
     assert visible(run, 0) == list(range(20))
+
+
+def test_a_camera_that_is_off_between_two_pictures_misses_none():
+    run = executed(camera_off(1, 0.71, 0.74), use=VIEWING, duration_s=1.0)
+    assert visible(run, 1) == list(range(10))
 
 
 def test_all_cameras_off_leave_nobody_in_sight():

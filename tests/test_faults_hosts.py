@@ -1,5 +1,7 @@
 """Faults of hosts: crashes and reboots, clocks that jump, batteries; and faults of any kind that come with a rate."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,12 @@ from scipy import stats
 
 from cosim.faults.instants import spans
 from cosim.faults.settings import KillSettings, RadioOffSettings
-from cosim.machine import Lost
+from cosim.machine import Discovered, Inquire, Lost, Page, Role, RoleChanged, Scan, SwitchRole
 from cosim.randomness import Streams
 from cosim.scenario import load
-from cosim.simulation import simulate
+from cosim.simulation import Simulation, simulate
 from cosim.units import MS, S, Time
-from tests.fault_scene import TICK, executed, kill, radio_off, rows, scenario
+from tests.fault_scene import TICK, Driver, executed, kill, radio_off, rows, scenario
 
 
 def crash(robot: int, at_s: float, until_s: float | None = None, **more: Any) -> dict[str, Any]:
@@ -79,6 +81,37 @@ def test_a_deadline_of_the_machine_before_wakes_nobody():
     assert run.machines[0].woken == [700 * MS]
 
 
+def test_what_a_new_machine_has_to_say_at_once_is_sent_at_its_boot():
+    run = executed(crash(1, 0.25, 0.55), duration_s=0.58, greet=True, order_s=9.0)
+    assert [now for now, source in run.machines[0].heard if source == 1][-1] == 550 * MS + 1_000
+
+
+def between_ticks(*faults: dict[str, Any], acts: dict[Time, tuple[int, Any]], **changes: Any) -> Any:
+    """Return a run, executed, in which radios are given commands: at an instant (robot, command)."""
+    run = Simulation(scenario(*faults, duration_s=1.0, **changes), 1)
+    for now, (robot, command) in acts.items():
+        run.kernel.at(now, partial(run.channel.command, robot, command))
+    run.run()
+    return run
+
+
+def test_who_has_booted_can_be_found_also_if_it_could_not_be_before_the_crash():
+    acts = {50 * MS: (1, Scan(False)), 150 * MS: (0, Inquire(S, 1)), 650 * MS: (0, Inquire(S, 1))}
+    run = between_ticks(crash(1, 0.25, 0.55), acts=acts)
+    found = [(now, event) for now, event in run.machines[0].news if isinstance(event, Discovered)]
+    assert found == [(650 * MS, Discovered(1))]
+    # an outage of the radio is no boot
+    run = between_ticks(radio_off(1, 0.25, 0.55), acts=acts)
+    assert not [event for _, event in run.machines[0].news if isinstance(event, Discovered)]
+
+
+def test_a_link_of_the_machine_before_is_none_of_the_new_ones():
+    acts = {50 * MS: (0, Page(1)), 650 * MS: (0, SwitchRole(1))}
+    assert between_ticks(acts=acts).machines[0].news[-1] == (650 * MS, RoleChanged(1, Role.SLAVE))
+    run = between_ticks(crash(1, 0.25, 0.55), acts=acts)
+    assert run.machines[0].news[-1] == (650 * MS, RoleChanged(1, Role.PEER))  # no page has given them roles
+
+
 def test_the_referee_hears_of_no_death_and_the_run_waits_for_the_boot():
     run = executed(crash(0, 1.0, 2.0), crash(1, 1.0, 2.5), finish_s=1.5, duration_s=6.0)
     assert run.referee.deaths == []
@@ -107,6 +140,16 @@ def test_a_radio_that_is_off_when_its_host_boots_comes_on_when_its_outage_ends()
     run = executed(crash(1, 0.25, 0.65), radio_off(1, 0.35, 0.45), duration_s=1.0)
     heard = [now // TICK for now, source in run.machines[0].heard if source == 1]
     assert heard == [0, 1, 2, 7, 8, 9]
+
+
+def test_a_radio_whose_outage_ends_while_its_host_is_down_stays_off_until_that_boots():
+    run = Simulation(scenario(crash(1, 0.25, 0.65), radio_off(1, 0.35, 0.45), duration_s=0.8), 1)
+    reached: list[tuple[int, ...]] = []
+    for now in (0.2, 0.3, 0.4, 0.5, 0.7):
+        run.kernel.at(round(now * S), lambda: reached.append(run.channel.in_reach(0)))
+    run.run()
+    assert reached == [(1,), (), (), (), (1,)]
+    assert [event for *_, event in rows(run)] == ["Crashed", "RadioOff", "RadioOn", "Rebooted"]
 
 
 def test_a_new_machine_learns_nothing_of_what_the_one_before_has_sent_or_linked():
@@ -188,6 +231,25 @@ def test_a_step_while_the_host_is_down_counts_when_it_boots():
     run = executed(crash(0, 0.1, 0.4), clock_step(0, 0.2, 1.0), duration_s=0.6)
     assert run.machines[0].start == 1_400 * MS
     assert observed_at(run.machines[0]) == [1_400 * MS, 1_500 * MS]
+
+
+def test_a_host_that_is_down_is_asked_nothing(monkeypatch: pytest.MonkeyPatch):
+    run = Simulation(scenario(crash(0, 0.15, 0.4), clock_step(0, 0.2, 1.0), duration_s=0.6), 1)
+    asked: list[Time] = []
+
+    def noted(ask: Callable[[Driver], Any]) -> Callable[[Driver], Any]:
+        def note(machine: Driver) -> Any:
+            if machine.me == 0:
+                asked.append(run.kernel.now)
+            return ask(machine)
+
+        return note
+
+    for name in ("wake_at", "outbox", "commands"):
+        monkeypatch.setattr(Driver, name, noted(getattr(Driver, name)))
+    run.run()
+    assert [now for now in asked if 150 * MS <= now < 400 * MS] == []
+    assert {100 * MS, 400 * MS} < {*asked}
 
 
 def test_a_machine_with_another_clock_can_finish():
@@ -293,13 +355,17 @@ def test_rates_of_many_kinds_at_once_leave_a_run_that_can_be_repeated():
 @pytest.mark.parametrize(
     ("fault", "expected"),
     [
-        (crash(0, 1.0), "is needed, or until_s: who does not come back is to be killed"),
+        (crash(0, 1.0), "is no end, nor is until_s given: say when it boots again, or have it killed"),
+        (crash(0, 1.0, rate_per_s=0.1), "is no end, nor is until_s given"),
         (crash(0, 1.0, 2.0, for_s=1.0), "is given beside until_s"),
         (
             crash(0, 1.0, 2.0, rate_per_s=1.0),
             "is given beside rate_per_s, with which only for_s says how long it lasts",
         ),
         (clock_step(0, 1.0, 1e-10), "is not a step, of 1e-9 s at least"),
+        (clock_step(0, 1.0, 1e10), "less than or equal to 1000000000"),
+        (clock_step(0, 1.0, -1e10), "greater than or equal to -1000000000"),
+        ({"kind": "kill", "robot": 0, "at_s": 1.0, "rate_per_s": 1e6}, "less than or equal to 1000"),
         (battery(0, 1.0), "is not > 0, nor is idle_w or radio_w: nothing uses the battery"),
         ({"kind": "moved", "robot": 0, "at_s": 60.0}, "is not < 6, the run's duration_s"),
         ({"kind": "frozen", "robot": 2, "at_s": 0.0}, "is not one of the robots 0 to 1"),

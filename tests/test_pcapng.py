@@ -1,10 +1,7 @@
-"""Captures as Debian's tshark reads them: the frames of a run, one by one, and nothing malformed."""
+"""Captures of Bluetooth as Debian's tshark reads them: the frames of a run, one by one, and nothing malformed."""
 
-import os
-import re
 import shutil
 import struct
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,11 +14,12 @@ from cosim.channels.bluetooth.bits.codes import crc16
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Identity
 from cosim.cli import main
-from cosim.export.baseband import LINK_TYPE, packets, write_capture
+from cosim.export.baseband import LINK_TYPE, interface, packets
 from cosim.export.pcapng import INBOUND, Interface, Packet, write_pcapng
 from cosim.machine import Outgoing, RoleChanged, SwitchRole
 from cosim.units import MS, US, S
 from tests.bluetooth_world import World
+from tests.capture_reading import blocks, experts, find_tshark, read_fields
 
 GIAC = 0x9E8B33
 MASTER, SLAVE, OTHER = 0, 1, 2
@@ -156,24 +154,11 @@ FIELDS = (
 
 @pytest.fixture(scope="module")
 def tshark() -> str:
-    found = shutil.which("tshark")
-    if found is None:
-        if os.environ.get("CI"):
-            pytest.fail("CI has no tshark")
-        pytest.skip("there is no tshark here (Debian: apt-get install tshark)")
-    return found
+    return find_tshark()
 
 
 def read(program: str, path: Path) -> list[Seen]:
-    command = [program, "-n", "-r", str(path), "-T", "fields", "-E", "separator=|", *(f"-e{name}" for name in FIELDS)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"LC_ALL": "C"})
-    return [seen(line.split("|")) for line in done.stdout.splitlines()]
-
-
-def experts(program: str, path: Path) -> list[str]:
-    """Return what tshark's expert has to say of a file: lines of severity with number, or of number and remark."""
-    done = subprocess.run([program, "-r", str(path), "-q", "-z", "expert"], capture_output=True, text=True, check=True)
-    return [" ".join(line.split()) for line in done.stdout.splitlines() if re.search(r"\d", line)]
+    return [seen(words) for words in read_fields(program, path, FIELDS)]
 
 
 def not_checked(count: int) -> list[str]:
@@ -190,6 +175,11 @@ def seen(words: list[str]) -> Seen:
     return Seen(time_ns, words[1], *numbers[:7], crc_error, hec_passed, *words[11:13], fhs)  # type: ignore[arg-type]
 
 
+def write_capture(path: Path, rows: dict[str, list[Any]]) -> int:
+    interfaces = [interface(device, f"robot {device.address}") for device in DEVICES]
+    return write_pcapng(path, interfaces, packets(rows, DEVICES))
+
+
 def table(rows) -> dict[str, list[Any]]:
     return {name: [getattr(row, name) for row in rows] for name in COLUMNS}
 
@@ -197,7 +187,7 @@ def table(rows) -> dict[str, list[Any]]:
 @pytest.fixture(scope="module")
 def capture(tshark: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("capture") / "rows.pcapng"
-    write_capture(path, table(ROWS), DEVICES, "rows")
+    write_capture(path, table(ROWS))
     return path
 
 
@@ -268,37 +258,25 @@ def test_an_fhs_tells_address_and_clock_of_its_sender(captured: list[Seen]):
 # ---------------------------------------------------------------- the file
 
 
-def blocks(path: Path) -> list[tuple[int, bytes]]:
-    data, found = path.read_bytes(), []
-    while data:
-        kind, length = struct.unpack_from("<II", data)
-        assert length % 4 == 0
-        assert struct.unpack_from("<I", data, length - 4) == (length,)
-        found.append((kind, data[8 : length - 4]))
-        data = data[length:]
-    return found
-
-
 def test_the_blocks_are_a_section_the_interfaces_and_the_packets(tmp_path: Path):
     path = tmp_path / "two.pcapng"
     packets = [Packet(5 << 32 | 7, 1, INBOUND, b"abcde"), Packet(9 << 32, 0, INBOUND, b"")]
-    interfaces = [Interface("robot 0", ""), Interface("robot 10", "the tenth")]
-    assert write_pcapng(path, LINK_TYPE, interfaces, packets, comment="two") == 2
+    interfaces = [Interface(255, "robot 0", ""), Interface(105, "robot 10", "the tenth")]
+    assert write_pcapng(path, interfaces, packets, comment="two") == 2
     assert [kind for kind, _ in blocks(path)] == [0x0A0D0D0A, 1, 1, 6, 6]
-    section, first, _, packet, _ = (body for _, body in blocks(path))
+    section, first, second, packet, _ = (body for _, body in blocks(path))
     assert section.startswith(bytes.fromhex("4d3c2b1a 0100 0000 ffffffffffffffff 0100 0300") + b"two\0")
     assert first == bytes.fromhex("ff00 0000 00000000 0200 0700") + b"robot 0\0" + bytes.fromhex(
         "0900 0100 09000000 00000000"
     )
+    assert second.startswith(bytes.fromhex("6900 0000 00000000 0200 0800") + b"robot 10" + bytes.fromhex("0300 0900"))
     fixed = struct.pack("<IIIII", 1, 5, 7, 5, 5)
     assert packet == fixed + b"abcde\0\0\0" + bytes.fromhex("0200 0400 01000000 00000000")
 
 
 def test_the_crc_of_a_lost_payload_is_wrong(tmp_path: Path):
     spoilt = SPOILT[0]
-    write_capture(
-        tmp_path / "a.pcapng", table([PAGED[5], spoilt, spoilt._replace(outcome="received", part="")]), DEVICES, ""
-    )
+    write_capture(tmp_path / "a.pcapng", table([PAGED[5], spoilt, spoilt._replace(outcome="received", part="")]))
     payloads = [body[20:][22 : 22 + 2 + 50 + 2] for _, body in blocks(tmp_path / "a.pcapng")[-2:]]
     assert [crc16(WORDS[MASTER] >> 24, payload) == 0 for payload in payloads] == [False, True]
 
@@ -312,7 +290,7 @@ def test_a_capture_that_fails_leaves_what_was_there(tmp_path: Path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_pcapng(path, LINK_TYPE, [Interface("robot 0", "")], packets())
+        write_pcapng(path, [Interface(LINK_TYPE, "robot 0", "")], packets())
     assert [(file, file.read_bytes()) for file in tmp_path.iterdir()] == [(path, b"old")]
 
 
@@ -340,7 +318,7 @@ def test_a_link_that_has_been_turned_round_has_the_access_code_of_its_new_master
 def test_a_table_without_parts_is_read_too(tmp_path: Path):
     rows = table([row for row in ROWS if not row.part])
     del rows["part"]
-    assert write_capture(tmp_path / "a.pcapng", rows, DEVICES, "") == len([row for row in HEARD if not row.part])
+    assert write_capture(tmp_path / "a.pcapng", rows) == len([row for row in HEARD if not row.part])
 
 
 # ---------------------------------------------------------------- runs
@@ -388,7 +366,7 @@ def test_tshark_reads_the_frames_of_a_run(tshark: str, scenario: str, capsys: py
     assert set(heard.kind) == {"ID", *TYPES}
     assert {"", "payload"} == set(heard.part) < set(frames.part)
     packets = read(tshark, Path("captures/three.pcapng"))
-    assert f"{len(packets)} received frames in captures/three.pcapng, " in capsys.readouterr().out
+    assert f"{len(packets)} frames in captures/three.pcapng, " in capsys.readouterr().out
     assert [(packet.time_ns, packet.interface, packet.channel) for packet in packets] == [
         (row.time_ns, f"robot {row.destination}", row.channel) for row in heard.itertuples()
     ]
@@ -415,10 +393,10 @@ def test_a_capture_needs_no_trace_and_changes_nothing(scenario: str, capsys: pyt
     assert [kind for kind, _ in blocks(Path("three.pcapng"))][:5] == [0x0A0D0D0A, 1, 1, 1, 6]
 
 
-def test_captures_are_of_bluetooth_only(scenario: str, capsys: pytest.CaptureFixture[str]):
+def test_captures_are_of_radios_only(scenario: str, capsys: pytest.CaptureFixture[str]):
     assert run(scenario, "--set", "channel={kind: ideal}", "--pcapng", "new/three.pcapng") == 2
     told = capsys.readouterr()
-    assert told.err == "--pcapng: channel.kind is 'ideal', captures are of 'bluetooth' only\n"
+    assert told.err == "--pcapng: channel.kind is 'ideal', captures are of 'bluetooth' and 'adhoc' only\n"
     assert told.out == ""
     assert not Path("new").exists()
 

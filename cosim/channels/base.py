@@ -49,6 +49,20 @@ class Channel(ABC):
         """Deliver what arrives at *address* to *endpoint*."""
         self.endpoints[address] = endpoint
 
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """What ``summary`` of this very channel returns."""
+        return self.metrics
+
+    @property
+    def parts(self) -> "tuple[Channel, ...]":
+        """The channels that it consists of and that know nothing of each other, by the number of the radio on each."""
+        return (self,)
+
+    def carried(self, address: Address) -> tuple[int, ...]:  # where there are several, it depends
+        """Return which radios the robot *address* has."""
+        return (0,)
+
     @abstractmethod
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload at the device of *source*; its fate, if a token asks for it, comes as a link event."""

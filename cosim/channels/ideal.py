@@ -3,14 +3,22 @@
 What remains of an experiment's cost on this channel is the algorithm's own; the difference to a radio's column is the
 radio's. Roles and link commands are answered as a radio would, by an event at the same instant, so that a machine that
 manages links runs here unchanged.
+
+Three flaws can be asked for, each by itself and independent of all else, which no radio's are: a range, a share of
+payloads that are lost, and a random delay. With a random delay payloads overtake each other, also those from one robot
+to one other; without it they never do.
 """
 
+import math
+from collections.abc import Sequence
 from functools import partial
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar, Final, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
-from cosim.channels.base import Arrival, Channel
+from cosim.channels.base import Arrival, Channel, Positions
+from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
 from cosim.machine import (
     BROADCAST,
@@ -43,12 +51,28 @@ from cosim.machine import (
     SwitchRole,
     Unpark,
 )
+from cosim.randomness import Draws, Streams
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
-_Sent: TypeAlias = tuple[Address, Outgoing]
-"""(sender, what it sent)"""
+_LOSS: Final = 1
+"""The purpose of the draws that decide whether a payload arrives."""
+_JITTER: Final = 2
+"""The purpose of the draws that decide how much later."""
+
+
+class _Flight(NamedTuple):
+    """A payload on its way to some of those whom it is meant for, who all get it at one instant."""
+
+    source: Address
+    outgoing: Outgoing
+    begin: Time
+    number: int
+    """How many payloads *source* had sent before."""
+    receivers: Sequence[Address]
+    told: bool = True
+    """Whether the sender learns of the fate, if it wants to."""
 
 
 class IdealSettings(Settings):
@@ -56,41 +80,95 @@ class IdealSettings(Settings):
 
     kind: Literal["ideal"] = "ideal"
     delay_s: float = Field(default=1e-6, gt=0, description="from sending to arrival, for every payload")
+    range_m: float | None = Field(
+        default=None, gt=0, description="m, between robots farther apart nothing arrives; by default all are in reach"
+    )
+    loss: float = Field(
+        default=0.0, ge=0, le=1, description="probability that a payload does not arrive, for each receiver by itself"
+    )
+    jitter_s: float = Field(
+        default=0.0,
+        ge=0,
+        description="s, mean of an exponential delay on top of delay_s, for each payload and receiver by itself",
+    )
 
 
 class IdealChannel(Channel):
-    """Instant links between all devices that are switched on, and a fixed delay without loss."""
+    """Instant links between all devices that are switched on and in range, and a fixed delay without loss."""
 
     metrics: ClassVar[tuple[Metric, ...]] = (Metric("frames_sent", "1", "payloads sent"),)
 
-    def __init__(self, settings: IdealSettings, kernel: Kernel, trace: Trace, size: int) -> None:
+    def __init__(
+        self, settings: IdealSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams | None = None
+    ) -> None:
+        """*streams* are those of the run; raise LocalProtocolError if there are none, but losses or jitter."""
         super().__init__(kernel, trace, size)
         self.delay: Time = max(1, from_seconds(settings.delay_s))
         self.sent = 0
+        self._flaws = settings
+        self._chance: Draws | None = None
+        if settings.loss or settings.jitter_s:
+            if streams is None:
+                raise LocalProtocolError("an ideal channel with losses or jitter needs the streams of the run")
+            self._chance = streams.draws("ideal")
+        self._numbers = [0] * size
+        """Payloads that each device has sent: what the draws count by."""
+        self._places_m: Positions = np.zeros((size, 2))
+        self._in_range: list[list[bool]] | None = None
+        """Who is in range of whom, once somebody has asked since they have moved."""
         self._on = [True] * size
         self._on_since: list[Time] = [0] * size
         self._scanning = [True] * size
         self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
-        self._batch: list[_Sent] = []
-        self._batch_time: Time | None = None
+        self._under_way: dict[Time, list[_Flight]] = {}
+        """By the time of arrival."""
         self._news: list[tuple[Address, LinkEvent]] = []
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
-        """Deliver after the delay; the fate is DELIVERED or SENT at that instant, or NO_LINK to a dead device, at once.
+        """Deliver after the delay to whoever is in reach then, unless it is lost.
 
-        A device that is switched off sends nothing.
+        The fate is SENT for a broadcast, after the fixed delay; for others it comes when the payload would arrive:
+        DELIVERED, NO_LINK if the receiver is not in reach (any more), UNACKNOWLEDGED if the payload is lost: it is
+        tried once. To who is not in reach now it is NO_LINK at once. A device that is switched off sends nothing.
         """
         if not self._on[source]:
             return
-        if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
+        destination = outgoing.destination
+        if destination != BROADCAST and not self._hears(source, destination):
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         self.sent += 1
-        if self._batch_time != self.kernel.now:
-            self._batch, self._batch_time = [], self.kernel.now
-            self.kernel.after(self.delay, partial(self._arrive, self._batch))
-        self._batch.append((source, outgoing))  # sent at the same instant: one event for all
+        receivers = range(self.size) if destination == BROADCAST else (destination,)
+        flight = _Flight(source, outgoing, self.kernel.now, self._numbers[source], receivers)
+        self._numbers[source] += 1
+        if not self._flaws.jitter_s:
+            self._launch(flight, self.delay)
+        elif destination == BROADCAST:
+            if outgoing.token is not None:  # its fate depends on no receiver
+                self._launch(flight._replace(receivers=()), self.delay)
+            for address in receivers:
+                if address != source:
+                    self._launch(flight._replace(receivers=(address,), told=False), self._late(flight, address))
+        else:
+            self._launch(flight, self._late(flight, destination))
+
+    def _launch(self, flight: _Flight, delay: Time) -> None:
+        """Have *flight* arrive after *delay*: all that arrive at one instant are one event."""
+        arrival = flight.begin + delay
+        flights = self._under_way.get(arrival)
+        if flights is None:
+            flights = self._under_way[arrival] = []
+            self.kernel.after(delay, partial(self._arrive, arrival))
+        flights.append(flight)
+
+    def _late(self, flight: _Flight, address: Address) -> Time:
+        """Draw the delay of *flight* to *address*."""
+        return self.delay + from_seconds(-self._flaws.jitter_s * math.log1p(-self._draw(flight, address, _JITTER)))
+
+    def _draw(self, flight: _Flight, address: Address, purpose: int) -> float:
+        assert self._chance is not None
+        return self._chance.uniform(flight.number, flight.source << 16 | address, purpose)
 
     def command(self, source: Address, command: LinkCommand) -> None:
         """Answer like a radio that takes no time. Nothing happens if the device is off."""
@@ -133,8 +211,15 @@ class IdealChannel(Channel):
         self._tell((source, RoleChanged(peer, Role.PEER)))
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
-        """Return all other devices that are switched on, if this one is."""
+        """Return all other devices in range that are switched on, if this one is."""
         return tuple(a for a in range(self.size) if self._hears(address, a))
+
+    def moved(self, positions_m: Positions) -> None:
+        """Note who may be in range of whom now; links between robots that are not any more are lost."""
+        if self._flaws.range_m is not None:
+            self._places_m = positions_m
+            self._in_range = None
+            self._lose_links()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; the others lose a dead one at once."""
@@ -150,7 +235,17 @@ class IdealChannel(Channel):
         return {"frames_sent": float(self.sent)}
 
     def _hears(self, one: Address, other: Address) -> bool:
-        return one != other and 0 <= other < self.size and self._on[one] and self._on[other]
+        there = one != other and 0 <= other < self.size and self._on[one] and self._on[other]
+        return there and self._is_in_range(one, other)
+
+    def _is_in_range(self, one: Address, other: Address) -> bool:
+        range_m = self._flaws.range_m
+        if range_m is None:
+            return True
+        if self._in_range is None:
+            apart_m = np.linalg.norm(self._places_m[:, None] - self._places_m[None], axis=-1)
+            self._in_range = (apart_m <= range_m).tolist()
+        return self._in_range[one][other]
 
     def _knows_of(self, source: Address, begin: Time) -> bool:
         """Return whether the device of *source* is on, and has been since it began to send at *begin*."""
@@ -163,20 +258,26 @@ class IdealChannel(Channel):
                 self._paged.discard(pair)
                 self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
 
-    def _arrive(self, batch: list[_Sent]) -> None:
-        """Deliver what was sent one delay ago to those who are switched on now, and tell the senders."""
+    def _arrive(self, now: Time) -> None:
+        """Deliver what arrives now to those who are in reach and do not lose it, and tell the senders."""
         arrivals: list[Arrival] = []
         news: list[tuple[Address, LinkEvent]] = []
-        for source, outgoing in batch:
+        for flight in self._under_way.pop(now):
+            source, outgoing = flight.source, flight.outgoing
             to_all = outgoing.destination == BROADCAST
-            receivers = range(self.size) if to_all else (outgoing.destination,)
-            heard = [a for a in receivers if a != source and self._on[a]]
-            arrivals += [(address, outgoing.payload, Reception(source, to_all)) for address in heard]
-            self._record(source, outgoing, bool(heard))
-            if outgoing.token is not None and self._knows_of(source, self.kernel.now - self.delay):
-                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
+            there = [a for a in flight.receivers if a != source and self._on[a] and self._is_in_range(source, a)]
+            heard = [a for a in there if not self._is_lost(flight, a)] if self._flaws.loss else there
+            reception = Reception(source, to_all)
+            arrivals += [(address, outgoing.payload, reception) for address in heard]
+            self._record(flight, there, heard)
+            if flight.told and outgoing.token is not None and self._knows_of(source, flight.begin):
+                missed = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
+                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else missed
                 news.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, news)
+
+    def _is_lost(self, flight: _Flight, address: Address) -> bool:
+        return self._draw(flight, address, _LOSS) < self._flaws.loss
 
     def _tell(self, *news: tuple[Address, LinkEvent]) -> None:
         if not self._news and news:
@@ -187,17 +288,17 @@ class IdealChannel(Channel):
         news, self._news = self._news, []
         self.deliver((), [item for item in news if self._on[item[0]]])
 
-    def _record(self, source: Address, outgoing: Outgoing, heard: bool) -> None:
-        self.trace.row(
-            FRAMES,
-            self.kernel.now - self.delay,
-            source,
-            outgoing.destination,
-            self.delay,
-            "IDEAL",
-            -1,
-            0,
-            len(outgoing.payload),
-            "received" if heard else "out_of_range",
-            "",
-        )
+    def _record(self, flight: _Flight, there: Sequence[Address], heard: Sequence[Address]) -> None:
+        """Write a row for *flight*; one for every receiver if not all get the same."""
+        flaws = self._flaws
+        if flaws.range_m is None and self._chance is None:
+            self._write(flight, flight.outgoing.destination, "received" if heard else "out_of_range")
+            return
+        for address in flight.receivers:
+            if address != flight.source:
+                missed = "lost" if address in there else "out_of_range"
+                self._write(flight, address, "received" if address in heard else missed)
+
+    def _write(self, flight: _Flight, destination: Address, outcome: str) -> None:
+        duration, length = self.kernel.now - flight.begin, len(flight.outgoing.payload)
+        self.trace.row(FRAMES, flight.begin, flight.source, destination, duration, "IDEAL", -1, 0, length, outcome, "")

@@ -9,10 +9,8 @@ FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from importlib.metadata import version
 from itertools import starmap
 from operator import attrgetter
-from pathlib import Path
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -23,7 +21,7 @@ from cosim.channels.bluetooth.hopping import GIAC
 from cosim.channels.bluetooth.packets import ACL, PACKETS
 from cosim.channels.bluetooth.radio import Heard, Part
 from cosim.channels.bluetooth.scanning import RESPONSE_DELAY
-from cosim.export.pcapng import BROADCAST, CRC_ERROR, INBOUND, UNICAST, Interface, Packet, write_pcapng
+from cosim.export.pcapng import BROADCAST, CRC_ERROR, INBOUND, UNICAST, Interface, Packet
 from cosim.machine import Address
 from cosim.units import SLOT, Time
 
@@ -71,26 +69,20 @@ class Row(NamedTuple):
     part: str
 
 
-def write_capture(path: Path, frames: Mapping[str, Sequence[Any]], devices: Sequence[Identity], comment: str) -> int:
-    """Write the table *frames* (lists by column) between *devices* to *path* as pcapng; return the number of packets.
-
-    *comment* is kept with the file. Raise OSError if it cannot be written.
-    """
-    interfaces = [Interface(f"robot {device.address}", f"BD_ADDR {_bd_addr(device)}") for device in devices]
-    return write_pcapng(path, LINK_TYPE, interfaces, packets(frames, devices), f"cosim {version('cosim')}", comment)
+def interface(device: Identity, name: str) -> Interface:
+    """Return the interface *name* of *device*; the NAP of its address, which nothing here depends on, is 0."""
+    return Interface(LINK_TYPE, name, f"BD_ADDR {device.hop_address.to_bytes(6, 'big').hex(':')}")
 
 
 def packets(frames: Mapping[str, Sequence[Any]], devices: Sequence[Identity]) -> Iterator[Packet]:
-    """Yield the packets that the receivers of *frames* capture, in the order of time."""
+    """Yield the packets that the receivers of *frames* (lists by column) between *devices* capture, in order of time.
+
+    The interface of each is its receiver's address.
+    """
     rows = sorted(_rows(frames), key=attrgetter("time"))
     for row, owner, called in zip(rows, access_codes(rows, devices), lt_addrs_given(rows), strict=True):
         if row.outcome in _WHOLE or row.part == Part.PAYLOAD:
             yield _packet(row, owner, called, devices)
-
-
-def _bd_addr(device: Identity) -> str:
-    """Return the address as people write it; its NAP, which nothing here depends on, is 0."""
-    return device.hop_address.to_bytes(6, "big").hex(":")
 
 
 # ---------------------------------------------------------------- packets

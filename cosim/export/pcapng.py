@@ -28,7 +28,8 @@ _IF_TSRESOL: Final = 9
 _EPB_FLAGS: Final = 2
 
 INBOUND: Final = 1
-"""Flags of a packet: it was received."""
+OUTBOUND: Final = 2
+"""Flags of a packet: it was received, it was sent."""
 UNICAST: Final = 1 << 2
 BROADCAST: Final = 3 << 2
 CRC_ERROR: Final = 1 << 24
@@ -37,6 +38,8 @@ CRC_ERROR: Final = 1 << 24
 class Interface(NamedTuple):
     """What packets are captured at."""
 
+    link_type: int
+    """What its packets are (LINKTYPE_ numbers)."""
     name: str
     description: str
 
@@ -54,7 +57,6 @@ class Packet(NamedTuple):
 
 def write_pcapng(
     path: Path,
-    link_type: int,
     interfaces: Sequence[Interface],
     packets: Iterable[Packet],
     application: str = "cosim",
@@ -69,7 +71,7 @@ def write_pcapng(
     try:
         with draft.open("wb") as file:
             file.write(_section(application, comment))
-            file.writelines(_described(interface, link_type) for interface in interfaces)
+            file.writelines(_described(interface) for interface in interfaces)
             for packet in packets:
                 file.write(_packet(packet))
                 count += 1
@@ -101,13 +103,13 @@ def _section(application: str, comment: str) -> bytes:
     return _block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, _TO_THE_END), options)
 
 
-def _described(interface: Interface, link_type: int) -> bytes:
+def _described(interface: Interface) -> bytes:
     options = _options(
         (_IF_NAME, interface.name.encode()),
         (_IF_DESCRIPTION, interface.description.encode()),
         (_IF_TSRESOL, b"\x09"),  # times in units of 10**-9 s
     )
-    return _block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0), options)
+    return _block(_INTERFACE, struct.pack("<HHI", interface.link_type, 0, 0), options)
 
 
 def _packet(packet: Packet) -> bytes:

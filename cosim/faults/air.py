@@ -18,45 +18,76 @@ NOBODY: Final = -1
 
 
 class AirFaults:
-    """The jammers and walls of one run; a channel with a radio takes them by its methods ``jam`` and ``obstruct``."""
+    """The jammers and walls of one run; a channel with a radio takes them by its methods ``jam`` and ``obstruct``.
+
+    Where robots have several radios, it is the channels of those that a fault names, or of all that take it.
+    """
 
     def __init__(self, kernel: Kernel, channel: Channel, trace: Trace) -> None:
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
-        self._barriers: list[Barrier] = []
+        self._barriers: dict[Channel, list[Barrier]] = {part: [] for part in channel.parts}
 
     def jam(self, fault: JammerSettings, spans: Sequence[Span], run_end: Time) -> None:
-        """Have a jammer on the air at *spans*; raise UserError if there is no radio."""
-        jam = getattr(self._channel, "jam", None)
-        if jam is None:
-            raise UserError("there is no radio to jam on this channel")
+        """Have a jammer on the air at *spans*; raise UserError if there is no radio that it could disturb."""
+        jammers = [fault.jammer(begin, run_end if end is None else end) for begin, end in spans]
+
+        def jam(part: Channel) -> None:
+            if not hasattr(part, "jam"):
+                raise UserError("a jammer needs a channel that can be jammed, such as bluetooth")
+            for jammer in jammers:
+                part.jam(jammer)
+
+        self._willing(fault.radio, jam)
         for span in spans:
-            jam(fault.jammer(span[0], run_end if span[1] is None else span[1]))
             self._schedule(span, partial(self._note, JammerOn()), partial(self._note, JammerOff()))
 
     def obstruct(self, fault: WallSettings, spans: Sequence[Span]) -> None:
         """Have a wall in the way at *spans*; raise UserError if no radio could notice it."""
-        obstruct = getattr(self._channel, "obstruct", None)
-        if obstruct is None:
-            raise UserError("there is no radio that a wall could weaken on this channel")
-        obstruct(())  # refuses if signals do not fade
+
+        def ask(part: Channel) -> None:
+            if not hasattr(part, "obstruct"):
+                raise UserError(
+                    "a wall needs a channel whose signals fade, such as bluetooth or adhoc, with propagation"
+                )
+            part.obstruct(())  # refuses if signals do not fade
+
+        parts = self._willing(fault.radio, ask)
         barrier = Barrier(*fault.from_m, *fault.to_m, fault.loss_db)
         for span in spans:
-            self._schedule(span, partial(self._wall, barrier, True), partial(self._wall, barrier, False))
+            self._schedule(span, partial(self._wall, parts, barrier, True), partial(self._wall, parts, barrier, False))
+
+    def _willing(self, radio: int | None, act: Callable[[Channel], None]) -> list[Channel]:
+        """Return for which channels of *radio*, or of all, *act* raises no UserError; raise its first if for none."""
+        parts = self._channel.parts if radio is None else self._channel.parts[radio : radio + 1]
+        willing: list[Channel] = []
+        errors: list[UserError] = []
+        for part in parts:
+            try:
+                act(part)
+            except UserError as error:
+                errors.append(error)
+            else:
+                willing.append(part)
+        if not willing:
+            raise errors[0]
+        return willing
 
     def _schedule(self, span: Span, begin: Callable[[], None], end: Callable[[], None]) -> None:
         self._kernel.at(span[0], begin, WORLD)
         if span[1] is not None:
             self._kernel.at(span[1], end, WORLD)
 
-    def _wall(self, barrier: Barrier, stands: bool) -> None:
+    def _wall(self, parts: Sequence[Channel], barrier: Barrier, stands: bool) -> None:
         self._note(WallUp() if stands else WallDown())
-        if stands:
-            self._barriers.append(barrier)
-        else:
-            self._barriers.remove(barrier)
-        self._channel.obstruct(self._barriers)  # type: ignore[attr-defined]  # it has been looked for
+        for part in parts:
+            barriers = self._barriers[part]
+            if stands:
+                barriers.append(barrier)
+            else:
+                barriers.remove(barrier)
+            part.obstruct(barriers)  # type: ignore[attr-defined]  # it has been looked for
 
     def _note(self, event: object) -> None:
         self._trace.event(self._kernel.now, NOBODY, event)

@@ -56,7 +56,6 @@ from cosim.machine import Address, Death, Drive, Machine, Scan
 from cosim.node import Node
 from cosim.randomness import Streams
 from cosim.robots.carry import Carry
-from cosim.robots.drive import wrapped
 from cosim.robots.motion import Fleet
 from cosim.robots.senses import Senses
 from cosim.trace import Trace
@@ -95,8 +94,8 @@ class Faults:
         self._trace = trace
         self._streams = streams
         self._nodes, self._channel, self._fleet, self._senses, self._floorplan, self._boot = victims
-        self._lasting: dict[tuple[str, Address], int] = {}
-        """How many faults of a kind a robot has just now."""
+        self._lasting: dict[tuple[str, Address, int | None], int] = {}
+        """How many faults of a kind a robot has just now, those of one of its radios by its number."""
         self._down: set[Address] = set()
         """Who has crashed and will boot again, or would if the run were longer."""
         self._boots = [0] * len(self._nodes)
@@ -142,9 +141,10 @@ class Faults:
                     max(1, -(-start // tick)) * tick, partial(self._carry, fault, ("fault", number, "place", start))
                 )
             case CrashSettings() | RadioOffSettings() | CameraOffSettings() | FrozenSettings():
-                self._at(start, partial(self._count, fault.kind, fault.robot, 1))
+                radio = fault.radio if isinstance(fault, RadioOffSettings) else None
+                self._at(start, partial(self._count, fault.kind, fault.robot, radio, 1))
                 if end is not None:
-                    self._at(end, partial(self._count, fault.kind, fault.robot, -1))
+                    self._at(end, partial(self._count, fault.kind, fault.robot, radio, -1))
 
     def deaths(self, run_is_over: bool = False) -> list[Death]:
         """Return those of the dead whose bodies have come to rest, each once; all that are left if *run_is_over*."""
@@ -194,8 +194,7 @@ class Faults:
         self._down.remove(robot)
         self._boots[robot] += 1
         self._to_scan.add(robot)
-        if not self._lasting.get(("radio_off", robot)):
-            self._radio_on(robot)
+        self._radios_on(robot, self._channel.carried(robot))
         node, now = self._nodes[robot], self._kernel.now
         node.reboot(self._boot(robot, self._boots[robot], now + node.clock_offset), now)
 
@@ -206,10 +205,10 @@ class Faults:
 
     # ------------------------------------------------------------ what begins and ends
 
-    def _count(self, kind: str, robot: Address, change: int) -> None:
+    def _count(self, kind: str, robot: Address, radio: int | None, change: int) -> None:
         """Count one fault of this *kind* more, or less: the first that is on begins it, the last that ends ends it."""
         self._account(robot)
-        self._lasting[kind, robot] = count = self._lasting.get((kind, robot), 0) + change
+        self._lasting[kind, robot, radio] = count = self._lasting.get((kind, robot, radio), 0) + change
         if robot in self._dead or not (count == 0 or count == change):
             return
         begins = change > 0
@@ -217,26 +216,35 @@ class Faults:
             case "crash":
                 self._crash(robot, begins)
             case "radio_off":
-                self._radio(robot, begins)
+                self._radio(robot, radio, begins)
             case "camera_off":
                 self._camera(robot, begins)
             case "frozen":
                 self._note(robot, Frozen() if begins else Thawed())
                 self._fleet.freeze(robot, begins)
 
-    def _radio(self, robot: Address, off: bool) -> None:
-        self._note(robot, RadioOff() if off else RadioOn())
+    def _radio(self, robot: Address, radio: int | None, off: bool) -> None:
+        named = -1 if radio is None else radio
+        self._note(robot, RadioOff(named) if off else RadioOn(named))
         if robot in self._down:
             return
+        carried = self._channel.carried(robot)
+        concerned = carried if radio is None else (radio,)
         if off:
-            self._channel.power(robot, False)
+            for each in concerned:
+                self._channel.parts[each].power(robot, False)
         else:
-            self._radio_on(robot)
+            self._radios_on(robot, concerned)
 
-    def _radio_on(self, robot: Address) -> None:
-        """Switch the radio on; after a boot it scans, as all do in the beginning."""
-        self._channel.power(robot, True)
-        if robot in self._to_scan:
+    def _is_off(self, robot: Address, radio: int) -> bool:
+        return any(self._lasting.get(("radio_off", robot, each)) for each in (None, radio))
+
+    def _radios_on(self, robot: Address, radios: Sequence[int]) -> None:
+        """Switch *radios* on, but those that a fault keeps off; after a boot they scan, as all do in the beginning."""
+        on = [radio for radio in radios if not self._is_off(robot, radio)]
+        for radio in on:
+            self._channel.parts[radio].power(robot, True)
+        if on and on[0] == 0 and robot in self._to_scan:
             self._to_scan.remove(robot)
             self._channel.command(robot, Scan(True))
 
@@ -254,7 +262,7 @@ class Faults:
         if robot in self._dead:
             return
         before = self._fleet.pose_at(robot, self._kernel.now)
-        heading = before[2] if fault.heading_deg is None else wrapped(math.radians(fault.heading_deg))
+        heading = before[2] if fault.heading_deg is None else math.radians(fault.heading_deg)
         radius_m = float(self._fleet.radii_m[robot])
         given = fault.to_m
         unaware = self._senses is not None and not self._senses.aware
@@ -279,7 +287,8 @@ class Faults:
         battery = self._batteries.get(robot)
         if battery is not None:
             host_on = self._nodes[robot].alive
-            battery.last(self._kernel.now, host_on, host_on and not self._lasting.get(("radio_off", robot)))
+            radio_on = any(not self._is_off(robot, radio) for radio in self._channel.carried(robot))
+            battery.last(self._kernel.now, host_on, host_on and radio_on)
 
     def _drain(self, robot: Address) -> None:
         self._account(robot)

@@ -24,12 +24,16 @@ class Rebooted:
 
 @dataclass(frozen=True)
 class RadioOff:
-    """A fault has switched the robot's radio off."""
+    """A fault has switched the robot's radio, or one of its radios, off."""
+
+    radio: int = field(default=-1, metadata={"unit": "", "meaning": "which of its radios; -1 for all"})
 
 
 @dataclass(frozen=True)
 class RadioOn:
-    """The robot's radio is on again."""
+    """The robot's radio, or one of its radios, is on again."""
+
+    radio: int = field(default=-1, metadata={"unit": "", "meaning": "which of its radios; -1 for all"})
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,10 @@ from cosim.settings import Settings
 from cosim.units import Time, from_seconds
 
 LAST_CHANNEL: Final = 78
+MOST_OFTEN_PER_S: Final = 1e3
+"""All faults of a run are entered into the kernel before it begins."""
+LONGEST_STEP_S: Final = 1e9
+"""Thirty years: what a clock then reads still is an integer of 64 bits, in the tables too."""
 MODES: Final = {"constant": CONSTANT, "sweeping": SWEEPING, "pulsed": PULSED}
 
 RfChannel: TypeAlias = Annotated[int, Field(ge=0, le=LAST_CHANNEL)]
@@ -25,7 +29,7 @@ class TimedSettings(Settings):
 
     at_s: float = Field(ge=0, description="s, when it happens; with a rate, from when on it can")
     rate_per_s: float | None = Field(
-        default=None, gt=0, description="1/s, how often it happens, at random; once, at at_s, if not given"
+        default=None, gt=0, le=MOST_OFTEN_PER_S, description="1/s, how often, at random; once, at at_s, if not given"
     )
 
 
@@ -69,7 +73,7 @@ class CrashSettings(LastingSettings):
     @classmethod
     def _comes_back(cls, for_s: float | None, info: ValidationInfo) -> float | None:
         if for_s is None and info.data.get("until_s", 0.0) is None:
-            raise ValueError("is needed, or until_s: who does not come back is to be killed")
+            raise ValueError("is no end, nor is until_s given: say when it boots again, or have it killed (kind: kill)")
         return for_s
 
 
@@ -78,6 +82,7 @@ class RadioOffSettings(LastingSettings):
 
     kind: Literal["radio_off"] = "radio_off"
     robot: int = Field(ge=0, description="number of the robot in the team")
+    radio: int | None = Field(default=None, ge=0, description="which of its radios; all if not given")
 
 
 class CameraOffSettings(LastingSettings):
@@ -114,7 +119,9 @@ class ClockStepSettings(TimedSettings):
 
     kind: Literal["clock_step"] = "clock_step"
     robot: int = Field(ge=0, description="number of the robot in the team")
-    by_s: float = Field(description="s, by how much, to the nanosecond; negative is back")
+    by_s: float = Field(
+        ge=-LONGEST_STEP_S, le=LONGEST_STEP_S, description="s, by how much, to the nanosecond; negative is back"
+    )
 
     @field_validator("by_s")
     @classmethod
@@ -131,7 +138,7 @@ class BatterySettings(Settings):
     robot: int = Field(ge=0, description="number of the robot in the team")
     capacity_j: float = Field(gt=0, description="J, what it holds in the beginning")
     idle_w: float = Field(default=0.0, ge=0, description="W, of the host, as long as that runs")
-    radio_w: float = Field(default=0.0, ge=0, description="W, of the radio, as long as that is on")
+    radio_w: float = Field(default=0.0, ge=0, description="W, of the radio, as long as it, or one of them, is on")
     drive_j_per_m: float = Field(default=0.0, ge=0, description="J, for each metre driven")
 
     @field_validator("drive_j_per_m")
@@ -150,6 +157,7 @@ class WallSettings(LastingSettings):
     from_m: tuple[float, float] = Field(description="m, one end")
     to_m: tuple[float, float] = Field(description="m, the other end")
     loss_db: float = Field(gt=0, description="dB, what it takes from a signal that crosses it")
+    radio: int | None = Field(default=None, ge=0, description="whose signals, of the robots' radios; all if not given")
 
     @field_validator("to_m")
     @classmethod
@@ -174,6 +182,7 @@ class JammerSettings(LastingSettings):
     on_s: float = Field(default=0.01, ge=1e-9, description="s, on the air in every period, if it is pulsed")
     period_s: float = Field(default=0.1, ge=1e-9, description="s, from pulse to pulse, if it is pulsed")
     at_s: float = Field(default=0.0, ge=0, description="s, when it begins; with a rate, from when on it can")
+    radio: int | None = Field(default=None, ge=0, description="which of the robots' radios; all if not given")
 
     @field_validator("channels")
     @classmethod

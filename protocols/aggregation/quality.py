@@ -51,37 +51,45 @@ class Quality:
         return 1.0 - self.mistaken_s / self.observed_s if self.observed_s else math.nan
 
 
+class History:
+    """The transitions of one detector, which trusts at first; of several at one instant the last counts."""
+
+    def __init__(self) -> None:
+        self.transitions: list[Transition] = []
+        self.suspects = False
+
+    def note(self, time: Time, suspects: bool) -> None:
+        """Take note of what the detector says at *time*, which is not before the last one."""
+        if suspects == self.suspects:
+            return
+        self.suspects = suspects
+        if self.transitions and self.transitions[-1].time == time:
+            self.transitions.pop()
+        else:
+            self.transitions.append(Transition(time, suspects))
+
+
 def watch(detector: Detector, arrivals: Iterable[tuple[int, Time]], end: Time) -> list[Transition]:
     """Give *detector* the *arrivals*, pairs of number and time in order of time; return its transitions before *end*.
 
     It trusts at first. A heartbeat that arrives at the very instant at which suspicion would begin prevents it; of
     several that arrive at an instant, what the detector says after the last counts.
     """
-    found: list[Transition] = []
-    suspects = False
-
-    def note(time: Time, opinion: bool) -> None:
-        nonlocal suspects
-        if opinion != suspects:
-            suspects = opinion
-            if found and found[-1].time == time:
-                found.pop()
-            else:
-                found.append(Transition(time, opinion))
+    history = History()
 
     def wait(until: Time) -> None:
         due = detector.suspects_at()
         if due is not None and due < until:
-            note(due, True)
+            history.note(due, True)
 
     for number, time in arrivals:
         if time >= end:
             break
         wait(time)
         detector.heartbeat(number, time)
-        note(time, detector.suspects(time))
+        history.note(time, detector.suspects(time))
     wait(end)
-    return found
+    return history.transitions
 
 
 def quality(transitions: Sequence[Transition], start: Time, end: Time, crash: Time | None = None) -> Quality:

@@ -236,6 +236,6 @@ class Reflection:
         records.frames += 1
         records.payload_bytes += len(payload)
         if self._meeting is None:
-            self._outbox.append(_new(Outgoing, (BROADCAST, payload, None)))
+            self._outbox.append(_new(Outgoing, (BROADCAST, payload, None, 0)))
         else:
             self._outbox += [Outgoing(peer, payload) for peer in sorted(self._meeting.linked)]

@@ -3,7 +3,7 @@
 import networkx as nx
 import pytest
 
-from cosim.channels.adhoc.routing.olsr_graph import select_mprs
+from cosim.channels.adhoc.routing.olsr_graph import Route, routing_table, select_mprs
 from cosim.channels.adhoc.routing.olsr_neighbours import Hysteresis, Neighbourhood
 from cosim.channels.adhoc.routing.olsr_wire import (
     ASYM_LINK,
@@ -124,6 +124,16 @@ def test_two_lost_packets_end_it_and_two_that_arrive_bring_it_back() -> None:
     assert ear.known.links(14 * S) == {NEIGHBOUR: [1]}
 
 
+def test_the_lower_threshold_is_that_of_the_settings() -> None:
+    for missing, kind in ((2, NEIGHBOUR), (3, LOST)):  # 0.87 -> 0.52, 0.31 and then 0.19; the packet itself adds 0.4
+        ear = Ear(Hysteresis(0.8, 0.3, 0.4))
+        for now in range(0, 8, 2):
+            ear.hears(1, now * S, neighbour=[0])
+        assert ear.known.links(6 * S) == {NEIGHBOUR: [1]}
+        ear.hears(1, 7 * S, missing, neighbour=[0])
+        assert ear.known.links(7 * S) == {kind: [1]}
+
+
 def test_with_hysteresis_the_next_packet_takes_back_the_link_layers_word() -> None:
     ear = Ear(HYSTERESIS)
     for now in range(0, 12, 2):
@@ -178,6 +188,12 @@ def test_who_reaches_as_many_but_has_more_neighbours_is_preferred() -> None:
     assert select_mprs(alike(1, 2, 3), reach) == {1, 3}
 
 
+def test_who_is_the_only_way_to_somebody_is_chosen_before_who_reaches_most() -> None:
+    """Section 8.3.1, step 3 before 4: the other way round 2, which reaches most, and 3 would be relays too."""
+    reach = {1: {10, 11, 12}, 2: {11, 12, 13, 14}, 3: {15, 11, 12}, 4: {13, 14, 15}}
+    assert select_mprs(alike(1, 2, 3, 4), reach) == {1, 4}
+
+
 def test_who_never_forwards_is_no_relay_and_who_always_does_is() -> None:
     assert select_mprs({1: 0, 2: 3, 3: 7}, {1: {10, 11}, 2: {10}, 3: set()}) == {2, 3}
 
@@ -205,3 +221,20 @@ def test_everybody_two_hops_away_is_reached_as_often_as_asked_for_and_no_relay_i
         assert chosen <= near
         assert enough(chosen)
         assert not any(enough(chosen - {relay}) for relay in chosen)
+
+
+# ---------------------------------------------------------------- ways of two hops
+
+
+def test_nobody_is_reached_over_who_never_forwards() -> None:
+    assert routing_table(0, {1: 0}, {1: {2}}, set(), []) == {1: Route(1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("willingness", "selectors", "over"), [((3, 7), set(), 2), ((3, 3), {2}, 2), ((3, 3), set(), 1)]
+)
+def test_two_hops_lead_over_the_more_willing_or_else_over_whom_one_is_a_relay_of(
+    willingness: tuple[int, int], selectors: set[int], over: int
+) -> None:
+    table = routing_table(0, dict(zip((1, 2), willingness, strict=True)), {1: {0, 3}, 2: {0, 3}}, selectors, [])
+    assert table == {1: Route(1, 1), 2: Route(2, 1), 3: Route(over, 2)}

@@ -1,7 +1,7 @@
 """OLSR's octets, times and numbers, as RFC 3626 lays them out."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cosim.channels.adhoc.routing.olsr_wire import (
@@ -71,6 +71,7 @@ def test_every_octet_is_a_time_of_its_own_by_the_formula() -> None:
         assert encode_time(decode_time(octet)) == octet
 
 
+@example(2 * S - 1)
 @given(st.integers(S // 16, 3968 * S))
 def test_a_time_is_rounded_up_to_the_next_that_there_is(time: int) -> None:
     assert decode_time(encode_time(time)) == min(each for each in map(decode_time, range(256)) if each >= time)

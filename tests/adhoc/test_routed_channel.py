@@ -72,8 +72,8 @@ def test_a_broadcast_gets_to_everybody_once(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ROUTERS)
 def test_when_a_relay_goes_off_another_takes_over(kind: str) -> None:
-    """Two ways lead round the ring; the one in use dies while payloads go."""
-    field = Field(RING, kind)
+    """Two ways lead round the ring; the one in use dies while payloads go. A rebooted relay is asked at once."""
+    field = Field(RING, kind, **({"reboot_hold": False} if kind == "aodv" else {}))
     for tenth in range(300, 600):
         field.send_at(tenth * S // 10, 0, 2, tenth.to_bytes(2, "big"))
     field.kernel.at(35 * S, lambda: field.channel.power(1, False))
@@ -84,6 +84,23 @@ def test_when_a_relay_goes_off_another_takes_over(kind: str) -> None:
     arrived = {int.from_bytes(data, "big") for _, _, data, _ in field.hosts[2].heard}
     assert len(field.hosts[2].heard) == len(arrived), "none twice"
     assert {*range(300, 349), *range(440, 459), *range(560, 599)} <= arrived
+
+
+def test_a_relay_that_starts_anew_is_none_for_aodv_until_its_routes_are_forgotten() -> None:
+    """RFC 3561, 6.13: for DELETE_PERIOD, 15 s, it passes nothing on. At 45 s it starts, at 46 s the other one dies."""
+    field = Field(RING, "aodv", net_diameter=2)
+    for tenth in range(300, 650):
+        field.send_at(tenth * S // 10, 0, 2, tenth.to_bytes(2, "big"))
+    field.kernel.at(35 * S, lambda: field.channel.power(1, False))
+    field.kernel.at(45 * S, lambda: field.channel.power(1, True))
+    field.kernel.at(46 * S, lambda: field.channel.power(3, False))
+    field.kernel.run(60 * S)
+    arrived = [int.from_bytes(data, "big") for _, _, data, _ in field.hosts[2].heard]
+    assert arrived == [*range(300, 460)]
+    field.kernel.run(70 * S)
+    arrived = [int.from_bytes(data, "big") for _, _, data, _ in field.hosts[2].heard[160:]]
+    # a search without an answer takes at most 240 + 160 + 320 + 640 ms, and the next payload begins another
+    assert {*range(614, 650)} <= {*arrived}
 
 
 def test_who_has_no_way_is_told_so_by_aodv() -> None:

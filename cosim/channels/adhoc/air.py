@@ -19,18 +19,30 @@ class Medium:
         delay: Time,
         reach: Callable[[Address], Sequence[tuple[Address, float]]],
         note: Callable[[Frame, Address, bool], None] | None = None,
+        ended: Callable[[Frame, bool, Sequence[tuple[Address, float]]], None] | None = None,
     ) -> None:
-        """Ask *reach* whom a sender reaches, with how many mW, when a frame begins; tell *note* who received which."""
+        """Ask *reach* whom a sender reaches, with how many mW, when a frame begins; tell *note* who received which.
+
+        *ended* is told of every frame, whether its sender was on to its end, and whom it has reached.
+        """
         self.stations: Sequence[Station] = ()
         self._kernel = kernel
         self._delay = delay
         self._reach = reach
         self._note = note
+        self._ended = ended
         self.frames = 0
         """How many have been on the air."""
+        self._over = 0
+        """How many have arrived to their end."""
         self._beginning: list[Frame] = []
         """What has begun at one instant, and arrives at one."""
         self._cut: list[Frame] = []
+
+    @property
+    def silent(self) -> bool:
+        """No frame is on the air."""
+        return self._over == self.frames
 
     def begin(self, frame: Frame) -> None:
         """Carry *frame*, which begins now."""
@@ -59,3 +71,6 @@ class Medium:
             received = self.stations[address].energy_ends(frame, whole)
             if self._note is not None:
                 self._note(frame, address, received)
+        self._over += 1
+        if self._ended is not None:
+            self._ended(frame, whole, reached)

@@ -18,26 +18,29 @@ from cosim.channels.adhoc.dcf import Station
 from cosim.channels.adhoc.errors import frame_log_success
 from cosim.channels.adhoc.forwarding import Forwarding
 from cosim.channels.adhoc.handover import Handover
-from cosim.channels.adhoc.mac import DATA, Frame, Packet
+from cosim.channels.adhoc.jamming import Jamming, source
+from cosim.channels.adhoc.mac import Frame, Packet
 from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.routing.choice import make_router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Metric, Outcome, Outgoing, Reception
 from cosim.randomness import Streams
-from cosim.trace import FRAMES, Trace
-from cosim.units import from_seconds
+from cosim.trace import FRAMES, TRANSMISSIONS, Trace
+from cosim.units import Time, from_seconds
 
 FAINT_MW: Final = 1e-14
 """What arrives with less than -140 dBm is nothing, not even interference."""
 RECEPTION: Final = 2
 """The purpose of the draws for errors."""
+UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
 
 
 class AdhocChannel(IdealChannel):
@@ -64,6 +67,7 @@ class AdhocChannel(IdealChannel):
         self._settings = settings
         self._most = settings.queue_payloads
         self._frames_wanted = trace.wants(FRAMES)
+        self._transmissions_wanted = trace.wants(TRANSMISSIONS)
         self._propagation = self._fading(walls, streams)
         self._reached: list[tuple[tuple[Address, float], ...]] | None = None
         """Whom each robot reaches, with how many mW, once somebody has asked since they have moved."""
@@ -72,7 +76,7 @@ class AdhocChannel(IdealChannel):
         self._arrivals: list[Arrival] = []
         self._dropped = 0
         timing = settings.timing()
-        self._air = Medium(kernel, timing.delay, self._reaches, self._note)
+        self._air = Medium(kernel, timing.delay, self._reaches, self._note, self._ended)
         self._held = [0] * size
         """Payloads that each device has been handed and is not done with."""
         self._draws = streams.draws("adhoc")
@@ -82,6 +86,8 @@ class AdhocChannel(IdealChannel):
             for address in range(size)
         ]
         self._air.stations = self._stations
+        self._jamming = Jamming(kernel, self._jam_mw, self._anybody_cares)
+        self._jamming.stations = self._stations
         self._forwarding = self._routers(streams)
 
     def _routers(self, streams: Streams) -> Forwarding | None:
@@ -127,13 +133,18 @@ class AdhocChannel(IdealChannel):
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
-        self._handover.hand(source, partial(self._stations[source].send, packet))
+        self._handover.hand(source, partial(self._queue, source, packet))
 
     def moved(self, positions_m: Positions) -> None:
         """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
         self._positions_m = positions_m
         self._reached = None
+        self._jamming.moved()
         self._lose_links()
+
+    def advance(self, now: Time) -> None:
+        """Have stations know what jammers have done up to *now*, while robots are still where they were."""
+        self._jamming.advance()
 
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
@@ -153,8 +164,37 @@ class AdhocChannel(IdealChannel):
         """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
         if self._propagation is None:
             raise UserError("radios without propagation notice no walls")
+        self._jamming.advance()
         self._propagation.set_barriers(tuple(barriers))
         self._reached = None
+        self._jamming.moved()
+
+    def jam(self, jammer: Jammer) -> None:
+        """Have *jammer* on the air as well, at its times; raise UserError for a radio that is not in its band.
+
+        Without a law of propagation its power does not matter: it spoils all that arrives in range_m of it.
+        """
+        if self._settings.phy in UNJAMMED:
+            raise UserError(f"a radio with phy: {self._settings.phy} cannot be jammed: {UNJAMMED[self._settings.phy]}")
+        heard = source(jammer, self._settings.channel, self._settings.radio.bandwidth_hz)
+        if heard is not None:
+            self._jamming.add(heard)
+
+    def _jam_mw(self, jammers: Sequence[Jammer]) -> list[list[float]]:
+        """Return what each robot receives of each jammer on one of its channels: a row a jammer, in mW."""
+        places_m = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
+        if self._propagation is None:
+            apart = np.linalg.norm(places_m[:, None] - self._positions_m[None], axis=-1)
+            near: list[list[float]] = np.where(apart <= (self._settings.range_m or math.inf), 1.0, 0.0).tolist()
+            return near
+        gains_db = self._propagation.gains_db(np.vstack((self._positions_m, places_m)))[self.size :, : self.size]
+        power_dbm = np.array([[jammer.power_dbm] for jammer in jammers]) + gains_db
+        received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
+        return received
+
+    def _anybody_cares(self) -> bool:
+        """Return whether it matters to anybody now what jammers do."""
+        return not self._air.silent or any(not station.at_rest for station in self._stations)
 
     def _hears(self, one: Address, other: Address) -> bool:
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
@@ -219,16 +259,36 @@ class AdhocChannel(IdealChannel):
         """Have the station of *address* send what its router wants to; what it has no room for is lost."""
         if self._most is None or self._held[address] < self._most:
             self._held[address] += 1
-            self._stations[address].send(packet)
+            self._queue(address, packet)
+        elif self._forwarding is not None:
+            self._forwarding.refused(address, packet)
+
+    def _queue(self, address: Address, packet: Packet) -> None:
+        self._jamming.care()
+        self._stations[address].send(packet)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        """Write a row for every frame at every station that it is meant for."""
+        """Write a row for every frame at every station in reach that it is meant for."""
         if self._frames_wanted and frame.destination in (BROADCAST, address):
-            length = len(frame.packet.payload) if frame.packet is not None and frame.kind == DATA else 0
-            outcome = "received" if received else "collided"
-            row = frame.begin, frame.source, address, frame.form.duration, frame.kind, -1, 0, length, outcome, ""
-            self.trace.row(FRAMES, *row)
+            self._row(frame, address, "received" if received else "collided")
+
+    def _ended(self, frame: Frame, whole: bool, reached: Sequence[tuple[Address, float]]) -> None:
+        """Write what was on the air, and a row for a frame that has reached nobody whom it is meant for."""
+        meant_for = frame.destination
+        if self._frames_wanted and not (reached if meant_for == BROADCAST else any(a == meant_for for a, _ in reached)):
+            self._row(frame, meant_for, "out_of_range")
+        if self._transmissions_wanted:
+            packet = frame.packet
+            again = packet is not None and packet.short + packet.long > 0  # a CTS has put failures of RTS back to 0
+            body = "" if packet is None else packet.payload.hex()
+            sent = frame.kind, meant_for, frame.reserves, frame.number, again, self._forwarding is not None, whole, body
+            self.trace.row(TRANSMISSIONS, frame.begin, frame.source, *sent)
+
+    def _row(self, frame: Frame, receiver: Address, outcome: str) -> None:
+        length = 0 if frame.packet is None else len(frame.packet.payload)
+        row = frame.begin, frame.source, receiver, frame.form.duration, frame.kind, -1, 0, length, outcome, ""
+        self.trace.row(FRAMES, *row)

@@ -122,6 +122,12 @@ class Station:
             self._air.cut(self._sending)
             self._sending = None
 
+    @property
+    def at_rest(self) -> bool:
+        """It sends nothing, and has nothing to send: no payload, no answer, and no back-off to be done."""
+        answers = any(act.time >= self._kernel.now for act in self._acts)
+        return not (self.queue or self._backoff.pending or self._sending or answers)
+
     def _finish(self, acknowledged: bool, after: Time = 0) -> None:
         packet = self.queue.popleft()
         self._backoff.narrow()
@@ -261,6 +267,18 @@ class Station:
         if idle:
             self._contend()
         return bool(received)
+
+    def jammed(self, power_mw: float, at: Time) -> None:
+        """Receive so much power of jammers from *at* on, which lies in the past only for a station at rest."""
+        was_busy = self._receiver.energy
+        self._receiver.disturb(power_mw, at)
+        if self._receiver.energy == was_busy or self._sending is not None:
+            return
+        if was_busy:
+            self._idle_from = max(self._idle_from, at)
+            self._contend()
+        else:
+            self._defer(at + self._timing.cca)
 
     def _take(self, frame: Frame) -> bool:
         """Act on a frame that has been received; return whether it is the response that was awaited."""

@@ -18,7 +18,7 @@ class Ends(Protocol):
     """What routers are between."""
 
     def transmit(self, address: Address, packet: Packet) -> None:
-        """Have the station of *address* send *packet* to a neighbour, or to all in reach."""
+        """Have the station of *address* send *packet* to a neighbour, or to all in reach; or call ``refused``."""
 
     def arrived(self, address: Address, delivery: Delivery) -> None:
         """Hand a payload to the host of *address*."""
@@ -36,13 +36,15 @@ class Forwarding:
         self._ends = ends
         self.routers = [make(address, kernel.now) for address in range(size)]
         self._on = [True] * size
+        self._past: dict[str, float] = {}
+        """What routers have counted whose robots have been switched on anew."""
         self._timers: list[Handle | None] = [None] * size
         for address in range(size):
             self._drain(address)
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Hand a host's payload to its router."""
-        self.routers[source].send(*outgoing, self._kernel.now)
+        self.routers[source].send(outgoing.destination, outgoing.payload, outgoing.token, self._kernel.now)
         self._drain(source)
 
     def received(self, address: Address, frame: Frame) -> None:
@@ -57,19 +59,24 @@ class Forwarding:
             self.routers[address].hop_done(packet.token, acknowledged, self._kernel.now)
             self._drain(address)
 
+    def refused(self, address: Address, packet: Packet) -> None:
+        """Tell the router at *address*, within ``transmit``, that its station has no room for a packet."""
+        if packet.token is not None:
+            self.routers[address].hop_refused(packet.token, self._kernel.now)
+
     def power(self, address: Address, on: bool) -> None:
         """Have a router forget everything, and begin anew when it is switched on."""
         self._on[address] = on
         if on:
+            _add(self._past, self.routers[address].summary())
             self.routers[address] = self._make(address, self._kernel.now)
         self._drain(address)
 
     def summary(self) -> dict[str, float]:
-        """Return what all routers have counted, summed up."""
-        total: dict[str, float] = {}
+        """Return what all routers have counted, summed up, those of earlier lives too."""
+        total = dict(self._past)
         for router in self.routers:
-            for name, count in router.summary().items():
-                total[name] = total.get(name, 0.0) + count
+            _add(total, router.summary())
         return total
 
     def _drain(self, address: Address) -> None:
@@ -105,3 +112,8 @@ class Forwarding:
             if again is not None and again <= now:
                 raise LocalProtocolError(f"router {address}: after wake({now}) wake_at() is {again}, not later")
         self._drain(address)
+
+
+def _add(total: dict[str, float], counts: dict[str, float]) -> None:
+    for name, count in counts.items():
+        total[name] = total.get(name, 0.0) + count

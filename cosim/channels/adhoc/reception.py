@@ -1,11 +1,12 @@
 """What arrives at one station, and what of it can be received.
 
 ``RangeReceiver``: every frame in reach is equally strong. One that begins while nothing else is there is followed; any
-other that overlaps it spoils it.
+other that overlaps it spoils it, and so does a jammer.
 
-``SinrReceiver``: frames have powers. One that is strong enough is followed; all others, and the noise, disturb it, each
-for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place (capture).
-Whether what was followed is received is drawn at its end, from how likely all parts of it are to have no errors.
+``SinrReceiver``: frames have powers. One that is strong enough is followed; all others, jammers and the noise disturb
+it, each for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place
+(capture). Whether what was followed is received is drawn at its end, from how likely all its parts are to have no
+errors.
 """
 
 from collections.abc import Callable
@@ -41,6 +42,9 @@ class Receiver(Protocol):
     def drop(self) -> None:
         """Follow no frame any more."""
 
+    def disturb(self, power_mw: float, at: Time) -> None:
+        """Take in that so much power of jammers is there from *at* on."""
+
 
 class RangeReceiver:
     """All or nothing."""
@@ -49,12 +53,14 @@ class RangeReceiver:
         self.energy_from: Time = 0
         self._arriving = 0
         self._followed: Frame | None = None
+        self._since: Time = 0
         self._spoilt = False
+        self._jammed_from: Time | None = None
 
     @property
     def energy(self) -> bool:
-        """Something is arriving."""
-        return self._arriving > 0
+        """Something is arriving, be it of a jammer."""
+        return self._arriving > 0 or self._jammed_from is not None
 
     @property
     def follows(self) -> bool:
@@ -66,23 +72,40 @@ class RangeReceiver:
         if self._followed is not None:
             self._spoilt = True
         elif not self._arriving and not deaf:
-            self._followed, self._spoilt = frame, False
+            self._followed, self._since, self._spoilt = frame, now, False
+        was_busy = self.energy
         self._arriving += 1
-        if self._arriving == 1:
+        if not was_busy:
             self.energy_from = now
-        return self._arriving == 1
+        return not was_busy
 
     def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
         """Take in that *frame* ends."""
         self._arriving -= 1
         if frame is not self._followed:
             return None
+        self._spoil(now)
         self._followed = None
         return whole and not self._spoilt
 
     def drop(self) -> None:
         """Follow no frame any more."""
         self._followed = None
+
+    def disturb(self, power_mw: float, at: Time) -> None:
+        """Take in that a jammer is there from *at* on, if its power is not 0; none else."""
+        if power_mw == 0.0:
+            self._spoil(at)
+            self._jammed_from = None
+        elif self._jammed_from is None:
+            if not self._arriving:
+                self.energy_from = at
+            self._jammed_from = at
+
+    def _spoil(self, until: Time) -> None:
+        """Spoil the frame that is followed if a jammer has been there for a part of it up to *until*."""
+        if self._jammed_from is not None and max(self._jammed_from, self._since) < until:
+            self._spoilt = True
 
 
 class Limits(NamedTuple):
@@ -110,11 +133,12 @@ class SinrReceiver:
         self._followed: Frame | None = None
         self._since: Time = 0
         self._levels: Levels = []
+        self._jammers_mw = 0.0
 
     @property
     def energy(self) -> bool:
         """There is much energy, or a frame that is followed."""
-        return self._followed is not None or sum(self._arriving.values()) >= self._limits.busy_mw
+        return self._followed is not None or self._jammers_mw + sum(self._arriving.values()) >= self._limits.busy_mw
 
     @property
     def follows(self) -> bool:
@@ -146,6 +170,16 @@ class SinrReceiver:
         """Follow no frame any more."""
         self._followed = None
 
+    def disturb(self, power_mw: float, at: Time) -> None:
+        """Take in that so much power of jammers is there from *at* on."""
+        if power_mw == self._jammers_mw:
+            return
+        was_busy = self.energy
+        self._jammers_mw = power_mw
+        self._note(at)
+        if self.energy and not was_busy:
+            self.energy_from = at
+
     def _takes_over(self, power_mw: float, now: Time) -> bool:
         """Return whether a frame that begins is followed from now on."""
         followed = self._followed
@@ -159,4 +193,5 @@ class SinrReceiver:
         if self._followed is not None:
             power_mw = self._arriving[id(self._followed)]
             others_mw = sum(self._arriving.values()) - power_mw
-            self._levels.append((now - self._since, power_mw / (self._limits.noise_mw + max(others_mw, 0.0))))
+            noise_mw = self._limits.noise_mw + self._jammers_mw
+            self._levels.append((now - self._since, power_mw / (noise_mw + max(others_mw, 0.0))))

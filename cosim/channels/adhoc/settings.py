@@ -50,6 +50,9 @@ class AdhocSettings(Settings):
     phy: PhyName = Field(
         default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"
     )
+    channel: int = Field(
+        default=1, ge=1, le=13, description="in the band of 2.4 GHz, 5 MHz apart: which jammers disturb it"
+    )
     rate_mbps: float | None = Field(
         default=None, gt=0, description="Mb/s of payloads to one robot; the lowest of the PHY if not given"
     )

@@ -48,7 +48,7 @@ class Aodv(Control):
 
         Its fate: DELIVERED when the next hop has acknowledged it, SENT if it is to all, NO_ROUTE when a search has
         failed, UNACKNOWLEDGED when no next hop has taken it, QUEUE_FULL if it has given way to others that wait for
-        routes, TOO_LONG if no IP packet holds it.
+        routes or the station has no room, TOO_LONG if no IP packet holds it.
         """
         self.table.age(now)
         ttl = self.settings.net_diameter if destination == BROADCAST else DATA_TTL
@@ -60,7 +60,6 @@ class Aodv(Control):
             self._deliveries.append(Delivery(destination, payload, False))
             self._tell(token, Outcome.DELIVERED)
         elif destination == BROADCAST:
-            self._flooded.first((self.address, carried.datagram.number), now)
             watch = None if token is None else Watch(BROADCAST, carried, False)
             self._put(BROADCAST, encode(carried.datagram), now, watch)
         else:
@@ -113,6 +112,16 @@ class Aodv(Control):
         elif carried is not None:
             self._lose(carried)
         self._go_on(now)
+
+    def hop_refused(self, token: int, now: Time) -> None:
+        """Lose a payload that the station has had no room for; that breaks no link."""
+        watch = self._watched.pop(token, None)
+        if watch is None:
+            return
+        if watch.reply:
+            self._acks.pop(watch.neighbour, None)
+        if watch.carried is not None:
+            self._lose(watch.carried, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Do what is due: held broadcasts, hellos, silent neighbours, and searches that have got no reply."""

@@ -12,7 +12,7 @@ How the RFC is read where it leaves a choice:
   from, too (6.11, case ii), but does not increment the number of an entry that has ended before.
 - Whom a payload comes from becomes a precursor of its destination: so those that use a route learn of its end.
 - A robot is part of an active route, and sends hellos (6.9), as long as a route that it uses or has replied with lasts.
-  The next hello is due a HELLO_INTERVAL after the last broadcast.
+  The next hello is due a HELLO_INTERVAL after the last broadcast, less a jitter that the RFC does not know.
 """
 
 from cosim.channels.adhoc.routing.aodv_output import Output
@@ -230,7 +230,7 @@ class Control(Output):
         if self._hello_at is not None and self._hello_at <= now:
             self._hello_at = None
             if self.settings.hello_always or now < self._engaged_until:
-                self._hello_at = now + self.times.hello
+                self._hello_at = self._next_hello(now)
                 self._say(Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now)
         for neighbour, (hello, heard) in list(self._neighbours.items()):
             if heard + self.times.loss <= now:

@@ -87,7 +87,11 @@ class Output:
         else:
             self._out.append(hop)
         if neighbour == BROADCAST and self._hello_at is not None:
-            self._hello_at = now + after + self.times.hello
+            self._hello_at = self._next_hello(now + after)
+
+    def _next_hello(self, last: Time) -> Time:
+        """Return when the next hello is due after a broadcast: a little early, or two clocks could collide for ever."""
+        return max(last + self.times.hello - self._draw(self.times.jitter), last + 1)
 
     def _say(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
         packet = encode(self._datagram(neighbour, ttl, AODV_PORT, encode_message(message)))

@@ -81,7 +81,9 @@ class AodvSettings(Settings):
         default=64, ge=1, description="payloads of a robot that wait for routes; the oldest gives way"
     )
     broadcast_jitter_s: float = Field(
-        default=0.01, ge=0, description="s, at most, that a broadcast is held back by who passes it on (not in the RFC)"
+        default=0.01,
+        ge=0,
+        description="s, at most, that a broadcast that is passed on is held back, and a hello early (not in the RFC)",
     )
 
     def times(self) -> AodvTimes:

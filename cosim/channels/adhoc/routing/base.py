@@ -43,6 +43,9 @@ class Router(Protocol):
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Take notice of what has become of a :class:`Hop` with a *token*."""
 
+    def hop_refused(self, token: int, now: Time) -> None:
+        """Take notice that the station has had no room for a :class:`Hop`: it is lost, and the link is what it was."""
+
     def wake(self, now: Time) -> None:
         """Do what is due; harmless if nothing is."""
 

@@ -101,8 +101,8 @@ class Flooding(Queues):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Put *payload* on the air, for whomever it is.
 
-        Its fate is SENT, once it has been on the air; TOO_LONG if no IPv4 packet holds it; DELIVERED if it is for this
-        robot itself.
+        Its fate is SENT, once it has been on the air; QUEUE_FULL if the station has no room; TOO_LONG if no IPv4 packet
+        holds it; DELIVERED if it is for this robot itself.
         """
         if self._settled(destination, payload, token):
             return
@@ -130,6 +130,10 @@ class Flooding(Queues):
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Tell that an own payload has been on the air."""
         self._tell(token, Outcome.SENT)
+
+    def hop_refused(self, token: int, now: Time) -> None:
+        """Tell that an own payload has not been on the air."""
+        self._tell(token, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Repeat what has waited long enough."""

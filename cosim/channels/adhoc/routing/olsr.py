@@ -220,7 +220,8 @@ class Olsr(Queues):
         """Send *payload* on its way.
 
         Its fate: DELIVERED when the next hop has acknowledged it, UNACKNOWLEDGED if that has not, NO_ROUTE if there is
-        none; SENT if it is to all; TOO_LONG if no IPv4 packet holds it; DELIVERED if it is for this robot itself.
+        none; SENT if it is to all; QUEUE_FULL if the station has no room, TOO_LONG if no IPv4 packet holds it;
+        DELIVERED if it is for this robot itself.
         """
         if self._settled(destination, payload, token):
             return
@@ -259,6 +260,12 @@ class Olsr(Queues):
         self._tell(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
         if not acknowledged and self._settings.use_mac_feedback:
             self._counts["links_broken"] += self._neighbours.broken(sent.neighbour, now)
+
+    def hop_refused(self, token: int, now: Time) -> None:
+        """Tell that a payload has not been on the air; that breaks no link."""
+        if (sent := self._sent.pop(token, None)) is not None:
+            self._counts["payloads_unrouted"] += 1
+            self._tell(sent.token, Outcome.QUEUE_FULL)
 
     def _payload(self, datagram: Datagram, hop: Address, now: Time) -> None:
         source, destination, ttl = datagram.source, datagram.destination, datagram.ttl

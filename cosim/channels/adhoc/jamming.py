@@ -1,0 +1,174 @@
+"""What jammers do to the stations of one 802.11 channel: how much of their power falls into its band, and when.
+
+The band is as wide as the physical layer says, about 2412 + 5 (n - 1) MHz for channel n; its receivers are taken to
+pass all of it evenly, and nothing else. A jammer's power on channel k is spread evenly over the 1 MHz about 2402 + k
+MHz. It arrives at once, and is noise: it makes the medium busy if it is energy enough, and disturbs what is received.
+
+Nothing is scheduled but the instants at which that power changes, and of these none while no station has anything to
+send and no frame is on the air. What has changed meanwhile is made up for when somebody begins to care.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final, NamedTuple, Protocol, TypeAlias
+
+from cosim.channels.jamming import CONSTANT, PULSED, Jammer
+from cosim.kernel import WORLD, Handle, Kernel
+from cosim.units import MS, Time
+
+FIRST_MHZ: Final = 2412.0
+SPACING_MHZ: Final = 5.0
+"""Between the middles of neighbouring 802.11 channels in the band of 2.4 GHz."""
+LOWEST_JAMMED_MHZ: Final = 2402.0
+MEMORY: Final = 10 * MS
+"""What was longer ago than any interframe space does not matter to a station that has had nothing to do."""
+
+Gains: TypeAlias = Callable[[Sequence[Jammer]], Sequence[Sequence[float]]]
+"""jammers -> mW that each station receives of each, on one channel of 1 MHz: a row a jammer."""
+
+
+class Sufferer(Protocol):
+    """A station, as far as it is jammed."""
+
+    def jammed(self, power_mw: float, at: Time) -> None:
+        """Receive so much power of jammers from *at* on."""
+
+
+class Source(NamedTuple):
+    """A jammer, and how much of each of its channels falls into the band."""
+
+    jammer: Jammer
+    shares: tuple[float, ...]
+    """Of its channels, in their order: 0 to 1."""
+
+    def weight(self, at: Time) -> float:
+        """Return how many of its channels, in all, are on in the band at *at*."""
+        jammer = self.jammer
+        since = at - jammer.start
+        if not 0 <= since < jammer.end - jammer.start:
+            return 0.0
+        if jammer.mode == CONSTANT:
+            return sum(self.shares)
+        if jammer.mode == PULSED:
+            return sum(self.shares) if since % jammer.period < jammer.on else 0.0
+        return self.shares[since // jammer.dwell % len(self.shares)]
+
+    def next_change(self, after: Time) -> Time | None:
+        """Return the first instant after *after* at which its weight may be another; None if it never is again."""
+        jammer = self.jammer
+        if after < jammer.start:
+            return jammer.start
+        if after >= jammer.end:
+            return None
+        return min(self._next_within(after), jammer.end)
+
+    def _next_within(self, after: Time) -> Time:
+        jammer = self.jammer
+        since = after - jammer.start
+        if jammer.mode == CONSTANT:
+            return jammer.end
+        if jammer.mode == PULSED:
+            begin = since - since % jammer.period
+            return jammer.start + begin + (jammer.on if since - begin < jammer.on else jammer.period)
+        step, count = since // jammer.dwell, len(self.shares)
+        here = self.shares[step % count]
+        ahead = next((n for n in range(1, count) if self.shares[(step + n) % count] != here), None)
+        return jammer.end if ahead is None else jammer.start + (step + ahead) * jammer.dwell
+
+
+def source(jammer: Jammer, channel: int, bandwidth_hz: float) -> Source | None:
+    """Return *jammer* as 802.11 *channel*, 1 to 13, receives it; None if nothing of it falls into the band."""
+    middle_mhz = FIRST_MHZ + SPACING_MHZ * (channel - 1)
+    low_mhz, high_mhz = middle_mhz - bandwidth_hz / 2e6, middle_mhz + bandwidth_hz / 2e6
+    shares = []
+    for number in jammer.channels:
+        jammed_mhz = LOWEST_JAMMED_MHZ + number
+        shares.append(max(0.0, min(high_mhz, jammed_mhz + 0.5) - max(low_mhz, jammed_mhz - 0.5)))
+    return Source(jammer, tuple(shares)) if any(shares) else None
+
+
+class Jamming:
+    """All jammers of a channel."""
+
+    def __init__(self, kernel: Kernel, gains: Gains, anybody_cares: Callable[[], bool]) -> None:
+        """Ask *gains* how strong jammers are at each station, and *anybody_cares* whether changes matter now."""
+        self.stations: Sequence[Sufferer] = ()
+        self._kernel = kernel
+        self._gains = gains
+        self._anybody_cares = anybody_cares
+        self._sources: list[Source] = []
+        self._received_mw: Sequence[Sequence[float]] | None = None
+        """Of each jammer at each station, on one channel of 1 MHz, once needed since something has moved."""
+        self._known_to: Time = 0
+        """Up to when the stations know all."""
+        self._next: Handle | None = None
+
+    def add(self, source: Source) -> None:
+        """Have another jammer at its times."""
+        self.advance()
+        self._sources.append(source)
+        self.moved()
+        if self._next is not None:
+            self._next.cancel()
+            self._next = None
+        if self._anybody_cares():
+            self._go_on()
+
+    def moved(self) -> None:
+        """Note that stations, or what is in the way, are elsewhere from now on; they have been brought up to now."""
+        if self._sources:
+            now = self._kernel.now
+            self._sources = [each for each in self._sources if each.jammer.end > now]
+            self._received_mw = None
+            self._tell(now)
+
+    def care(self) -> None:
+        """Have stations know the present, and every change from now on: one of them is about to do something."""
+        if self._sources and self._next is None:
+            self.advance()
+            self._go_on()
+
+    def _change(self) -> None:
+        self._next = None
+        self.advance()
+        if self._anybody_cares():
+            self._go_on()
+
+    def _go_on(self) -> None:
+        following = self._change_after(self._kernel.now)
+        if following is not None:
+            self._next = self._kernel.at(following, self._change, WORLD)
+
+    def advance(self) -> None:
+        """Bring stations up to now: of changes that are too long ago to matter, they learn only what they led to."""
+        if not self._sources:
+            return
+        now = self._kernel.now
+        begin = max(self._known_to, now - MEMORY)
+        self._tell(begin)
+        for change in self._changes(begin, now):
+            self._tell(change)
+        self._known_to = now
+
+    def _changes(self, begin: Time, end: Time) -> Iterator[Time]:
+        """Yield the instants of changes in (begin, end]."""
+        change = self._change_after(begin)
+        while change is not None and change <= end:
+            yield change
+            change = self._change_after(change)
+
+    def _change_after(self, time: Time) -> Time | None:
+        changes = [change for each in self._sources if (change := each.next_change(time)) is not None]
+        return min(changes, default=None)
+
+    def _tell(self, at: Time) -> None:
+        """Tell all stations what they receive from *at* on."""
+        weights = [each.weight(at) for each in self._sources]
+        if not any(weights):
+            powers_mw = [0.0] * len(self.stations)
+        else:
+            if self._received_mw is None:
+                self._received_mw = self._gains([each.jammer for each in self._sources])
+            columns = zip(*self._received_mw, strict=True)
+            powers_mw = [sum(w * mw for w, mw in zip(weights, column, strict=True)) for column in columns]
+        for station, power_mw in zip(self.stations, powers_mw, strict=True):
+            station.jammed(power_mw, at)

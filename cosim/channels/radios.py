@@ -1,0 +1,212 @@
+"""Several radios a robot: channels side by side that know nothing of each other, as if each had a band of its own.
+
+Not every robot has all of them. One that a robot does not have is, on its channel, a device that is switched off for
+ever: it neither sends nor hears, and nobody has it in reach.
+
+Link commands, and the links that they make, are those of radio 0; of the others a host hears what arrives, and what
+has become of its payloads. Radio 0 is what it would be as the only one: it draws from the same streams, and the others
+from streams of their own. A robot's radios do not disturb each other, and work at the same time.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, Final, Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field
+
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.base import Channel, Endpoint, Positions
+from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.channels.ideal import IdealSettings
+from cosim.channels.vision import OpticalSettings
+from cosim.errors import LocalProtocolError
+from cosim.kernel import Kernel
+from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Metric, Outgoing, Reception
+from cosim.randomness import Draws, Streams
+from cosim.settings import Settings
+from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace
+from cosim.trace import Field as Column
+from cosim.units import Time
+
+OneRadio: TypeAlias = IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings
+"""The settings of a channel that is not made of others."""
+
+_PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
+RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
+OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name)
+"""Tables whose rows bear the number of a radio."""
+
+
+class RadiosSettings(Settings):
+    """Several radios a robot, each on a channel of its own."""
+
+    kind: Literal["radios"] = "radios"
+    radios: tuple[Annotated[OneRadio, Field(discriminator="kind")], ...] = Field(
+        min_length=1, description="the channels of radio 0, 1 and so on; which robot has which stands in the team"
+    )
+
+
+# ---------------------------------------------------------------- what a radio's own channel is given
+
+
+class RadioStreams(Streams):
+    """The randomness of one radio's channel; that of radio 0 is the run's, as if there were no others."""
+
+    def __init__(self, streams: Streams, radio: int) -> None:
+        super().__init__(streams.seed)
+        self._names: tuple[str | int, ...] = ("radio", radio) if radio else ()
+
+    def __call__(self, *names: str | int) -> np.random.Generator:
+        """Return a fresh generator of this radio's stream *names*."""
+        return super().__call__(*self._names, *names)
+
+    def draws(self, *names: str | int) -> Draws:
+        """Return the counter-based draws of this radio's stream *names*."""
+        return super().draws(*self._names, *names)
+
+
+class RadioTrace(Trace):
+    """The trace of a run as one radio's channel writes to it: its frames bear the radio's number. It keeps nothing."""
+
+    def __init__(self, whole: Trace, radio: int) -> None:
+        super().__init__()
+        self.tables = whole.tables
+        self._whole = whole
+        self._radio = radio
+
+    def row(self, table: Table, *values: Any) -> None:
+        """Append a row."""
+        if table.name in OF_RADIOS:
+            values = (*values, self._radio)
+        self._whole.row(table, *values)
+
+    def event(self, time: int, source: int, event: Any) -> None:
+        """Append an event."""
+        self._whole.event(time, source, event)
+
+
+def with_radio(tables: Iterable[Table]) -> tuple[Table, ...]:
+    """Return *tables* with another column, the last one, in those of frames: the radio."""
+    return tuple(
+        table._replace(fields=(*table.fields, RADIO)) if table.name in OF_RADIOS else table for table in tables
+    )
+
+
+class _End:
+    """A robot's end of one of its radios."""
+
+    def __init__(self, endpoint: Endpoint, radio: int, carriers: frozenset[Address]) -> None:
+        self._endpoint = endpoint
+        self._radio = radio
+        self._carriers = carriers
+        """Who has that radio."""
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a payload."""
+        self._endpoint.receive(data, reception._replace(radio=self._radio), now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take news that concern the host: links are those of radio 0, and of robots that have it."""
+        of_payload = isinstance(event, Fate)
+        of_stranger = isinstance(event, Lost) and event.peer not in self._carriers
+        if of_payload or (self._radio == 0 and not of_stranger):
+            self._endpoint.link(event, now)
+
+    def drain(self, now: Time) -> None:
+        """Act on what came in at this instant."""
+        self._endpoint.drain(now)
+
+
+# ---------------------------------------------------------------- all radios together
+
+
+class RadiosChannel(Channel):
+    """All radios of a run."""
+
+    def __init__(
+        self, kernel: Kernel, trace: Trace, parts: Sequence[Channel], carried: Sequence[Sequence[int]]
+    ) -> None:
+        """*parts* are the channels by radio, *carried* the radios that each robot has."""
+        super().__init__(kernel, trace, len(carried))
+        self._parts = tuple(parts)
+        self._carried = tuple(map(tuple, carried))
+        self._payload_bytes = [0] * len(parts)
+        self._carriers = [
+            frozenset(robot for robot, radios in enumerate(carried) if radio in radios) for radio in range(len(parts))
+        ]
+        for part, carriers in zip(parts, self._carriers, strict=True):
+            for robot in range(self.size):
+                if robot not in carriers:
+                    part.power(robot, False)
+
+    @property
+    def parts(self) -> tuple[Channel, ...]:
+        """The channels, by radio."""
+        return self._parts
+
+    def carried(self, address: Address) -> tuple[int, ...]:
+        """Return which radios the robot *address* has."""
+        return self._carried[address]
+
+    def attach(self, address: Address, endpoint: Endpoint) -> None:
+        """Deliver what arrives at *address* by any radio to *endpoint*."""
+        super().attach(address, endpoint)
+        for radio, (part, carriers) in enumerate(zip(self._parts, self._carriers, strict=True)):
+            plain = radio == 0 and len(carriers) == self.size
+            part.attach(address, endpoint if plain else _End(endpoint, radio, carriers))
+
+    def send(self, source: Address, outgoing: Outgoing) -> None:
+        """Queue a payload at the radio that it names; raise LocalProtocolError if the robot has no such radio."""
+        radio = outgoing.radio
+        if radio not in self._carried[source]:
+            raise LocalProtocolError(f"robot {source} has no radio {radio}")
+        self._payload_bytes[radio] += len(outgoing.payload)
+        self._parts[radio].send(source, outgoing)
+
+    def command(self, source: Address, command: LinkCommand) -> None:
+        """Have radio 0 carry out a link command; nothing happens if the robot does not have it."""
+        self._parts[0].command(source, command)
+
+    def in_reach(self, address: Address) -> tuple[Address, ...]:
+        """Return who would hear *address* now by any of its radios, in order."""
+        return tuple(sorted({other for part in self._parts for other in part.in_reach(address)}))
+
+    def advance(self, now: Time) -> None:
+        """Bring all channels up to *now*."""
+        for part in self._parts:
+            part.advance(now)
+
+    def moved(self, positions_m: Positions) -> None:
+        """Take the robots' new positions."""
+        for part in self._parts:
+            part.moved(positions_m)
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch all radios that the robot *address* has on or off."""
+        for radio in self._carried[address]:
+            self._parts[radio].power(address, on)
+
+    # ------------------------------------------------------------ counts
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The metrics of all channels, summed up under their own names, and those of each radio."""
+        total = {metric.name: metric for part in self._parts for metric in part.columns}
+        of_each = [
+            Metric(f"radio_{radio}_{metric.name}", metric.unit, f"{metric.meaning}; by radio {radio}")
+            for radio, part in enumerate(self._parts)
+            for metric in (*part.columns, _PAYLOAD_BYTES)
+        ]
+        return (*total.values(), *of_each)
+
+    def summary(self) -> dict[str, float]:
+        """Return what the channels counted: summed up, and by radio."""
+        total: dict[str, float] = {}
+        of_each: dict[str, float] = {}
+        for radio, (part, octets) in enumerate(zip(self._parts, self._payload_bytes, strict=True)):
+            counts = part.summary()
+            for name, count in counts.items():
+                total[name] = total.get(name, 0.0) + count
+            counts |= {_PAYLOAD_BYTES.name: float(octets)}
+            of_each |= {f"radio_{radio}_{name}": count for name, count in counts.items()}
+        return total | of_each

@@ -1,0 +1,62 @@
+"""One capture file of a run: all radios of all robots that can be captured, side by side, in the order of time."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from heapq import merge
+from importlib.metadata import version
+from itertools import compress
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from cosim.channels.adhoc.channel import AdhocChannel
+from cosim.channels.base import Channel
+from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.radios import OneRadio, RadiosSettings
+from cosim.export import baseband, ieee80211
+from cosim.export.pcapng import Interface, Packet, write_pcapng
+from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace
+
+
+def captured_tables(settings: OneRadio | RadiosSettings) -> tuple[Table, ...]:
+    """Return the tables that a capture of a run with such a channel is made of; none if it has nothing to capture."""
+    radios = settings.radios if isinstance(settings, RadiosSettings) else (settings,)
+    kinds = {radio.kind for radio in radios}
+    return tuple(table for kind, table in (("bluetooth", FRAMES), ("adhoc", TRANSMISSIONS)) if kind in kinds)
+
+
+def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> int:
+    """Write what the radios of *channel* have sent or received, as *trace* has it, to *path*; return how many packets.
+
+    *comment* is kept with the file; the trace has the tables of ``captured_tables``. Raise OSError if the file cannot
+    be written.
+    """
+    interfaces: list[Interface] = []
+    sources: list[Iterator[Packet]] = []
+    for radio, part in enumerate(channel.parts):
+        carriers = [robot for robot in range(channel.size) if radio in channel.carried(robot)]
+        names = [f"robot {robot} radio {radio}" if len(channel.parts) > 1 else f"robot {robot}" for robot in carriers]
+        places = {robot: len(interfaces) + place for place, robot in enumerate(carriers)}
+        if isinstance(part, BluetoothChannel):
+            devices = [device.identity for device in part.devices]
+            interfaces += map(baseband.interface, (devices[robot] for robot in carriers), names)
+            sources.append(_placed(baseband.packets(_rows(trace, FRAMES, radio), devices), places))
+        elif isinstance(part, AdhocChannel):
+            interfaces += [ieee80211.interface(robot, radio, name) for robot, name in zip(carriers, names, strict=True)]
+            sources.append(_placed(ieee80211.packets(_rows(trace, TRANSMISSIONS, radio), radio), places))
+    packets = merge(*sources, key=attrgetter("time"))
+    return write_pcapng(path, interfaces, packets, f"cosim {version('cosim')}", comment)
+
+
+def _rows(trace: Trace, table: Table, radio: int) -> Mapping[str, Sequence[Any]]:
+    """Return *table* as lists by column, of one radio only if the trace tells radios apart."""
+    columns = trace.columns(table.name)
+    if "radio" not in columns:
+        return columns
+    wanted = [number == radio for number in columns["radio"]]
+    return {name: list(compress(column, wanted)) for name, column in columns.items()}
+
+
+def _placed(packets: Iterator[Packet], places: Mapping[int, int]) -> Iterator[Packet]:
+    """Yield *packets*, whose interfaces are robots, with the interfaces of these in the file."""
+    for packet in packets:
+        yield packet._replace(interface=places[packet.interface])

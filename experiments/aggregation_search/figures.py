@@ -1,0 +1,207 @@
+"""The claims of paper 002, sections III and VII.A, as one-sided tests, and Figure 2: search time by case and strategy.
+
+``fastest_failed`` in published.csv is ``fastest`` for the case ``failed``; the tests by such names are made at the end
+of this file. Whatever is compared is compared in one case.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from cosim.report import estimate, estimates
+from experiments.aggregation_search.comparison import (
+    NAMES,
+    OURS,
+    TIME,
+    Floats,
+    against,
+    bootstrapped,
+    columns,
+    completes,
+    less,
+    positive,
+    spread_of_means,
+    told,
+)
+from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+
+CASES: Final = ("normal", "out_of_range", "failed")
+FAULTS: Final = CASES[1:]
+STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
+WRITTEN_OFF: Final = 1.5
+"""Who removes a lost host and its searchers from the team (section VI.A) does three thirds of the work with two."""
+IN_TIME: Final = 0.9
+"""The share of the searches that has to come to an end in time for a strategy to be called robust."""
+MUCH: Final = 10.0
+"""Movement "usually consumes much more power than communication": an order of magnitude."""
+COSTS: Final = {
+    "distance_m": "driven, m",
+    "distance_after_m": "after the end, m",
+    "payload_bytes": "sent, bytes",
+    "motion_j": "motion, J",
+    "radio_j": "radio, J",
+}
+
+
+def _arm(strategy: str, case: str) -> Arm:
+    return {"strategy": strategy, "case": case}
+
+
+def fastest(case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether MI has a lower mean search time than SRP and than MRP."""
+    return less(runs, [(f"{NAMES[other]}:", _arm("mi", case), _arm(other, case)) for other in ("srp", "mrp")])
+
+
+def consistent(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether SRP's means over the three cases lie closer together, in minutes, than MRP's and than MI's."""
+    return _least(runs, list(CASES), spread_of_means)
+
+
+def varies_least(case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether SRP's search time varies less between target configurations than MRP's and than MI's."""
+    return _least(runs, [case], _deviation)
+
+
+def _deviation(samples: Floats) -> Floats:
+    found: Floats = samples.std(axis=1, ddof=1)[:, 0]
+    return found
+
+
+def _least(runs: pd.DataFrame, cases: list[str], statistic: Any) -> Answer:
+    """Answer whether *statistic* of the searches in *cases* is smaller for SRP than for MRP and than for MI."""
+    table = columns(runs, [_arm(strategy, case) for strategy in OURS for case in cases])
+    if len(table) < 2:
+        return NO_DATA if table.empty else ("one replicate", None)
+    size = len(cases)
+    parts = {strategy: slice(size * rank, size * (rank + 1)) for rank, strategy in enumerate(OURS)}
+    own = {strategy: bootstrapped(table.iloc[:, part], statistic) for strategy, part in parts.items()}
+
+    def lead(other: str, samples: Floats) -> Floats:
+        found: Floats = statistic(samples[..., parts[other]]) - statistic(samples[..., parts["srp"]])
+        return found
+
+    leads = [bootstrapped(table, partial(lead, other)) for other in ("mrp", "mi")]
+    words = "; ".join(f"{NAMES[strategy]} {told(found, 'min')}" for strategy, found in own.items())
+    return words, all(positive(each) for each in leads)
+
+
+def slower_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a strategy has a higher mean search time than SRP."""
+    return less(runs, [(f"SRP against {NAMES[strategy]}:", _arm("srp", case), _arm(strategy, case))])
+
+
+def faster_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a strategy has a lower mean search time than SRP."""
+    return less(runs, [("", _arm(strategy, case), _arm("srp", case))])
+
+
+def rejoins_later(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the searchers of a failed host take longer to join another team with MRP than with SRP."""
+    return less(runs, [("SRP against MRP:", _arm("srp", "failed"), _arm("mrp", "failed"))], "rejoin_time_s")
+
+
+def faster_than_random(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a strategy has a lower mean search time than random search."""
+    return less(runs, [("", _arm(strategy, case), _arm("random", case))])
+
+
+def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a fault costs less time than writing the sub-team off would, and searches still come to an end."""
+    slower, bearable = less(runs, [("", _arm(strategy, case), _arm(strategy, "normal"))], factor=WRITTEN_OFF)
+    ends, in_time = completes(runs, [("", _arm(strategy, case))], IN_TIME)
+    if "-" in (slower, ends):
+        return NO_DATA
+    holds = None if bearable is None or in_time is None else bearable and in_time
+    return f"{slower}; completed {ends}", holds
+
+
+def says_more(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether MI has more of *metric* than MRP."""
+    return less(runs, [("MRP against MI:", _arm("mrp", case), _arm("mi", case))], metric)
+
+
+def needs_less(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether MI has less of *metric* than MRP."""
+    return less(runs, [("MI against MRP:", _arm("mi", case), _arm("mrp", case))], metric)
+
+
+def spares(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether MITO has less of *metric* than MI."""
+    return less(runs, [("MITO against MI:", _arm("mito", case), _arm("mi", case))], metric)
+
+
+def motion_dominates(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether motion takes more than ``MUCH`` times the energy of the radios, all well."""
+    arm = _arm(strategy, "normal")
+    motion, radio = (values_of(runs, arm, metric) for metric in ("motion_j", "radio_j"))
+    both = pd.concat([motion, radio], axis=1, join="inner", keys=range(2)).dropna()
+    if both.empty:
+        return NO_DATA
+    return against(both, "motion_j"), positive(limits(both[0] - MUCH * both[1]))
+
+
+# ---------------------------------------------------------------- tables and figures
+
+
+def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return Figure 2 as a table, with the share of searches that came to an end, and what each strategy costs."""
+    if runs.empty or not {"strategy", "case", "completed", TIME} <= set(runs):
+        return {}
+    times, costs = [], []
+    for key, part in runs.groupby(["strategy", "case"], sort=False):
+        strategy, case = map(str, key)
+        row = {"strategy": NAMES.get(strategy, strategy), "case": case}
+        spread = {"variance, min^2": f"{part[TIME].var():.4g}"}
+        ends = {"completed, %": f"{100 * part['completed'].mean():.3g}"}
+        times.append(row | {"search time, min": str(estimate(part[TIME]))} | spread | ends)
+        costs.append(row | {label: str(estimate(part[metric])) for metric, label in COSTS.items() if metric in part})
+    made = {"Figure 2: mean ± half of the 95 % confidence interval, variance": pd.DataFrame(times)}
+    return made | {"what it costs, all robots: mean ± half of the 95 % confidence interval": pd.DataFrame(costs)}
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw Figure 2: mean search time and its variance between configurations, by case, a bar a strategy."""
+    if runs.empty or not {"strategy", "case", TIME} <= set(runs):
+        return []
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    means, spreads = figure.subplots(1, 2)
+    names = [name for name in NAMES if name in set(runs["strategy"])]
+    cases = [case for case in CASES if case in set(runs["case"])]
+    width = 0.8 / len(names)
+    for rank, name in enumerate(names):
+        part = runs[runs["strategy"] == name]
+        points = estimates(part, ["case"], [TIME]).set_index("case").reindex(cases)[TIME].dropna()
+        at = np.array([cases.index(case) for case in points.index]) + width * (rank - (len(names) - 1) / 2)
+        halves = np.nan_to_num([value.half for value in points])
+        means.bar(at, [value.mean for value in points], width, yerr=halves, capsize=2, label=NAMES[name])
+        variances = part.groupby("case")[TIME].var().reindex(points.index)
+        spreads.bar(at, np.nan_to_num(variances.to_numpy(dtype=float)), width)
+    means.set_ylabel("search time, min (mean, 95 % interval)")
+    spreads.set_ylabel("variance between configurations, min$^2$")
+    for plot in (means, spreads):
+        plot.set_xticks(range(len(cases)), [case.replace("_", " ") for case in cases])
+        plot.grid(alpha=0.3, axis="y")
+    figure.legend(fontsize="small", loc="outside right center")
+    path = folder / "search_time_by_case.png"
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+globals().update({f"{t.__name__}_{case}": partial(t, case) for t in (fastest, varies_least) for case in CASES})
+globals().update(
+    {f"{t.__name__}_mrp_{c}": partial(t, "mrp", c) for t in (slower_than_srp, faster_than_srp) for c in CASES}
+)
+globals().update({f"faster_than_random_{s}_{c}": partial(faster_than_random, s, c) for s in STRATEGIES for c in CASES})
+globals().update({f"robust_{s}_{case}": partial(robust, s, case) for s in STRATEGIES for case in FAULTS})
+globals().update({f"says_more_{m}_{c}": partial(says_more, m, c) for m in ("payload_bytes", "frames") for c in CASES})
+globals().update({f"needs_less_{m}_{c}": partial(needs_less, m, c) for m in ("distance_m", "energy_j") for c in CASES})
+globals().update({f"spares_{m}_{c}": partial(spares, m, c) for m in ("distance_after_m", "energy_j") for c in CASES})
+globals().update(
+    {f"motion_dominates_{strategy}": partial(motion_dominates, strategy) for strategy in (*STRATEGIES, "random")}
+)

@@ -1,0 +1,343 @@
+"""The messages of a search team on the wire: one kind of frame for each of ``protocols.aggregation.messages``.
+
+Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). Lists bear
+their length before their items. The paper (002) prints no formats.
+
+Numbers on the wire are IEEE single floats: a coordinate of 128 to 256 m is rounded by at most 7.7 um, a speed by at
+most 6e-8 of itself.
+"""
+
+import struct
+from binascii import crc_hqx
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from struct import Struct
+from typing import Any, Final
+
+from cosim.errors import LocalProtocolError, WireError
+from cosim.machine import Address
+from cosim.units import MS, Time
+from protocols.aggregation.messages import (
+    Assign,
+    Confirm,
+    Finding,
+    Heartbeat,
+    Hello,
+    Join,
+    Leave,
+    Message,
+    News,
+    Plan,
+    Plans,
+    Point,
+    Receipt,
+    Report,
+    Stop,
+    Stopped,
+)
+
+__all__ = [
+    "CLOCK_MS",
+    "FAR_M",
+    "Assign",
+    "Confirm",
+    "Finding",
+    "Heartbeat",
+    "Hello",
+    "Join",
+    "Leave",
+    "Message",
+    "News",
+    "Plan",
+    "Plans",
+    "Point",
+    "Receipt",
+    "Report",
+    "Stop",
+    "Stopped",
+    "bitmap",
+    "decode",
+    "encode",
+    "instant",
+    "posts_of",
+    "stamp",
+]
+
+MAGIC: Final = 0x41
+FAR_M: Final = 1e6
+"""No coordinate on the wire, and no speed in m/s, is greater than this."""
+CRC_BYTES: Final = 2
+CLOCK_MS: Final = 1 << 32
+"""Stamps count modulo this."""
+REMEMBERED: Final = 256
+"""Frames, and bitmaps, whose meaning is remembered."""
+
+HEAD: Final = Struct(">BBB")
+HEARTBEAT: Final = Struct(">BBBIIffHHBHBB")
+OVER: Final = 1
+SYNCING: Final = 2
+ASTRAY: Final = 4
+PLAN: Final = Struct(">BHIfB")
+POINT: Final = Struct(">ff")
+FINDING: Final = Struct(">Bff")
+MEMBER: Final = Struct(">BH")
+REPORT: Final = Struct(">BBBHHB")
+ASSIGN: Final = Struct(">BBBHHH")
+COUNT: Final = Struct(">H")
+
+_new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
+
+
+# ---------------------------------------------------------------- stamps and bitmaps
+
+
+def stamp(at: Time, start: Time = 0) -> int:
+    """Return the stamp of the instant *at*: whole ms since *start*, mod 2**32; never later than *at*."""
+    return (at - start) // MS % CLOCK_MS
+
+
+def instant(stamp_ms: int, now: Time, start: Time = 0) -> Time:
+    """Return the instant nearest to *now* with the stamp *stamp_ms*: right for 24 days to either side."""
+    now_ms = (now - start) // MS
+    return start + (now_ms + (stamp_ms - now_ms + CLOCK_MS // 2) % CLOCK_MS - CLOCK_MS // 2) * MS
+
+
+def bitmap(posts: Iterable[int], count: int) -> bytes:
+    """Return *posts*, of 0 to *count* - 1, as bits: post k is bit k % 8, counted from the least, of byte k // 8."""
+    data = bytearray(-(-count // 8))
+    for post in posts:
+        if not 0 <= post < count:
+            raise LocalProtocolError(f"no post {post} among {count}")
+        data[post >> 3] |= 1 << (post & 7)
+    return bytes(data)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def posts_of(data: bytes) -> frozenset[int]:
+    """Return the posts in a :func:`bitmap`; one from the wire may be of any length, so they may be any numbers."""
+    return frozenset(8 * at + bit for at, byte in enumerate(data) if byte for bit in range(8) if byte >> bit & 1)
+
+
+# ---------------------------------------------------------------- writing
+
+
+def encode(sender: Address, message: Message) -> bytes:
+    """Return the bytes of *message*; raise :exc:`LocalProtocolError` for a number or a list that no frame holds."""
+    kind = type(message)
+    try:
+        data = _WRITERS[kind](CODES[kind], sender, message)
+    except (struct.error, ValueError) as error:
+        raise LocalProtocolError(f"{kind.__name__} of {sender}: {error}") from error
+    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+
+
+def _near(x: float, y: float) -> bool:
+    """Return whether both are coordinates that a frame bears; a NaN is not."""
+    return -FAR_M <= x <= FAR_M and -FAR_M <= y <= FAR_M
+
+
+def _written_heartbeat(code: int, sender: Address, beat: Heartbeat) -> bytes:
+    number, stamp_ms, x, y, turn, plan, found, visited, over, syncing, astray, silent = beat
+    if not _near(x, y):
+        raise ValueError(f"nobody is at ({x}, {y})")
+    flags = (OVER if over else 0) | (SYNCING if syncing else 0) | (ASTRAY if astray else 0)
+    head = HEARTBEAT.pack(MAGIC, code, sender, number, stamp_ms, x, y, turn, plan, found, visited, flags, len(silent))
+    return head + bytes(silent)
+
+
+def _written_plan(plan: Plan) -> bytes:
+    host, version, departed_ms, speed_mps, way_m = plan
+    if not way_m or not 0.0 <= speed_mps <= FAR_M:
+        raise ValueError(f"no way at {speed_mps} m/s over {len(way_m)} points")
+    return PLAN.pack(host, version, departed_ms, speed_mps, len(way_m)) + b"".join(map(_written_point, way_m))
+
+
+def _written_point(point: Point) -> bytes:
+    if not _near(*point):
+        raise ValueError(f"nothing is at {point}")
+    return POINT.pack(*point)
+
+
+def _written_targets(targets: tuple[Finding, ...]) -> bytes:
+    for _, x, y in targets:
+        if not _near(x, y):
+            raise ValueError(f"no target is at ({x}, {y})")
+    return b"".join(FINDING.pack(*target) for target in targets)
+
+
+def _written_plans(code: int, sender: Address, message: Plans) -> bytes:
+    if not message.plans:
+        raise ValueError("no plan")
+    return HEAD.pack(MAGIC, code, sender) + bytes((len(message.plans),)) + b"".join(map(_written_plan, message.plans))
+
+
+def _written_news(code: int, sender: Address, news: News) -> bytes:
+    targets, visited, members, plan = news
+    return b"".join(
+        (
+            HEAD.pack(MAGIC, code, sender),
+            bytes((len(targets),)),
+            _written_targets(targets),
+            COUNT.pack(len(visited)),
+            visited,
+            bytes((len(members),)),
+            *(MEMBER.pack(*member) for member in members),
+            _written_plan(plan),
+        )
+    )
+
+
+def _written_report(code: int, sender: Address, report: Report) -> bytes:
+    number, epoch, targets, visited = report
+    head = REPORT.pack(MAGIC, code, sender, number, epoch, len(targets))
+    return b"".join((head, _written_targets(targets), COUNT.pack(len(visited)), visited))
+
+
+def _written_assign(code: int, sender: Address, order: Assign) -> bytes:
+    epoch, number, posts = order
+    return ASSIGN.pack(MAGIC, code, sender, epoch, number, len(posts)) + _numbers(len(posts)).pack(*posts)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _numbers(count: int) -> Struct:
+    return Struct(f">{count}H")
+
+
+# ---------------------------------------------------------------- reading
+
+
+@lru_cache(maxsize=REMEMBERED)
+def decode(data: bytes) -> tuple[Address, Message]:
+    """Return who sent *data* and what it says; raise :exc:`WireError` for anything that ``encode`` would not have made.
+
+    The last frames are remembered: a broadcast is decoded once for all that hear it.
+    """
+    if len(data) < HEAD.size + CRC_BYTES or data[0] != MAGIC or not 0 < data[1] <= len(_READERS):
+        raise WireError("not a frame of a search team")
+    if crc_hqx(data, 0xFFFF):  # over a message and its own CRC it is 0
+        raise WireError("the CRC does not fit")
+    try:
+        message, end = _READERS[data[1] - 1](data)
+    except (struct.error, IndexError):
+        raise WireError(f"{len(data)} bytes are too few") from None
+    if end != len(data) - CRC_BYTES:  # a list that ran into the CRC or beyond ends here too
+        raise WireError(f"{len(data)} bytes where {end + CRC_BYTES} were expected")
+    return data[2], message
+
+
+def _checked(x: float, y: float) -> None:
+    if not _near(x, y):
+        raise WireError("a number that no robot sends")
+
+
+def _read_heartbeat(data: bytes) -> tuple[Heartbeat, int]:
+    _, _, _, number, stamp_ms, x, y, turn, plan, found, visited, flags, count = HEARTBEAT.unpack_from(data)
+    _checked(x, y)
+    if flags > OVER | SYNCING | ASTRAY:
+        raise WireError(f"flags {flags:#x}")
+    end = HEARTBEAT.size + count
+    states = flags & OVER != 0, flags & SYNCING != 0, flags & ASTRAY != 0
+    silent = tuple(data[HEARTBEAT.size : end])
+    return _new(Heartbeat, (number, stamp_ms, x, y, turn, plan, found, visited, *states, silent)), end
+
+
+def _read_plan(data: bytes, at: int) -> tuple[Plan, int]:
+    host, version, departed_ms, speed_mps, count = PLAN.unpack_from(data, at)
+    at += PLAN.size
+    end = at + POINT.size * count
+    way_m: tuple[Point, ...] = tuple(POINT.iter_unpack(data[at:end]))
+    if not way_m or not 0.0 <= speed_mps <= FAR_M:
+        raise WireError("a way that no host goes")
+    for x, y in way_m:
+        _checked(x, y)
+    return _new(Plan, (host, version, departed_ms, speed_mps, way_m)), end
+
+
+def _read_targets(data: bytes, at: int, count: int) -> tuple[tuple[Finding, ...], int]:
+    end = at + FINDING.size * count
+    targets: tuple[Finding, ...] = tuple(_new(Finding, target) for target in FINDING.iter_unpack(data[at:end]))
+    for _, x, y in targets:
+        _checked(x, y)
+    return targets, end
+
+
+def _read_visited(data: bytes, at: int) -> tuple[bytes, int]:
+    at += COUNT.size
+    end = at + int(COUNT.unpack_from(data, at - COUNT.size)[0])
+    return data[at:end], end
+
+
+def _read_plans(data: bytes) -> tuple[Plans, int]:
+    at = HEAD.size + 1
+    if not data[HEAD.size]:
+        raise WireError("no plan")
+    plans = []
+    for _ in range(data[HEAD.size]):
+        plan, at = _read_plan(data, at)
+        plans.append(plan)
+    return Plans(tuple(plans)), at
+
+
+def _read_news(data: bytes) -> tuple[News, int]:
+    targets, at = _read_targets(data, HEAD.size + 1, data[HEAD.size])
+    visited, at = _read_visited(data, at)
+    end = at + 1 + MEMBER.size * data[at]
+    members: tuple[tuple[Address, int], ...] = tuple(MEMBER.iter_unpack(data[at + 1 : end]))
+    plan, end = _read_plan(data, end)
+    return News(targets, visited, members, plan), end
+
+
+def _read_report(data: bytes) -> tuple[Report, int]:
+    _, _, _, number, epoch, count = REPORT.unpack_from(data)
+    targets, at = _read_targets(data, REPORT.size, count)
+    visited, end = _read_visited(data, at)
+    return Report(number, epoch, targets, visited), end
+
+
+def _read_assign(data: bytes) -> tuple[Assign, int]:
+    _, _, _, epoch, number, count = ASSIGN.unpack_from(data)
+    posts = _numbers(count)
+    return Assign(epoch, number, posts.unpack_from(data, ASSIGN.size)), ASSIGN.size + posts.size
+
+
+# ---------------------------------------------------------------- messages of fixed length
+
+
+def _fixed(
+    kind: type[Any], fields: str, place: int | None = None
+) -> tuple[Callable[[int, Address, Any], bytes], Callable[[bytes], tuple[Any, int]]]:
+    """Return the writer and the reader of a *kind* whose *fields* are these, with x at *place* and y after it."""
+    layout = Struct(f">BBB{fields}")
+
+    def write(code: int, sender: Address, message: Any) -> bytes:
+        if place is not None and not _near(message[place], message[place + 1]):
+            raise ValueError(f"nobody is at {message[place : place + 2]}")
+        return layout.pack(MAGIC, code, sender, *message)
+
+    def read(data: bytes) -> tuple[Any, int]:
+        values = layout.unpack_from(data)[3:]
+        if place is not None:
+            _checked(values[place], values[place + 1])
+        return _new(kind, values), layout.size
+
+    return write, read
+
+
+_CODECS: Final[dict[type[Any], tuple[Callable[[int, Address, Any], bytes], Callable[[bytes], tuple[Any, int]]]]] = {
+    Heartbeat: (_written_heartbeat, _read_heartbeat),
+    Plans: (_written_plans, _read_plans),
+    News: (_written_news, _read_news),
+    Hello: _fixed(Hello, "HffHH", place=1),
+    Report: (_written_report, _read_report),
+    Receipt: _fixed(Receipt, "H"),
+    Assign: (_written_assign, _read_assign),
+    Join: _fixed(Join, "Hff", place=1),
+    Confirm: _fixed(Confirm, "H"),
+    Leave: _fixed(Leave, "H"),
+    Stop: _fixed(Stop, ""),
+    Stopped: _fixed(Stopped, ""),
+}
+"""The codecs of all kinds; a kind's byte is its place here, from 1."""
+CODES: Final = {kind: code for code, kind in enumerate(_CODECS, 1)}
+_WRITERS: Final = {kind: write for kind, (write, _) in _CODECS.items()}
+_READERS: Final = tuple(read for _, read in _CODECS.values())

@@ -1,0 +1,274 @@
+"""The ground that is searched: where a robot can be, the ways there, and the posts from which everything is seen.
+
+All robots of a team are given the same ground: the floor's walls are known, only the targets are not. A searcher that
+has stood at every post has looked at the whole floor.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from cosim.geometry.boundary import PackedBoundary, boundary, inflated, packed_boundary
+from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, wall_planning_grid
+from cosim.geometry.roadmap import Roadmap, line_is_free, roadmap
+from cosim.geometry.segments import SegmentGrid, in_sight, segment_grid, swept_clearance
+from cosim.jit import njit
+from protocols.aggregation.ground_posts import lattice, posts_of, rooms_of_cells
+
+MOST_CORNERS: Final = 500
+"""Floors with more corners are planned on by wavefronts only."""
+TOUCH_M: Final = 0.01
+"""So much more room than its radius a robot has on its way."""
+ITSELF: Final = -1
+NOWHERE: Final = -2
+_KEPT: Final = 8
+"""So many grounds are kept, for the next runs on their floors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A floor, for robots of one radius with one camera."""
+
+    radius_m: float
+    """Of the bodies."""
+    camera_m: float
+    walls: SegmentGrid
+    grid: PlanningGrid
+    """The cells at whose centre a body has room for half a diagonal of a cell more than its radius: no way over free
+    cells, straight from any point to any other, touches a wall."""
+    roadmap: Roadmap | None
+    """None if the floor has too many corners: then all ways come from wavefronts."""
+    posts_m: tuple[Point, ...]
+    """In an order in which neighbours lie near each other, room by room."""
+    rooms: tuple[int, ...]
+    """The room that each post belongs to, by its number among the floor's; -1 for none."""
+
+    def open(self, a_m: Point, b_m: Point) -> bool:
+        """Return whether a robot can go straight from one point to another, as far as the cells know."""
+        grid = self.grid
+        (x, y), cell = grid.origin_m, grid.cell_m
+        ends = (a_m[0] - x) / cell, (a_m[1] - y) / cell, (b_m[0] - x) / cell, (b_m[1] - y) / cell
+        return bool(line_is_free(grid.free, *ends))
+
+    def fits(self, a_m: Point, b_m: Point, more_m: float = 0.0) -> bool:
+        """Return whether a body with *more_m* metres of room around it touches no wall on its way straight from a to b.
+
+        It is exact where ``open``, by cells, is too careful.
+        """
+        reach = self.radius_m + more_m
+        return bool(swept_clearance(self.walls, [a_m], [b_m], reach + TOUCH_M)[0] >= reach)
+
+    def stands(self, point_m: Point) -> Point | None:
+        """Return a point itself if its cell is free, else the nearest free centre of a cell that it sees; or None.
+
+        None if there is none within two metres or four cells.
+        """
+        grid = self.grid
+        reach = max(2.0, 4.0 * grid.cell_m) / grid.cell_m
+        x, y = ((point_m[axis] - grid.origin_m[axis]) / grid.cell_m for axis in (0, 1))
+        cell = _standing(grid.free, self.walls, *grid.origin_m, grid.cell_m, x, y, reach)
+        if cell == ITSELF:
+            return point_m
+        return grid.centre_m(cell) if cell >= 0 else None
+
+    def way(self, start_m: Point, goal_m: Point) -> list[Point] | None:
+        """Return the way points of a shortest way from *start_m* to *goal_m*, or None if none leads there.
+
+        The start is left out; the last is the goal itself, or, where nobody can stand there, the nearest place in its
+        sight where one can (see ``stands``). A start where nobody can stand has such a place as the first way point.
+        """
+        start, goal = self.stands(start_m), self.stands(goal_m)
+        if start is None or goal is None:
+            return None
+        points = self._between(start, goal)
+        if points is None or start is start_m:
+            return points
+        return [start, *points]
+
+    def length_m(self, start_m: Point, goal_m: Point) -> float | None:
+        """Return the length of the way from *start_m* to *goal_m* in metres, or None if none leads there."""
+        start, goal = self.stands(start_m), self.stands(goal_m)
+        if start is None or goal is None:
+            return None
+        ends = math.dist(start_m, start)
+        if self.roadmap is not None:
+            length = self.roadmap.length_m(start, goal)
+            if length < math.inf:
+                return ends + length
+        points = self._between(start, goal)
+        if points is None:
+            return None
+        return ends + sum(math.dist(a, b) for a, b in zip([start, *points], points, strict=False))
+
+    @cached_property
+    def lengths_m(self) -> Floats:
+        """The lengths of the ways between all posts in metres, shape (P, P); inf where there is none."""
+        posts = np.array(self.posts_m, np.float64).reshape(-1, 2)
+        if self.roadmap is not None:
+            return self.roadmap.lengths_m(posts)
+        lengths = np.zeros((len(posts), len(posts)))
+        for at, a in enumerate(self.posts_m):
+            for other, b in enumerate(self.posts_m[:at]):
+                way = self.length_m(a, b)
+                lengths[at, other] = lengths[other, at] = math.inf if way is None else way
+        return lengths
+
+    def lengths_from_m(self, start_m: Point) -> Floats:
+        """Return the lengths of the ways from *start_m* to all posts in metres, shape (P,), inf where there is none.
+
+        To a post out of sight it leads by way of one in sight, which may be a little longer than the shortest.
+        """
+        start = self.stands(start_m)
+        if start is None:
+            return np.full(len(self.posts_m), math.inf)
+        seen = [post for post, place in enumerate(self.posts_m) if self.open(start, place)]
+        if not seen:
+            found = [self.length_m(start, place) for place in self.posts_m]
+            return np.array([math.inf if length is None else length for length in found], np.float64)
+        straight = np.array([math.dist(start, self.posts_m[post]) for post in seen])
+        lengths: Floats = (straight[:, None] + self.lengths_m[seen]).min(axis=0)
+        return lengths + math.dist(start, start_m)
+
+    @cached_property
+    def loops(self) -> PackedBoundary:
+        """The outlines of the walls for one who has no map, and only feels and sees them; grown by the radius."""
+        obstacles, enclosures = inflated(self.walls.walls_m, self.radius_m + TOUCH_M)
+        return packed_boundary(boundary(obstacles, enclosures))
+
+    def way_around(self, start_m: Point, goal_m: Point, bodies_m: Sequence[Point], room_m: float) -> list[Point] | None:
+        """Return a way like ``way`` that keeps *room_m* metres from the middles of some bodies, or None.
+
+        It comes from a wavefront. A start or a goal within that room stays where it is if it can be left.
+        """
+        grid = self.grid
+        start, goal = self.stands(start_m), self.stands(goal_m)
+        if start is None or goal is None:
+            return None
+        closed = PlanningGrid(grid.origin_m, grid.cell_m, _without(grid, bodies_m, room_m, (start, goal)))
+        points = closed.plan(start, [goal])
+        return points if points is None or start is start_m else [start, *points]
+
+    def _between(self, start: Point, goal: Point) -> list[Point] | None:
+        """Return the way points between two places where a robot can stand."""
+        if self.roadmap is not None:
+            if not self.roadmap.joined(start, goal):
+                return None
+            way = self.roadmap.way(start, goal)
+            if way is not None:
+                return way
+        return self.grid.plan(start, [goal])
+
+
+def ground(
+    walls_m: npt.ArrayLike,
+    bounds_m: tuple[float, float, float, float],
+    places_m: Mapping[str, Sequence[Point]],
+    radius_m: float,
+    camera_m: float,
+    cell_m: float,
+    forbidden: Callable[[Floats], Bools] | None = None,
+    most_corners: int = MOST_CORNERS,
+) -> Ground:
+    """Return the ground of a floor, the same object if it has been asked for before.
+
+    *walls_m* has the shape (n, 4); ``places_m["rooms"]`` are points in the middle of the rooms; *radius_m* is that of
+    the bodies, *camera_m* how far from a post everything in sight is looked at, *cell_m* the side of the grid's cells.
+    *forbidden* says of points (n, 2) which are occupied or outside. Doors need to be wider than
+    2 radius + 2.42 cells, or there may be no way through. With *most_corners* 0 every way comes from a wavefront.
+
+    Raise ValueError if a measure is not positive, no cell fits into the bounds, or no robot fits anywhere.
+    """
+    bounds = float(bounds_m[0]), float(bounds_m[1]), float(bounds_m[2]), float(bounds_m[3])
+    walls = _with_bounds(np.ascontiguousarray(walls_m, np.float64).reshape(-1, 4), bounds)
+    middles = tuple((float(px), float(py)) for px, py in places_m.get("rooms", ()))
+    points = lattice(bounds, cell_m)
+    solid = forbidden or _nowhere
+    asked = _Solid(np.asarray(solid(points), np.bool_).tobytes(), solid)
+    return _ground(walls.tobytes(), bounds, middles, radius_m, camera_m, cell_m, most_corners, asked)
+
+
+@dataclass(frozen=True)
+class _Solid:
+    """Where the floor is occupied; equal to another that says the same of a lattice (floors are read for every run)."""
+
+    answers: bytes
+    ask: Callable[[Floats], Bools] = field(compare=False)
+
+
+def _nowhere(points_m: Floats) -> Bools:
+    return np.zeros(len(points_m), np.bool_)
+
+
+def _with_bounds(walls_m: Floats, bounds_m: tuple[float, float, float, float]) -> Floats:
+    """Return the walls and those sides of the floor that are not among them."""
+    x, y, x_max, y_max = bounds_m
+    sides = ((x, y, x_max, y), (x_max, y, x_max, y_max), (x, y_max, x_max, y_max), (x, y, x, y_max))
+    known = {(min(x1, x2), min(y1, y2), max(x1, x2), max(y1, y2)) for x1, y1, x2, y2 in walls_m.tolist()}
+    missing = [side for side in sides if side not in known]
+    return np.concatenate((walls_m, np.array(missing, np.float64).reshape(-1, 4)))
+
+
+@lru_cache(maxsize=_KEPT)
+def _ground(
+    walls_bytes: bytes,
+    bounds_m: tuple[float, float, float, float],
+    middles_m: tuple[Point, ...],
+    radius_m: float,
+    camera_m: float,
+    cell_m: float,
+    most_corners: int,
+    solid: _Solid,
+) -> Ground:
+    if not camera_m > 0:
+        raise ValueError(f"camera's range {camera_m} m is not > 0")
+    walls_m = np.frombuffer(walls_bytes).reshape(-1, 4)
+    walls = segment_grid(walls_m)
+    room_m = radius_m + 0.5 * math.sqrt(2.0) * cell_m + TOUCH_M
+    grid = wall_planning_grid(bounds_m, cell_m, room_m, walls_m, solid.ask)
+    if not grid.free.any():
+        raise ValueError(f"a robot of {radius_m} m fits nowhere on a grid of {cell_m} m")
+    rooms = rooms_of_cells(grid, walls, list(middles_m))
+    posts = posts_of(grid, walls, rooms, solid.ask, camera_m)
+    posts_m = tuple(grid.centre_m(post) for post in posts)
+    of = tuple(int(rooms.flat[post]) for post in posts)
+    return Ground(radius_m, camera_m, walls, grid, roadmap(grid, most_corners), posts_m, of)
+
+
+@njit(cache=True)
+def _standing(
+    free: Bools, walls: SegmentGrid, origin_x: float, origin_y: float, cell: float, x: float, y: float, reach: float
+) -> int:
+    """Return the number of the nearest free cell in the sight of (x, y), within *reach*; in cells.
+
+    ITSELF if the point's own cell is free; NOWHERE if there is none.
+    """
+    ny, nx = free.shape
+    own_x, own_y = math.floor(x), math.floor(y)
+    if 0 <= own_x < nx and 0 <= own_y < ny and free[own_y, own_x]:
+        return ITSELF
+    best, found = reach * reach, NOWHERE
+    for iy in range(max(int(y - reach), 0), min(int(y + reach) + 1, ny)):
+        for ix in range(max(int(x - reach), 0), min(int(x + reach) + 1, nx)):
+            square = (ix + 0.5 - x) ** 2 + (iy + 0.5 - y) ** 2
+            if free[iy, ix] and square < best:
+                to_x, to_y = origin_x + (ix + 0.5) * cell, origin_y + (iy + 0.5) * cell
+                if in_sight(walls, origin_x + x * cell, origin_y + y * cell, to_x, to_y):
+                    best, found = square, iy * nx + ix
+    return found
+
+
+def _without(grid: PlanningGrid, bodies_m: Sequence[Point], room_m: float, kept_m: Sequence[Point]) -> Bools:
+    """Return the free cells but for those whose centres lie within *room_m* of a body; those of *kept_m* are kept."""
+    (x, y), (ny, nx) = grid.origin_m, grid.free.shape
+    xs, ys = x + (np.arange(nx) + 0.5) * grid.cell_m, y + (np.arange(ny) + 0.5) * grid.cell_m
+    free = grid.free.copy()
+    for body_x, body_y in bodies_m:
+        free &= (xs - body_x)[None, :] ** 2 + (ys - body_y)[:, None] ** 2 > room_m * room_m
+    for point in kept_m:
+        free.flat[grid.cell_at(*point)] = True
+    return free

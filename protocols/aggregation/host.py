@@ -1,0 +1,253 @@
+"""A host: leads its sub-team, gathers what the searchers report, and shares it with the other hosts.
+
+It lives on two deadlines: its next heartbeat, and the instant at which the next of the other hosts will have been
+silent for too long.
+"""
+
+import math
+
+from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.aggregation.detectors import Detector, make_detector
+from protocols.aggregation.driving import Driver
+from protocols.aggregation.findings import Findings
+from protocols.aggregation.frames import bitmap, posts_of, stamp
+from protocols.aggregation.itinerary import COUNTS, Itinerary
+from protocols.aggregation.journal import AllKnown, HostSuspected, HostTrusted, TargetKnown
+from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.leading import Work
+from protocols.aggregation.messages import (
+    Finding,
+    Heartbeat,
+    Hello,
+    Join,
+    Leave,
+    Message,
+    News,
+    Plans,
+    Report,
+    Stopped,
+)
+from protocols.aggregation.neighbours import Neighbours
+from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.records import Records
+from protocols.aggregation.speech import Speech
+from protocols.aggregation.strategies import Strategy
+from protocols.aggregation.subteam import SubTeam
+from protocols.aggregation.touring import Feet
+
+REPEATS = 3
+"""Broadcast news are said at so many heartbeats: nobody acknowledges them."""
+
+
+class Host:
+    """The machine of a host."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        me: Address,
+        strategy: Strategy,
+        work: Work,
+        feet: Feet,
+        phase: Time,
+        start: Time,
+        booted: bool,
+    ) -> None:
+        """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
+        self.me = me
+        self.records = Records()
+        self.findings = Findings()
+        self.over = False
+        self.parameters = parameters
+        self.knowledge = knowledge
+        self._posts = len(knowledge.ground.posts_m)
+        self._period = from_seconds(parameters.heartbeat_s)
+        self._events: list[Event] = []
+        self._commands: list[Command] = []
+        self._speech = Speech(me, self.records, self._events)
+        others = [host for host in range(knowledge.hosts) if host != me]
+        self.neighbours = Neighbours(others, self._watching, start)
+        self._here: Point = knowledge.starts_m[me]
+        self._itinerary = Itinerary(parameters, me, strategy, self.neighbours, self._events, self._here, start)
+        self.team = SubTeam(
+            parameters, work, self.findings, self._speech, self._events, self.neighbours, self._itinerary
+        )
+        self._driver = Driver(feet)
+        self._beats = 0
+        self._beat_at = self._deadline = start + phase
+        self._news_left = REPEATS
+        self._plans_left = REPEATS
+        self._told = 0
+        """The version of the plans that are being told."""
+        self._lies_anywhere = booted
+        if not booted:
+            tours = self.team.begin(knowledge.searchers_of(me), parameters.strategy == "random", start)
+            self._itinerary.depart(self._here, tours, start + from_seconds(parameters.muster_s))
+
+    # ------------------------------------------------------------ the contract of machines
+
+    @property
+    def finished(self) -> bool:
+        """Whether the task is over, and all searchers of the sub-team have said that they have stopped."""
+        return self.over and self.team.stopped
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a message of a searcher or of another host."""
+        heard = self._speech.hear(data, reception)
+        if heard is None:
+            return
+        sender, message = heard
+        if sender < self.knowledge.hosts:
+            self._hear_host(sender, message, now)
+        elif sender < self.knowledge.size:
+            self._hear_searcher(sender, message, now)
+        self._set_deadline()
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take no notice: what counts is said by robots, not by radios."""
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Move on, and see whether it is time to meet."""
+        here = observation.x_m, observation.y_m
+        self.records.moved(math.dist(here, self._here) if self.records.ways_m else 0.0, now)
+        self._here = here
+        if self._lies_anywhere:  # booted again: only now it knows where it is
+            self._lies_anywhere = False
+            self._itinerary.depart(here, (), now)
+        if self._itinerary.due(now) and self._itinerary.reconvened(self.team.missing(), here, now):
+            self._news_left = REPEATS
+        command = self._driver.step(self._itinerary.course, observation, now)
+        if command is not None:
+            self._commands.append(command)
+
+    def wake(self, now: Time) -> None:
+        """Send a heartbeat if it is time; note who has been silent for too long."""
+        silent = self.neighbours.fall_silent(now)
+        for host in silent:
+            self.records.failures.append((host, now))
+            self._events.append(HostSuspected(host))
+        if silent:
+            self._news_left = REPEATS
+            if self.neighbours.alone() and not self._itinerary.astray:
+                self._itinerary.go_back(self._here, now)
+        if now >= self._beat_at:
+            self._beat(now)
+        self._set_deadline()
+
+    def wake_at(self) -> Time | None:
+        """Return when the next heartbeat, or the next suspicion, is due."""
+        return self._deadline
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain messages."""
+        return self._speech.drain()
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands."""
+        commands, self._commands = self._commands, []
+        return commands
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace."""
+        if not self._events:
+            return []
+        events = self._events.copy()
+        self._events.clear()
+        return events
+
+    def _set_deadline(self) -> None:
+        silence = self.neighbours.next_silence()
+        self._deadline = self._beat_at if silence is None else min(self._beat_at, silence)
+
+    def _watching(self, now: Time) -> Detector:
+        """Return what watches another host from *now* on, where its count of heartbeats is taken to have begun."""
+        return make_detector(self.parameters.detector, self._period, now, now)
+
+    # ------------------------------------------------------------ what it says
+
+    def _beat(self, now: Time) -> None:
+        """Tell everybody in reach of either radio that this host lives, and what has changed."""
+        self._beat_at += self._period * (1 + (now - self._beat_at) // self._period)
+        self.team.forget(now)
+        if self.team.changed:
+            self.team.changed, self._news_left = False, REPEATS
+        ways = self._itinerary
+        if ways.version != self._told:
+            self._told, self._plans_left, self._news_left = ways.version, REPEATS, REPEATS
+        beat = self._heartbeat(now)
+        self._speech.say(beat)
+        if self._plans_left:
+            self._plans_left -= 1
+            self._speech.say(self._plans())
+        if self.knowledge.hosts > 1:
+            self._speech.say(beat, radio=self.parameters.long_radio)
+            if self._news_left:
+                self._news_left -= 1
+                self._speech.say(self._news(), radio=self.parameters.long_radio)
+
+    def _heartbeat(self, now: Time) -> Heartbeat:
+        ways, known = self._itinerary, self.findings
+        number, self._beats = self._beats, (self._beats + 1) % (1 << 32)
+        counts = ways.round % COUNTS, ways.version, len(known.targets), len(known.visited)
+        flags = self.over, ways.syncing, ways.astray
+        return Heartbeat(number, stamp(now), *self._here, *counts, *flags, self.neighbours.silent)
+
+    def _plans(self) -> Plans:
+        return Plans((self._itinerary.plan, *self.neighbours.plans()))
+
+    def _news(self) -> News:
+        members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roll.members.items()))
+        visited = bitmap(self.findings.visited, self._posts)
+        return News(self.findings.all_targets(), visited, members, self._itinerary.plan)
+
+    # ------------------------------------------------------------ what it hears
+
+    def _hear_searcher(self, searcher: Address, message: Message, now: Time) -> None:
+        match message:
+            case Hello():
+                self.team.hello(searcher, message, self.over, self._plans, now)
+            case Report():
+                if self.team.report(searcher, message, now):
+                    self.records.reported += self._learn(searcher, message.targets, message.visited, now)
+            case Join():
+                self.team.join(searcher, message, now)
+            case Leave(epoch=epoch):
+                self.team.leave(searcher, epoch, "left")
+            case Stopped():
+                self.team.stop(searcher)
+
+    def _hear_host(self, host: Address, message: Message, now: Time) -> None:
+        match message:
+            case Heartbeat():
+                self._hear_heartbeat(host, message, now)
+            case News(targets=targets, visited=visited, members=members):
+                if self.neighbours.told(host, message):
+                    self._itinerary.renew()
+                self.team.claimed(members)
+                self._learn(host, targets, visited, now)
+
+    def _hear_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
+        if self.neighbours.heard(host, beat, now):
+            self._events.append(HostTrusted(host))
+            self._news_left = REPEATS
+        if beat.found < len(self.findings.targets) or beat.visited < len(self.findings.visited):
+            self._news_left = max(self._news_left, 1)
+        if self._itinerary.astray and not self.neighbours.alone():
+            self._itinerary.found_back(self._here, self.team.tours, now)
+
+    def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
+        """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""
+        wanted = len(self.knowledge.targets_m)
+        new = self.findings.add(finding for finding in targets if finding.number < wanted)
+        grown = self.findings.visit(post for post in posts_of(visited) if post < self._posts)
+        if new or grown:
+            self._news_left = REPEATS
+        self._events += [TargetKnown(finding.number, source) for finding in new]
+        if not self.over and len(self.findings.targets) == wanted:
+            self.over = True
+            self.records.known_at = now
+            self._events.append(AllKnown(wanted))
+        return len(new)

@@ -1,0 +1,89 @@
+"""A host's ways, one after the other: which it has told, when it stands and waits, how it finds back to the others."""
+
+from cosim.machine import Address, Event
+from cosim.units import Time, from_seconds
+from protocols.aggregation.course import Course, plan_of
+from protocols.aggregation.journal import Departed, Reconvened
+from protocols.aggregation.knowledge import Point, Tours
+from protocols.aggregation.messages import Plan
+from protocols.aggregation.neighbours import Neighbours
+from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.strategies import Strategy
+
+COUNTS = 1 << 16
+
+
+class Itinerary:
+    """The ways of one host."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        host: Address,
+        strategy: Strategy,
+        neighbours: Neighbours,
+        events: list[Event],
+        here_m: Point,
+        now: Time,
+    ) -> None:
+        """Stand still at first."""
+        self.course = Course(now, 1.0, (here_m,))
+        self.version = 0
+        """Counts what the searchers are to be told of ways, the other hosts' included; not 0 once there is anything."""
+        self.round = 0
+        self.syncing = False
+        self.astray = False
+        self._host = host
+        self._strategy = strategy
+        self._neighbours = neighbours
+        self._events = events
+        self._meets = parameters.strategy == "mrp"
+        self._reconvene = from_seconds(parameters.reconvene_s)
+        self._sync = from_seconds(parameters.sync_s)
+
+    @property
+    def plan(self) -> Plan:
+        """What is told of the present way."""
+        return plan_of(self.course, self._host, self.version)
+
+    def renew(self) -> None:
+        """Count a change of what the searchers are to be told."""
+        self.version = self.version % (COUNTS - 1) + 1
+
+    def depart(self, here_m: Point, tours: Tours, now: Time) -> None:
+        """Leave *here_m* at *now*, as the strategy says, while the searchers are on their *tours*."""
+        if self.astray:
+            self._go(self._strategy.to(self._neighbours.centroid(here_m), here_m, now))
+        else:
+            self._go(self._strategy.course(here_m, tours, self.round, now))
+
+    def due(self, now: Time) -> bool:
+        """Return whether the period is over, so that the host stands and waits for its searchers."""
+        self.syncing = self._meets and now >= self.course.departed + self._reconvene
+        return self.syncing
+
+    def reconvened(self, missing: int, here_m: Point, now: Time) -> bool:
+        """Go on if nobody is *missing*, or if the wait has been long; return whether it does."""
+        if missing and now < self.course.departed + self._reconvene + self._sync:
+            return False
+        self._events.append(Reconvened(self.round, missing))
+        self.round += 1
+        self.syncing = False
+        self.depart(here_m, (), now)
+        return True
+
+    def go_back(self, here_m: Point, now: Time) -> None:
+        """Out of reach of all other hosts: head for where their middle was (paper 002, section VI.B)."""
+        self.astray = True
+        self.depart(here_m, (), now)
+
+    def found_back(self, here_m: Point, tours: Tours, now: Time) -> None:
+        """In reach again: go on as the strategy says, but within reach from now on."""
+        self.astray = False
+        self._strategy.return_to_reach()
+        self.depart(here_m, tours, now)
+
+    def _go(self, course: Course) -> None:
+        self.course = course
+        self.renew()
+        self._events.append(Departed(self.version, course.length_m, self.astray))

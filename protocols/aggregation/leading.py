@@ -1,0 +1,54 @@
+"""How a host divides its sub-team's work: which posts are its to see to, and which of them it gives to whom.
+
+A searcher that has nothing left is given a part of what nobody has been given yet. The region of a host that has fallen
+silent falls to the one whose rally point is nearest, which is the same in the eyes of all who hear each other.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+
+from cosim.machine import Address
+from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.roll import Roll
+from protocols.aggregation.tours import tours
+
+
+class Work:
+    """The posts of one sub-team."""
+
+    def __init__(self, knowledge: Knowledge, host: Address, rallies_m: Sequence[Point], at_random: bool) -> None:
+        """Divide nothing if the searchers move *at_random*."""
+        self._knowledge = knowledge
+        self._host = host
+        self._rallies_m = rallies_m
+        self._random = at_random
+        self._own = knowledge.regions[host]
+
+    def first(self, searchers: Sequence[Address]) -> Mapping[Address, tuple[int, ...]]:
+        """Return the tours of all *searchers* at the start."""
+        starts = [self._knowledge.starts_m[searcher] for searcher in searchers]
+        if not searchers:
+            return {}
+        return dict(zip(searchers, tours(self._knowledge.ground, self._own, starts), strict=True))
+
+    def next(
+        self, here_m: Point, roll: Roll, visited: Collection[int], silent: Collection[Address], waiting: int
+    ) -> tuple[int, ...]:
+        """Return what a searcher at *here_m* is to do, if *waiting* others need work, too; nothing if all is given."""
+        if self._random:
+            return ()
+        free = self._responsible(silent) - set(visited) - roll.taken(visited)
+        if not free:
+            return ()
+        return tours(self._knowledge.ground, free, [here_m] * (1 + waiting))[0]
+
+    def _responsible(self, silent: Collection[Address]) -> set[int]:
+        """Return the own posts, and those of *silent* hosts that are nearest to this one."""
+        posts = set(self._own)
+        living = [host for host in range(self._knowledge.hosts) if host not in silent]
+        for host in silent:
+            rally = self._rallies_m[host]
+            heir = min(living, key=lambda each: (math.dist(self._rallies_m[each], rally), each))
+            if heir == self._host:
+                posts |= self._knowledge.regions[host]
+        return posts

@@ -1,0 +1,81 @@
+"""How a searcher gets to a host: where it must be by its plan, where it is seen, and when it is taken for failed.
+
+Radio when in reach; else the camera, if it sees the host; else the place that the host's last plan foretells (paper
+002, sections IV and V). A host of which nothing has been heard from close by for a time has failed (section VI.A).
+"""
+
+import math
+from collections.abc import Callable
+
+from cosim.machine import Address
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.aggregation.course import Course, interception
+from protocols.aggregation.knowledge import Point
+from protocols.aggregation.parameters import Parameters
+
+REPLAN_S = 5.0
+"""After so long the meeting with a moving host is foretold anew."""
+PATIENCE_S = 300.0
+"""Who has not even got close to where a host must be takes it for failed after so long."""
+
+
+class Meeting:
+    """The way to one host."""
+
+    def __init__(self, parameters: Parameters, host: Address, course: Course | None, now: Time) -> None:
+        """Head for *host*; without a *course* of it, it is expected here."""
+        self.host = host
+        self.course = course
+        self._vision_m = parameters.vision_m
+        self._close_m = parameters.close_share * parameters.short_m
+        self._patience = from_seconds(parameters.suspect_s)
+        self._rounds = parameters.interception_rounds
+        self._since = now
+        self._close_since: Time | None = None
+        self._planned: Time | None = None
+        self._goal_m: Point | None = None
+
+    def update(self, course: Course) -> None:
+        """Head for where a new plan of the host foretells it."""
+        if course != self.course:
+            self.course, self._planned = course, None
+
+    def seen_m(self, observation: Observation) -> Point | None:
+        """Return where the camera sees the host, if it does."""
+        for address, x, y in observation.sightings:
+            if address == self.host:
+                near = math.hypot(x - observation.x_m, y - observation.y_m) <= self._vision_m
+                return (x, y) if near else None
+        return None
+
+    def goal_m(
+        self, observation: Observation, speed_mps: float, way_m: Callable[[Point], float | None], now: Time
+    ) -> Point | None:
+        """Return where to go; None if nothing is known of the host."""
+        seen = self.seen_m(observation)
+        if seen is not None:
+            self._planned = None
+            return seen
+        if self.course is None:
+            return None
+        if self._planned is None or now - self._planned >= from_seconds(REPLAN_S):
+            here = observation.x_m, observation.y_m
+            self._planned = now
+            self._goal_m = interception(self.course, now, here, speed_mps, way_m, self._rounds)
+        return self._goal_m
+
+    def failed(self, observation: Observation, now: Time) -> bool:
+        """Return whether the host has failed, as it seems to who is not in contact with it now."""
+        expected = self.seen_m(observation) or (None if self.course is None else self.course.place(now))
+        here = observation.x_m, observation.y_m
+        if expected is not None and math.dist(expected, here) > self._close_m:
+            self._close_since = None
+            return now - self._since >= from_seconds(PATIENCE_S)
+        if self._close_since is None:
+            self._close_since = now
+        return now - self._close_since >= self._patience
+
+    def heard(self, now: Time) -> None:
+        """Begin to wait anew: the host has been heard."""
+        self._since, self._close_since = now, None

@@ -1,0 +1,31 @@
+"""The truth about a search: who is dead. What counts else is what hosts know, which no body shows."""
+
+from typing import Any
+
+import numpy as np
+
+from cosim.machine import Address, Death
+from cosim.units import Time
+from protocols.aggregation.knowledge import Knowledge
+
+Metres = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class SearchReferee:
+    """Lets a run go on until all living robots have stopped, or its time is over."""
+
+    def __init__(self, knowledge: Knowledge) -> None:
+        self._hosts = knowledge.hosts
+        self._dead: set[Address] = set()
+
+    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+        """Return whether no host lives any more: then nobody can be told anything."""
+        return all(host in self._dead for host in range(self._hosts))
+
+    def died(self, death: Death) -> None:
+        """Note who is dead."""
+        self._dead.add(death.robot)
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return how many hosts live."""
+        return {"hosts_alive": float(self._hosts - sum(host in self._dead for host in range(self._hosts)))}

@@ -1,0 +1,301 @@
+"""A searcher: visits the posts that its host has given it, and sees to it that its host learns what it finds.
+
+At each tick it looks around, decides what it is about (see ``errands``), and walks. In contact with its host it answers
+heartbeats: with what the host does not know yet, and with what it has itself, so that the host sends what it lacks.
+"""
+
+import math
+
+from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.aggregation.errands import Errand, News, next_errand
+from protocols.aggregation.findings import Camera, Findings
+from protocols.aggregation.journal import ErrandChanged, HostFailed, Joined, TargetFound
+from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.meeting import Meeting
+from protocols.aggregation.membership import Membership
+from protocols.aggregation.messages import (
+    Assign,
+    Confirm,
+    Heartbeat,
+    Hello,
+    Join,
+    Leave,
+    Message,
+    Plans,
+    Receipt,
+    Stop,
+    Stopped,
+)
+from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.records import Records
+from protocols.aggregation.reports import Reports
+from protocols.aggregation.speech import Speech
+from protocols.aggregation.touring import Legs
+
+
+class Searcher:
+    """The machine of a searcher. It lives on observations and on what it hears, and has no deadlines."""
+
+    def __init__(
+        self, parameters: Parameters, knowledge: Knowledge, me: Address, legs: Legs, start: Time, booted: bool
+    ) -> None:
+        """Begin in the sub-team that everybody knows, or, having *booted* again, in none."""
+        self.me = me
+        self.records = Records()
+        self.findings = Findings()
+        self.parameters = parameters
+        self.knowledge = knowledge
+        self.errand = Errand.WAIT
+        self.membership = Membership(None if booted else knowledge.host_of(me), 0)
+        self._events: list[Event] = []
+        self._commands: list[Command] = []
+        self._speech = Speech(me, self.records, self._events)
+        self._reports = Reports(self.findings, len(knowledge.ground.posts_m))
+        self._camera = Camera(knowledge.targets_m, parameters.camera_m)
+        self._legs = legs
+        self._posts = len(knowledge.ground.posts_m)
+        self._hosts = knowledge.hosts
+        self._speed_mps = knowledge.speeds_mps[me]
+        self._fresh = from_seconds(parameters.fresh_s)
+        self._muster = start + from_seconds(parameters.muster_s)
+        self._timeout = from_seconds(parameters.timeout_s_per_m2 * knowledge.area_m2 / max(len(knowledge.targets_m), 1))
+        self._reconvene = from_seconds(parameters.reconvene_s)
+        self._assignment = 0
+        self._meeting: Meeting | None = None
+        self._tried: set[Address] = set()
+        self._heard = start
+        """When the own host was heard last; at the start all are in contact."""
+        self._silent: frozenset[Address] = frozenset()
+        """Hosts that others miss, as was heard last."""
+        self._here: Point | None = None
+        self._over = False
+
+    # ------------------------------------------------------------ the contract of machines
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has been told that the task is over."""
+        return self._over
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a message of a host; others mean nothing to a searcher."""
+        heard = self._speech.hear(data, reception)
+        if heard is None or heard[0] >= self._hosts:
+            return
+        sender, message = heard
+        if sender == self.membership.host:
+            self._listen(message, now)
+        match message:
+            case Heartbeat():
+                self._answer(sender, message, now)
+            case Plans():
+                self.membership.learn(sender, message, now)
+            case Confirm(epoch=epoch):
+                self._confirmed(sender, epoch, now)
+            case Stop():
+                self._stop(sender, now)
+
+    def _listen(self, message: Message, now: Time) -> None:
+        """Take what only the own host may say."""
+        match message:
+            case Heartbeat():
+                self.records.contacts += now - self._heard > self._fresh
+                self._heard = now
+            case Receipt(number=number):
+                self._reports.received(number)
+            case Assign(epoch=epoch, number=number, posts=posts) if epoch == self.membership.epoch:
+                self._assignment = number
+                todo = [post for post in posts if post < self._posts and post not in self.findings.visited]
+                self._legs.assign(todo)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take no notice: what counts is said by hosts, not by radios."""
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Look around, decide, and walk."""
+        here = observation.x_m, observation.y_m
+        self.records.moved(0.0 if self._here is None else math.dist(here, self._here), now)
+        self._here = here
+        for finding in self.findings.add(self._camera.look(observation, self.findings)):
+            self._events.append(TargetFound(*finding))
+        if self._legs.reached is not None and self.findings.visit((self._legs.reached,)):
+            self._legs.next()
+        if not self._over:
+            self._decide(observation, now)
+        command = self._walk(observation, now)
+        if command is not None:
+            self._commands.append(command)
+
+    def wake(self, now: Time) -> None:
+        """Do nothing: there are no deadlines."""
+
+    def wake_at(self) -> Time | None:
+        """Return None."""
+        return None
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain messages."""
+        return self._speech.drain()
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands."""
+        commands, self._commands = self._commands, []
+        return commands
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace."""
+        if not self._events:
+            return []
+        events = self._events.copy()
+        self._events.clear()
+        return events
+
+    # ------------------------------------------------------------ talking
+
+    def _answer(self, host: Address, beat: Heartbeat, now: Time) -> None:
+        """Answer a heartbeat: the own host's with what is new, another's if it is wanted, or was left."""
+        ours = self.membership
+        if host == ours.host:
+            self._silent = frozenset(beat.silent)
+            if self._reports.pending and not self._over:
+                self._speech.say(self._reports.make(ours.epoch), host)
+            self._speech.say(Hello(ours.epoch, *self._place(), self._assignment, ours.plans), host)
+            return
+        if ours.leaves(host):
+            self._speech.say(Leave(ours.epoch), host)
+        orphaned = ours.host is None or (ours.host in beat.silent and not self._in_contact(now))
+        if not self._over and (self.errand is Errand.CHANGE or orphaned or beat.over):
+            self._speech.say(Join(ours.ask(host, now), *self._place()), host)
+
+    def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
+        if not self.membership.confirmed(host, epoch):
+            return
+        self.records.joins += 1
+        self._events.append(Joined(host, epoch))
+        self._heard = now
+        self._reports.anew()
+        self._assignment = 0
+        self._tried.clear()
+        if not self._over:
+            self._hear_news(News.JOINED, now)
+
+    def _stop(self, host: Address, now: Time) -> None:
+        """Stop, and say so, however often it is asked."""
+        self._speech.say(Stopped(), host)
+        if not self._over:
+            self._over = True
+            self.records.stopped_at = now
+            self._hear_news(News.OVER, now)
+
+    def _place(self) -> Point:
+        return self._here or (0.0, 0.0)
+
+    # ------------------------------------------------------------ deciding
+
+    def _in_contact(self, now: Time) -> bool:
+        return self.membership.host is not None and now - self._heard <= self._fresh
+
+    def _due(self, now: Time) -> bool:
+        """Return whether it is time to meet the host, whatever has been found."""
+        strategy, course = self.parameters.strategy, self.membership.courses.get(self.membership.host or 0)
+        if strategy == "mito":
+            return now - self._heard > self._timeout
+        return strategy == "mrp" and course is not None and now >= course.departed + self._reconvene
+
+    def _decide(self, observation: Observation, now: Time) -> None:
+        """Find out whether something has happened that makes the robot do something else."""
+        match self.errand:
+            case Errand.SEARCH:
+                news = self._news_of_search(now)
+            case Errand.MEET:
+                news = self._news_of_meeting(observation, now)
+            case Errand.WAIT:
+                news = self._news_of_waiting(now)
+            case _:
+                news = self._news_of_change(observation, now)
+        if news is not None:
+            self._hear_news(news, now)
+
+    def _news_of_search(self, now: Time) -> News | None:
+        if self._due(now):
+            return News.DUE
+        strategy = self.parameters.strategy
+        tells = strategy in ("mi", "mito", "random") or (strategy == "srp" and self.parameters.report == "first")
+        if tells and self._reports.finds and not self._in_contact(now):
+            return News.FOUND
+        return News.DONE if self._legs.done else None
+
+    def _news_of_meeting(self, observation: Observation, now: Time) -> News | None:
+        if self._in_contact(now):
+            if self._reports.pending:
+                return None
+            return News.IDLE if self._legs.done or self._due(now) else News.TOLD
+        if self._meeting is None or not self._meeting.failed(observation, now):
+            return None
+        return News.FAILED
+
+    def _news_of_waiting(self, now: Time) -> News | None:
+        if not self._in_contact(now):
+            return News.ALONE
+        return None if self._legs.done or self._due(now) or now < self._muster else News.WORK
+
+    def _news_of_change(self, observation: Observation, now: Time) -> News | None:
+        if self._in_contact(now):
+            return News.HEARD
+        if self._meeting is None or not self._meeting.failed(observation, now):
+            return None
+        return News.FAILED
+
+    def _hear_news(self, news: News, now: Time) -> None:
+        """Change the errand, and begin what it demands."""
+        if news is News.FAILED and self._meeting is not None:
+            self.records.failures.append((self._meeting.host, now))
+            self._events.append(HostFailed(self._meeting.host))
+            self._tried.add(self._meeting.host)
+        before, self.errand = self.errand, next_errand(self.errand, news)
+        if self.errand is not before or news is News.FAILED:
+            self._events.append(ErrandChanged(self.errand.value, news.value))
+        ours, host = self.membership, self.membership.host
+        if self.errand is Errand.MEET:
+            self._meeting = None if host is None else Meeting(self.parameters, host, ours.courses.get(host), now)
+        elif self.errand is Errand.CHANGE:
+            self._meeting = self._another(now)
+
+    def _another(self, now: Time) -> Meeting | None:
+        """Return the way to the closest host that has not been tried; from the beginning when all have been."""
+        courses = self.membership.courses
+        left = [host for host in sorted(courses) if host not in self._tried]
+        if not left:
+            self._tried.clear()
+            left = sorted(courses)
+        if not left:
+            return None
+        closest = min(left, key=lambda host: self._way_to(host, now))
+        return Meeting(self.parameters, closest, courses[closest], now)
+
+    def _way_to(self, host: Address, now: Time) -> float:
+        """Return how far it is to where a host is now by its plan; inf if no way leads there."""
+        way_m = self._legs.way_m(self.membership.courses[host].place(now))
+        return math.inf if way_m is None else way_m
+
+    # ------------------------------------------------------------ walking
+
+    def _walk(self, observation: Observation, now: Time) -> Command | None:
+        if self.errand is Errand.SEARCH:
+            return self._legs.search(observation)
+        if self.errand in (Errand.MEET, Errand.CHANGE) and not self._in_contact(now):
+            return self._approach(observation, now)
+        return self._legs.stand(observation)
+
+    def _approach(self, observation: Observation, now: Time) -> Command | None:
+        """Go to where the host is to be met; about anywhere if nothing is known of any."""
+        meeting = self._meeting
+        if meeting is None:
+            return self._legs.stroll(observation)
+        course = self.membership.courses.get(meeting.host)
+        if course is not None:
+            meeting.update(course)
+        goal_m = meeting.goal_m(observation, self._speed_mps, self._legs.way_m, now)
+        return self._legs.stroll(observation) if goal_m is None else self._legs.approach(goal_m, observation)

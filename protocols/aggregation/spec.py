@@ -1,0 +1,168 @@
+"""What cosim must know of aggregation: the entry point ``aggregation`` names ``SPEC``."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.machine import Address, Machine, ProtocolSpec, Surroundings
+from cosim.randomness import Streams
+from cosim.units import Time, from_seconds
+from protocols.aggregation.ground import Ground, ground
+from protocols.aggregation.host import Host
+from protocols.aggregation.journal import EVENTS
+from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.leading import Work
+from protocols.aggregation.metrics import METRICS, measure
+from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.pedestrian import Pedestrian
+from protocols.aggregation.referee import SearchReferee
+from protocols.aggregation.searcher import Searcher
+from protocols.aggregation.strategies import Strategy
+from protocols.aggregation.stroller import Stroller
+from protocols.aggregation.touring import Legs
+from protocols.aggregation.tours import regions
+from protocols.aggregation.walking import Walker
+
+TEAM_LIMIT = 256
+"""Addresses on the wire are single bytes."""
+APART = 3.0
+"""Robots start so many radii apart."""
+ATTEMPTS = 10_000
+"""So many places are tried for a robot, or for a target."""
+
+
+def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
+    """Put all robots close together about the floor's place ``start``, or its middle."""
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    middle = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
+    floor = _ground(parameters, surroundings)
+    step_m = APART * surroundings.radius_m
+    reach = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
+    offsets = [step_m * k for k in range(-reach, reach + 1)]
+    lattice = [(middle[0] + dx, middle[1] + dy) for dx in offsets for dy in offsets]
+    lattice.sort(key=lambda point: (math.dist(point, middle), point))
+    starts: list[Point] = []
+    for point in lattice:
+        inside = x_min < point[0] < x_max and y_min < point[1] < y_max
+        if inside and floor.stands(point) == point and floor.length_m(middle, point) is not None:
+            starts.append(point)
+            if len(starts) == size:
+                return starts
+    raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {middle}; give starts")
+
+
+def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
+    return ground(
+        surroundings.walls_m,
+        surroundings.bounds_m,
+        surroundings.places_m,
+        surroundings.radius_m,
+        parameters.camera_m,
+        parameters.cell_m,
+        surroundings.forbidden,
+    )
+
+
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Draw the targets, and divide the floor; raise UserError for a team or a floor that cannot be searched."""
+    size = len(surroundings.starts_m)
+    _check_team(parameters, size)
+    floor = _ground(parameters, surroundings)
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    starts = surroundings.starts_m
+    middle = sum(x for x, _ in starts) / size, sum(y for _, y in starts) / size
+    return Knowledge(
+        size=size,
+        hosts=parameters.hosts,
+        tick=surroundings.tick,
+        ground=floor,
+        regions=regions(floor, parameters.hosts, middle),
+        starts_m=tuple(starts),
+        radii_m=surroundings.radii_m or (surroundings.radius_m,) * size,
+        speeds_mps=surroundings.speeds_mps or (surroundings.speed_mps,) * size,
+        targets_m=_targets(parameters, surroundings, floor),
+        area_m2=(x_max - x_min) * (y_max - y_min),
+        exit_m=surroundings.places_m.get("exit", (None,))[0],
+    )
+
+
+def _check_team(parameters: Parameters, size: int) -> None:
+    if parameters.hosts >= size:
+        raise UserError(f"protocol.parameters.hosts: {parameters.hosts} is not < {size}, the team's size")
+    for name, robots, first in (("humans", parameters.humans, parameters.hosts), ("strays", parameters.strays, 0)):
+        last = size - 1 if name == "humans" else parameters.hosts - 1
+        for robot in robots:
+            if not first <= robot <= last:
+                raise UserError(f"protocol.parameters.{name}: {robot} is not one of {first} to {last}")
+
+
+def _targets(parameters: Parameters, surroundings: Surroundings, floor: Ground) -> tuple[Point, ...]:
+    """Return where the targets are: as given, as the floor names them, or drawn in its rooms."""
+    if parameters.targets is not None:
+        return parameters.targets
+    if parameters.target_place is not None:
+        places = surroundings.places_m.get(parameters.target_place)
+        if places is None:
+            raise UserError(f"protocol.parameters.target_place: the floor names no {parameters.target_place}")
+        return tuple(places)
+    stream = Streams(surroundings.seed)("targets")
+    rooms = _rooms(surroundings)
+    targets: list[Point] = []
+    for _ in range(ATTEMPTS):
+        x_min, y_min, x_max, y_max = rooms[int(stream.integers(len(rooms)))]
+        point = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+        if floor.stands(point) == point:
+            targets.append(point)
+            if len(targets) == parameters.target_count:
+                return tuple(targets)
+    raise UserError(f"protocol.parameters.target_count: found places for {len(targets)} of {parameters.target_count}")
+
+
+def _rooms(surroundings: Surroundings) -> Sequence[tuple[float, float, float, float]]:
+    """Return the rectangles in which targets may be: those of the floor's rooms, or all of it."""
+    corners = surroundings.places_m.get("room_corners", ())
+    rooms = [(*low, *high) for low, high in zip(corners[::2], corners[1::2], strict=True)]
+    return rooms or [surroundings.bounds_m]
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Machine:
+    """Return the machine of robot *me*; one that is made after the start has booted again."""
+    booted = start > 0
+    at_random = parameters.strategy == "random"
+    body = knowledge.ground, knowledge.radii_m[me], knowledge.speeds_mps[me], knowledge.tick, parameters.walking
+    if me >= knowledge.hosts:
+        feet = Pedestrian(*body) if me in parameters.humans else Walker(*body)
+        stroll = Stroller(knowledge.ground, parameters.walking, knowledge.tick, stream)
+        legs = Legs(knowledge.ground, feet, stroll, at_random)
+        return Searcher(parameters, knowledge, me, legs, start, booted)
+    rallies = [Strategy(parameters, knowledge, host).rally_m for host in range(knowledge.hosts)]
+    work = Work(knowledge, me, rallies, at_random)
+    phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))
+    return Host(
+        parameters, knowledge, me, Strategy(parameters, knowledge, me), work, Walker(*body), phase, start, booted
+    )
+
+
+def referee(parameters: Parameters, knowledge: Knowledge) -> SearchReferee:
+    """Return the judge of the search."""
+    return SearchReferee(knowledge)
+
+
+SPEC = ProtocolSpec(
+    name="aggregation",
+    parameters=Parameters,
+    place=place,
+    prepare=prepare,
+    make=make,
+    referee=referee,
+    metrics=METRICS,
+    measure=measure,
+    events=EVENTS,
+    team_limit=TEAM_LIMIT,
+    needs_sight=True,
+    needs_view=True,
+)

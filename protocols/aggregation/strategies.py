@@ -1,0 +1,146 @@
+"""Where hosts go: a static rally point, reconvening points one after the other, or the middle of the searchers.
+
+Hosts are to stay in reach of each other. Each keeps within half the long range of where all have started, so that any
+two are; one that is said to stray does not. (Paper 002, sections III.A to III.D; how ways are found is left open.)
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+from cosim.machine import Address
+from cosim.units import Time
+from protocols.aggregation.course import Course
+from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.parameters import Parameters
+
+REACH_SHARE: Final = 0.95
+"""Of half the long range: so much nearer to the start hosts stay, as positions are not exact."""
+SAMPLES: Final = 8
+"""So often the middle of the searchers is asked for, over the time that their tours take."""
+WAY_POINTS: Final = 255
+"""A plan holds no more."""
+
+
+class Strategy:
+    """The ways of one host."""
+
+    def __init__(self, parameters: Parameters, knowledge: Knowledge, host: Address) -> None:
+        self._parameters = parameters
+        self._knowledge = knowledge
+        self._ground = knowledge.ground
+        self._start_m = knowledge.starts_m[host]
+        starts = knowledge.starts_m[: knowledge.hosts]
+        self._centre_m = _middle(starts)
+        self._reach_m = math.inf
+        if knowledge.hosts > 1 and host not in parameters.strays:
+            self._reach_m = REACH_SHARE * parameters.long_m / 2.0
+        self._speed_mps = min(parameters.host_speed_mps, knowledge.speeds_mps[host])
+        self._region = [self._ground.posts_m[post] for post in sorted(knowledge.regions[host])]
+
+    def return_to_reach(self) -> None:
+        """Keep within reach of the others from now on."""
+        self._reach_m = REACH_SHARE * self._parameters.long_m / 2.0
+
+    @property
+    def rally_m(self) -> Point:
+        """The middle of the region, where a robot can stand and the other hosts are in reach."""
+        return self._standing(_middle(self._region) if self._region else self._start_m)
+
+    @property
+    def far_m(self) -> Point:
+        """Where the host's way ends: the floor's exit, or the farthest post of its region; in reach of the others."""
+        exit_m = self._knowledge.exit_m
+        if self._parameters.way_out == "exit" and exit_m is not None:
+            return self._standing(exit_m)
+        farthest = max(self._region, key=lambda post: math.dist(post, self._centre_m), default=self._start_m)
+        return self._standing(farthest)
+
+    def course(self, here_m: Point, tours: Sequence[Sequence[int]], round_: int, now: Time) -> Course:
+        """Return the way from *here_m*, to be left at *now*, while the searchers are on their *tours*."""
+        match self._parameters.strategy:
+            case "srp":
+                return self.to(self.rally_m, here_m, now)
+            case "mrp":
+                return self._leg(here_m, round_, now)
+            case _:
+                return self._amid(here_m, tours, now)
+
+    def to(self, goal_m: Point, here_m: Point, now: Time) -> Course:
+        """Return the shortest way to a place, at full speed; standing still if there is none."""
+        way = self._ground.way(here_m, goal_m) or []
+        return Course(now, self._speed_mps, (here_m, *way)[:WAY_POINTS])
+
+    def _leg(self, here_m: Point, round_: int, now: Time) -> Course:
+        """Return the way to the next reconvening point, as far as the host gets in a period."""
+        route = [self._start_m, *(self._ground.way(self._start_m, self.rally_m) or [])]
+        route += self._ground.way(route[-1], self.far_m) or []
+        point = _along(route, min(1.0, (round_ + 1) / self._parameters.rounds) * _length(route))
+        whole = self.to(point, here_m, now)
+        most_m = self._speed_mps * self._parameters.reconvene_s
+        return whole._replace(way_m=_cut(whole.way_m, most_m))
+
+    def _amid(self, here_m: Point, tours: Sequence[Sequence[int]], now: Time) -> Course:
+        """Return a slow way through the middle of where the searchers will be, as long as the longest tour takes."""
+        walks = [_Walk([here_m, *(self._ground.posts_m[post] for post in tour)]) for tour in tours if tour]
+        if not walks:
+            return self.to(self.rally_m, here_m, now)
+        pace = min(self._knowledge.speeds_mps[self._knowledge.hosts :], default=self._speed_mps)
+        takes_s = max(walk.length_m for walk in walks) / pace
+        way = [here_m]
+        for part in range(1, SAMPLES + 1):
+            middle = self._standing(_middle([walk.at(pace * takes_s * part / SAMPLES) for walk in walks]))
+            way += self._ground.way(way[-1], middle) or []
+        length_m = _length(way)
+        speed = min(self._speed_mps, max(length_m / takes_s, 1e-3)) if takes_s > 0.0 else self._speed_mps
+        return Course(now, speed, tuple(way)[:WAY_POINTS])
+
+    def _standing(self, point_m: Point) -> Point:
+        """Return the post nearest to a place that is in reach of the other hosts; the start if none is."""
+        apart = math.dist(point_m, self._centre_m)
+        if apart > self._reach_m:
+            share = self._reach_m / apart
+            cx, cy = self._centre_m
+            point_m = cx + share * (point_m[0] - cx), cy + share * (point_m[1] - cy)
+        near = [post for post in self._ground.posts_m if math.dist(post, self._centre_m) <= self._reach_m]
+        return min(near, key=lambda post: math.dist(post, point_m), default=self._start_m)
+
+
+class _Walk:
+    """A tour, straight from post to post."""
+
+    def __init__(self, points: Sequence[Point]) -> None:
+        self._points = points
+        self.length_m = _length(points)
+
+    def at(self, way_m: float) -> Point:
+        return _along(self._points, way_m)
+
+
+def _middle(points: Sequence[Point]) -> Point:
+    return sum(x for x, _ in points) / len(points), sum(y for _, y in points) / len(points)
+
+
+def _length(points: Sequence[Point]) -> float:
+    return sum(math.dist(a, b) for a, b in pairwise(points))
+
+
+def _along(points: Sequence[Point], way_m: float) -> Point:
+    """Return the point *way_m* metres along a line, or its end."""
+    return _cut(points, way_m)[-1]
+
+
+def _cut(points: Sequence[Point], way_m: float) -> tuple[Point, ...]:
+    """Return the first *way_m* metres of a line."""
+    kept = [points[0]]
+    for a, b in pairwise(points):
+        length = math.dist(a, b)
+        if length >= way_m:
+            if length > 0.0:
+                share = way_m / length
+                kept.append((a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])))
+            break
+        kept.append(b)
+        way_m -= length
+    return tuple(kept)

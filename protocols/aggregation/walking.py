@@ -1,0 +1,265 @@
+"""Walking: along planned ways from point to point, and past whoever stands or walks there.
+
+A robot on its way is given one order for each straight piece; its body brakes and turns itself. Nothing else happens
+until it is near the end of the piece, or another robot is ahead of it and near, or it is held: then see ``Evasion``. It
+never gives up; where no way leads to its goal it stands, and looks for one again and again, after longer and longer.
+"""
+
+import math
+from typing import Final
+
+from cosim.geometry.planning import Point
+from cosim.machine import Command, GoTo
+from cosim.observation import Observation
+from cosim.units import Time, to_seconds
+from protocols.aggregation.ground import Ground
+from protocols.aggregation.stroller import Stroller
+from protocols.aggregation.walking_evasion import KINDS, MOST_DOUBLINGS, Evasion
+from protocols.aggregation.walking_parameters import WalkingParameters
+
+__all__ = ["Stroller", "Walker", "WalkingParameters"]
+
+_LOOK_TICKS: Final = 10
+"""So many ticks at most an undisturbed robot does not ask itself where it is."""
+_NEARER: Final = 0.1
+"""Who has come nearer than ever by this share of what it can go while it is patient makes progress."""
+_MOST_NEARER_M: Final = 0.2
+_FREED_M: Final = 1.0
+"""Who has come so much nearer after an attempt is stuck no longer."""
+_SAME_M: Final = 2.0
+"""A goal as near as this to the one before does not change what holds the robot."""
+_AT_WAY_POINT_M: Final = 0.05
+
+
+class Walker:
+    """One robot's ways over a known ground."""
+
+    def __init__(
+        self, ground: Ground, radius_m: float, speed_mps: float, tick: Time, parameters: WalkingParameters
+    ) -> None:
+        own, seconds = parameters, to_seconds(tick)
+        self._ground = ground
+        self._own = own
+        self._contact_m = 2.0 * radius_m
+        self._step_m = speed_mps * seconds
+        self._near_square = own.near_m * own.near_m
+        # slow robots take longer for everything
+        self._patience = math.ceil(max(own.patience_s, self._contact_m / speed_mps) / seconds)
+        self._pause = math.ceil(max(own.pause_s, 2.0 * self._contact_m / speed_mps) / seconds)
+        self._nearer_m = min(_NEARER * self._patience * self._step_m, _MOST_NEARER_M)
+        self._evasion = Evasion(ground, radius_m, self._step_m, own)
+        self.goal_m: Point | None = None
+        self.arrived = True
+        """The robot is within ``arrival_m`` of its goal, or as near to it as one can stand or as others let it."""
+        self.plans = 0
+        """How many ways have been planned."""
+        self._ticks = 0
+        self._order: GoTo | None = None
+        self._way: list[Point] = []
+        self._rest: list[float] = []
+        self._from: Point = (0.0, 0.0)
+        self._look_at = 0
+        self._least_m = math.inf
+        self._progress_at = 0
+        self._attempts = 0
+        self._plan_at: int | None = 0
+
+    # ---------------------------------------------------------------- what others ask
+
+    def head_for(self, goal_m: Point | None) -> None:
+        """Take a goal, and plan the way there at the next step; None: stand still. The same goal again is no news."""
+        if goal_m == self.goal_m:
+            return
+        if self.arrived or goal_m is None or self.goal_m is None or math.dist(goal_m, self.goal_m) > _SAME_M:
+            self._attempts = 0
+            self._progress_at = self._ticks
+            self._evasion.restart()
+        self.goal_m = goal_m
+        self.arrived = goal_m is None
+        self._way, self._rest = [], []
+        self._look_at = 0
+        self._plan_at = self._ticks
+
+    @property
+    def stuck(self) -> bool:
+        """There is no way, or the robot has come nowhere for longer than its patience; it goes on trying."""
+        return not self.arrived and self._attempts > 0
+
+    def remaining_m(self, here: Point) -> float:
+        """Return how long the way to the goal is in metres, from *here*; 0 without a goal, inf without a way."""
+        if self.goal_m is None:
+            return 0.0
+        if self._way:
+            return math.dist(here, self._way[0]) + self._rest[0]
+        length = self._ground.length_m(here, self.goal_m)
+        return math.inf if length is None else length
+
+    # ---------------------------------------------------------------- a tick
+
+    def step(self, observation: Observation) -> Command | None:
+        """Return an order to the body, or None where the last one goes on; to be called once a tick."""
+        self._ticks += 1
+        if self._ticks < self._look_at and not observation.blocked:
+            if not observation.sightings:
+                return None
+            x, y = observation.x_m, observation.y_m
+            near = self._near_square
+            for _, other_x, other_y in observation.sightings:
+                dx, dy = other_x - x, other_y - y
+                if dx * dx + dy * dy < near:
+                    break
+            else:
+                return None
+        order = self._decide(observation)
+        if order is None or order == self._order:
+            return None
+        self._order = order
+        return order
+
+    def _decide(self, observation: Observation) -> GoTo | None:
+        here = observation.x_m, observation.y_m
+        if self.goal_m is None:
+            return self._stand(here)
+        if self._plan_at is not None and self._ticks >= self._plan_at:
+            self._plan(here)
+        if not self._way:
+            return self._stand(here)
+        if self._evasion.scripted:
+            self._look_at = 0
+            order = self._evasion.follow(here, self._ticks)
+            if order is not None:
+                return order
+            self._resume(here)
+            if not self._way:
+                return self._stand(here)
+        self._advance(observation, here)
+        if self.arrived:
+            return self._rest_here(observation, here)
+        if self._ticks - self._progress_at > self._patience:
+            self._attempt(observation, here)
+            if not self._way:
+                return self._stand(here)
+        if self._evasion.is_needed(observation, here, self._way[0], self._ticks):
+            self._look_at = 0
+            return self._evasion.steer(observation, here, self._way[0], self._order)
+        if self._evasion.ends:
+            self._resume(here)
+        return self._cruise(here)
+
+    def _stand(self, here: Point) -> GoTo | None:
+        """Return the order to stop, once."""
+        self._look_at = self._ticks + _LOOK_TICKS
+        if self._plan_at is not None:
+            self._look_at = min(self._look_at, self._plan_at)
+        if self._order is None or math.dist(here, self._order) <= self._step_m:
+            return None
+        return GoTo(*here)
+
+    def _rest_here(self, observation: Observation, here: Point) -> GoTo | None:
+        """Return the order for who has arrived: to the goal exactly, if nothing is there; look if it is carried off."""
+        self._look_at = self._ticks + _LOOK_TICKS
+        if math.dist(here, self._way[-1]) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
+            self.arrived = False
+            self._plan(here)
+            return self._stand(here) if not self._way else GoTo(*self._way[0])
+        return self._stand(here) if observation.blocked or observation.sightings else GoTo(*self._way[-1])
+
+    # ---------------------------------------------------------------- ways
+
+    def route(self, here: Point, goal_m: Point) -> list[Point] | None:
+        """Return the way points that lead from *here* to a goal, or None; for those who find their ways otherwise."""
+        return self._ground.way(here, goal_m)
+
+    def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
+        """Return a way around some bodies, or None."""
+        return self._ground.way_around(here, goal_m, bodies_m, self._contact_m + _AT_WAY_POINT_M)
+
+    def _plan(self, here: Point) -> None:
+        assert self.goal_m is not None
+        self.plans += 1
+        self._take(here, self.route(here, self.goal_m))
+
+    def _take(self, here: Point, way: list[Point] | None) -> None:
+        """Begin to follow a *way*; without one, stand for longer and longer."""
+        self._way = way or []
+        self._plan_at = None
+        if not way:
+            self._plan_at = self._ticks + (self._pause << min(self._attempts, MOST_DOUBLINGS))
+            self._attempts += 1
+            return
+        rest = [0.0]
+        for later, earlier in zip(way[:0:-1], way[-2::-1], strict=True):
+            rest.append(rest[-1] + math.dist(later, earlier))
+        self._rest = rest[::-1]
+        self._from = here
+        self._least_m = math.dist(here, way[0]) + self._rest[0]
+
+    def _resume(self, here: Point) -> None:
+        """Go back to the way, or to a new one if it is out of sight."""
+        self._from = here
+        if not self._ground.open(here, self._way[0]):
+            self._plan(here)
+
+    def _advance(self, observation: Observation, here: Point) -> None:
+        """Note progress, way points that have been passed, and whether the robot is at its goal."""
+        distance = math.dist(here, self._way[0])
+        while len(self._way) > 1 and distance <= self._own.pass_m:
+            if distance > _AT_WAY_POINT_M and not self._ground.open(here, self._way[1]):
+                break
+            self._from = here
+            del self._way[0], self._rest[0]
+            distance = math.dist(here, self._way[0])
+        left = distance + self._rest[0]
+        if left < self._least_m - self._nearer_m:
+            if left < self._least_m - _FREED_M or not self._attempts:
+                self._attempts = 0
+            self._least_m = left
+            self._progress_at = self._ticks
+        if not self.arrived and len(self._way) == 1 and self._is_at_goal(observation, here):
+            self.arrived = True
+            self._attempts = 0
+            self._evasion.restart()
+
+    def _is_at_goal(self, observation: Observation, here: Point) -> bool:
+        """Return whether the robot is at its goal, or before a robot that stands there."""
+        place, arrival_m = self._way[-1], self._own.arrival_m
+        distance = math.dist(here, place)
+        if distance <= arrival_m:
+            return True
+        room = self._contact_m + arrival_m
+        return distance <= room + arrival_m and any(
+            math.dist(place, (x, y)) < self._contact_m and math.dist(here, (x, y)) < room
+            for _, x, y in observation.sightings
+        )
+
+    def _cruise(self, here: Point) -> GoTo | None:
+        """Return the order for the straight piece, and think when the next look is due."""
+        if self._off(here) > self._own.off_way_m:
+            self._plan(here)
+            if not self._way:
+                return self._stand(here)
+        left = math.dist(here, self._way[0]) - self._own.pass_m
+        self._look_at = self._ticks + max(1, min(_LOOK_TICKS, int(left / self._step_m)))
+        return GoTo(*self._way[0])
+
+    def _off(self, here: Point) -> float:
+        """Return how far the robot is off the straight piece that it follows."""
+        (x, y), place = self._from, self._way[0]
+        dx, dy, bx, by = place[0] - x, place[1] - y, here[0] - x, here[1] - y
+        square = dx * dx + dy * dy
+        part = min(max((bx * dx + by * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        return math.hypot(bx - part * dx, by - part * dy)
+
+    def _attempt(self, observation: Observation, here: Point) -> None:
+        """Try something else."""
+        assert self.goal_m is not None
+        number, self._attempts = self._attempts, self._attempts + 1
+        self._progress_at = self._ticks
+        self._order = None  # whatever has become of the last one
+        bodies = self._evasion.bodies(observation, here)
+        if not bodies or number % KINDS == KINDS - 1:
+            self.plans += 1
+            self._take(here, self.detour(here, self.goal_m, bodies) or self.route(here, self.goal_m))
+            return
+        pause = self._pause << min(number // KINDS, MOST_DOUBLINGS)
+        self._evasion.attempt(here, self._way[0], bodies[0], number, self._ticks, pause)

@@ -1,0 +1,131 @@
+"""Evasion: what a robot does while another one is in its way, or something holds it.
+
+VFH+ leads it, by its scan, until the way is clear again. Where that brings it nowhere it tries in turn to go round the
+body ahead, on the right or on the left, which takes exact room instead of thresholds; to go back a little or to wait
+until the other one has passed (of two it is the one farther to the west, or south, that goes back: never both, never
+neither); and another way around all bodies near. It waits for longer each time.
+"""
+
+import math
+from typing import Final
+
+from cosim.geometry.planning import Point
+from cosim.machine import GoTo
+from cosim.navigation.vfh import Vfh, VfhParameters
+from cosim.observation import Observation
+from protocols.aggregation.ground import Ground
+from protocols.aggregation.walking_aside import in_the_way, retreat, way_round
+from protocols.aggregation.walking_parameters import WalkingParameters
+
+_STEADY_RAD: Final = math.radians(12.0)
+"""A direction that differs from the last order's by less is not worth a new one: some bodies stop in order to turn."""
+_AHEAD_M: Final = 1.5
+"""A direction is turned into a place so far ahead."""
+_SIDE_M: Final = 0.2
+"""What is farther beside the way than a touch, the safety distance and this, is not in it."""
+_THERE_M: Final = 0.05
+"""A place of a script is reached within this."""
+KINDS: Final = 4
+"""So many things can be tried."""
+MOST_DOUBLINGS: Final = 4
+
+
+class Evasion:
+    """One robot's ways past others."""
+
+    def __init__(self, ground: Ground, radius_m: float, step_m: float, parameters: WalkingParameters) -> None:
+        own = parameters
+        self._ground = ground
+        self._parameters = own
+        self._contact_m = 2.0 * radius_m
+        self._room_m = self._contact_m + own.safety_m + _SIDE_M
+        self._step_m = step_m
+        window_m = max(own.window_m, radius_m + own.safety_m + 0.1)
+        self._vfh = Vfh(
+            VfhParameters(robot_radius_m=radius_m, safety_m=own.safety_m, window_m=window_m, arrival_m=1e-3)
+        )
+        self._until = -1
+        self._script: list[Point] = []
+        self._waits = False
+        self._script_until = 0
+
+    def restart(self) -> None:
+        """Head for another place."""
+        self._until = -1
+        self._script = []
+        self._vfh.restart()
+
+    def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
+        """Return whether VFH+ is to lead on the way to *place*, as something is in the way or was a moment ago."""
+        if observation.blocked or self._is_ahead(observation, here, place):
+            self._until = ticks + self._parameters.clear_ticks
+        return ticks < self._until
+
+    @property
+    def ends(self) -> bool:
+        """The way has just become clear; to be asked once."""
+        ended, self._until = self._until >= 0, -1
+        return ended
+
+    def _is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
+        near = self._parameters.near_m
+        return any(
+            math.dist(here, (x, y)) < near and in_the_way(here, place, (x, y), self._room_m)
+            for _, x, y in observation.sightings
+        )
+
+    def steer(self, observation: Observation, here: Point, place: Point, order: GoTo | None) -> GoTo:
+        """Return where VFH+ leads on the way to *place*; *order* is where the robot goes now."""
+        steer = self._vfh.steer(here[0], here[1], place, observation.ranges_m, (), self._step_m)
+        if steer.dx == 0.0 and steer.dy == 0.0:
+            return GoTo(*here)
+        if math.dist(here, place) < _AHEAD_M and _gap(here, place, steer.dx, steer.dy) < _STEADY_RAD:
+            return GoTo(*place)
+        steady = order is not None and not observation.blocked and math.dist(here, order) > 0.4 * _AHEAD_M
+        if order is not None and steady and _gap(here, order, steer.dx, steer.dy) < _STEADY_RAD:
+            return order
+        return GoTo(here[0] + _AHEAD_M * steer.dx, here[1] + _AHEAD_M * steer.dy)
+
+    # ---------------------------------------------------------------- when VFH+ does not get on
+
+    def bodies(self, observation: Observation, here: Point) -> list[Point]:
+        """Return the places of the bodies near, the nearest first."""
+        places = [(x, y) for _, x, y in observation.sightings]
+        near = self._parameters.near_m
+        return sorted((place for place in places if math.dist(here, place) < near), key=lambda it: math.dist(here, it))
+
+    def attempt(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> None:
+        """Begin what attempt *number* to come to *place* past a *body* is; it takes *pause* ticks, or as its way is."""
+        self._vfh.restart()
+        right = number % KINDS == 0
+        script = None
+        if number % KINDS < 2:
+            script = way_round(self._ground, here, place, body, right)
+            script = script or way_round(self._ground, here, place, body, not right)
+        self._waits = script is None
+        if script is None:
+            back = retreat(self._ground, here, body) if here < body else None
+            script = [back or here]
+        ways = sum(math.dist(a, b) for a, b in zip([here, *script], script, strict=False))
+        self._script = script
+        self._script_until = ticks + round(2.0 * ways / self._step_m) + pause
+
+    @property
+    def scripted(self) -> bool:
+        """An attempt is under way."""
+        return bool(self._script)
+
+    def follow(self, here: Point, ticks: int) -> GoTo | None:
+        """Return the next place of the attempt under way, None if it is over."""
+        if math.dist(here, self._script[0]) <= _THERE_M and (len(self._script) > 1 or not self._waits):
+            del self._script[0]
+        if self._script and ticks < self._script_until:
+            return GoTo(*self._script[0])
+        self._script = []
+        return None
+
+
+def _gap(here: Point, place: Point, dx: float, dy: float) -> float:
+    """Return the angle between the directions to a place and along (dx, dy)."""
+    to_x, to_y = place[0] - here[0], place[1] - here[1]
+    return abs(math.atan2(to_x * dy - to_y * dx, to_x * dx + to_y * dy))

@@ -1,0 +1,31 @@
+"""What a machine of monitoring reports: whom it suspects, whom no more, and bytes that are no heartbeat."""
+
+from dataclasses import dataclass, field
+
+_PEER = {"meaning": "the robot that is watched"}
+
+
+@dataclass(frozen=True, slots=True)
+class Suspected:
+    """A robot takes another for crashed from now on."""
+
+    peer: int = field(metadata=_PEER)
+
+
+@dataclass(frozen=True, slots=True)
+class Trusted:
+    """A robot takes another for alive again: the suspicion was a mistake, or the other has been started anew."""
+
+    peer: int = field(metadata=_PEER)
+
+
+@dataclass(frozen=True, slots=True)
+class BadHeartbeat:
+    """Bytes that are no heartbeat, or of nobody who is to send any."""
+
+    sender: int = field(metadata={"meaning": "the last hop"})
+    length: int = field(metadata={"unit": "B", "meaning": "length of the payload"})
+    reason: str = field(metadata={"meaning": "what is wrong"})
+
+
+EVENTS = (Suspected, Trusted, BadHeartbeat)

@@ -1,0 +1,23 @@
+"""What a scenario can say about monitoring."""
+
+from pydantic import Field
+
+from cosim.settings import Settings
+from protocols.aggregation.chen import NfdESettings
+from protocols.aggregation.detectors import DetectorSettings
+
+
+class Parameters(Settings):
+    """Parameters of monitoring: who sends heartbeats, how often, and what becomes of them."""
+
+    period_s: float = Field(default=1.0, ge=1e-6, description="s, eta, from one heartbeat of a robot to the next")
+    senders: int | None = Field(
+        default=None, ge=1, description="robots 0 to so many less one send heartbeats; all, if not given"
+    )
+    spread: bool = Field(
+        default=True,
+        description="robots that start together send evenly spread over the period, not all at one instant",
+    )
+    detector: DetectorSettings = Field(
+        default_factory=NfdESettings, description="what decides, for each robot that is watched, whether it is alive"
+    )

@@ -1,0 +1,67 @@
+"""The routing table of AODV: sequence numbers, routes that end, and those that were merely heard."""
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from cosim.channels.adhoc.routing.aodv_routes import RouteTable, newer
+from cosim.units import S
+
+
+@example(0xFFFFFFFF, 1)
+@given(st.integers(0, 0xFFFFFFFF), st.integers(1, 0x7FFFFFFF))
+def test_sequence_numbers_are_compared_across_the_wrap(number: int, step: int) -> None:
+    later = number + step & 0xFFFFFFFF
+    assert newer(later, number)
+    assert not newer(number, later)
+    assert not newer(number, number)
+
+
+def test_a_route_that_ends_takes_the_next_number_across_the_wrap() -> None:
+    table = RouteTable(0, 15 * S)
+    table.offer(1, 2, 3, 0xFFFFFFFF, 10 * S)
+    table.end(1, S)
+    ended = table.get(1)
+    assert ended is not None
+    assert (ended.sequence, ended.active) == (0, False)
+    assert not table.offer(1, 2, 1, 0xFFFFFFFF, 10 * S)
+    assert table.offer(1, 2, 9, 0, 10 * S)
+
+
+def test_a_table_takes_newer_routes_and_shorter_ones_as_new() -> None:
+    table = RouteTable(0, 15 * S)
+    assert table.offer(1, 2, 3, 5, 9 * S)
+    assert not table.offer(1, 3, 3, 5, 9 * S)
+    assert table.offer(1, 3, 2, 5, 9 * S)
+    assert not table.offer(1, 2, 1, 4, 9 * S)
+    assert table.offer(1, 2, 7, 6, 9 * S)
+    assert not table.offer(0, 2, 7, 6, 9 * S)  # to itself
+
+
+def test_an_unused_route_ends_and_is_forgotten_later() -> None:
+    table = RouteTable(0, 15 * S)
+    table.offer(1, 2, 3, 5, 3 * S)
+    table.age(3 * S - 1)
+    assert table.active(1) is not None
+    table.age(3 * S)
+    ended = table.get(1)
+    assert ended is not None
+    assert (ended.active, ended.sequence) == (False, 6)
+    table.age(18 * S - 1)
+    assert table.get(1) is not None
+    table.age(18 * S)
+    assert table.get(1) is None
+
+
+def test_a_route_that_was_merely_heard_ends_without_another_number() -> None:
+    table = RouteTable(0, 15 * S)
+    table.offer(1, 1, 1, 5, 10 * S)
+    for _ in range(3):
+        table.end(1, S)
+        table.hear(1, 10 * S)
+    heard = table.get(1)
+    assert heard is not None
+    assert (heard.sequence, heard.known, heard.active) == (6, False, True)
+    table.learn(1, 5)
+    assert not heard.known
+    table.learn(1, 6)
+    assert heard.known

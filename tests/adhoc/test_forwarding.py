@@ -1,0 +1,81 @@
+"""Routers between hosts and stations: what a station has no room for, and what is counted in several lives."""
+
+import pytest
+
+from cosim.channels.adhoc.forwarding import Forwarding
+from cosim.channels.adhoc.mac import DATA, Form, Frame, Packet
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
+from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.choice import RoutingSettings, make_router
+from cosim.channels.adhoc.routing.flooding import FloodingSettings
+from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, decode
+from cosim.channels.adhoc.routing.olsr import OlsrSettings
+from cosim.kernel import Kernel
+from cosim.machine import Address, Outcome, Outgoing
+from cosim.randomness import Draws
+from cosim.units import S
+
+SETTINGS: list[RoutingSettings] = [
+    FloodingSettings(),
+    AodvSettings(use_hello=False),
+    OlsrSettings(use_mac_feedback=True),
+]
+
+FORM = Form(1_000_000, 100, 1000, 192_000)
+
+
+class Stations:
+    """Two stations in reach of each other; the first refuses payloads when it is *full*."""
+
+    def __init__(self, settings: RoutingSettings) -> None:
+        self.kernel = Kernel()
+        self.full = False
+        self.heard: list[bytes] = []
+        self.fates: list[tuple[int, Outcome]] = []
+        draws = Draws(1, "forwarding")
+        self.routers = Forwarding(2, lambda robot, now: make_router(settings, robot, draws, now), self.kernel, self)
+
+    def transmit(self, address: Address, packet: Packet) -> None:
+        if self.full and address == 0 and decode(packet.payload).port == PAYLOAD_PORT:
+            self.routers.refused(address, packet)
+        else:
+            self.kernel.after(1_000_000, lambda: self._arrive(address, packet))
+
+    def _arrive(self, address: Address, packet: Packet) -> None:
+        self.routers.received(1 - address, Frame(DATA, address, packet.destination, FORM, 0, 0, packet))
+        self.routers.done(address, packet, True)
+
+    def arrived(self, address: Address, delivery: Delivery) -> None:
+        self.heard.append(delivery.payload)
+
+    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+        self.fates.append((token, outcome))
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=lambda each: each.kind)
+def test_a_full_station_loses_a_payload_and_breaks_no_link(settings: RoutingSettings) -> None:
+    net = Stations(settings)
+    for token, (second, full) in enumerate([(30, False), (31, True), (32, False)]):
+        net.kernel.run(second * S)
+        net.full = full
+        net.routers.send(0, Outgoing(1, bytes([token]), token))
+    net.kernel.run(33 * S)
+    good = Outcome.SENT if settings.kind == "flooding" else Outcome.DELIVERED
+    assert net.fates == [(0, good), (1, Outcome.QUEUE_FULL), (2, good)]
+    assert net.heard == [b"\0", b"\2"]
+    counts = net.routers.summary()
+    assert counts.get("links_broken", 0) == 0
+    assert counts.get("route_requests", 1) == 1
+    assert counts.get("payloads_unrouted", 1) == 1
+
+
+def test_what_a_router_has_counted_in_an_earlier_life_is_not_lost() -> None:
+    net = Stations(OlsrSettings())
+    net.kernel.run(30 * S)
+    before = net.routers.summary()["control_packets"]
+    assert before > 20
+    net.routers.power(0, False)
+    net.routers.power(0, True)
+    assert net.routers.summary()["control_packets"] == before
+    net.kernel.run(40 * S)
+    assert net.routers.summary()["control_packets"] > before + 5
