@@ -398,24 +398,25 @@ def test_the_capture_of_a_run_has_the_frames_of_its_table(tshark: str, folder: P
 
 @pytest.mark.slow
 def test_radios_of_several_kinds_stand_in_one_file(tshark: str, folder: Path) -> None:
+    groups = [{"size": 2, "radios": [0, 1, 2]}, {"size": 1, "radios": [0, 2, 3]}]
+    team = {"groups": groups, "starts": [[1, 1], [3, 1], [2, 3]]}
     adhoc = SCENARIO["channel"]
-    team = {
-        "groups": [{"size": 2, "radios": [0, 1, 2]}, {"size": 1, "radios": [0, 2]}],
-        "starts": [[1, 1], [3, 1], [2, 3]],
-    }
-    channel = {"kind": "radios", "radios": [{"kind": "bluetooth"}, adhoc, {"kind": "ideal"}]}
+    channel = {"kind": "radios", "radios": [{"kind": "bluetooth"}, adhoc, {"kind": "ideal"}, adhoc]}
     run(SCENARIO | {"team": team, "channel": channel}, "--pcapng", "a.pcapng", "--trace", "tables")
-    names = ("frame.time_epoch", "frame.interface_name", "frame.protocols")
+    names = ("frame.time_epoch", "frame.interface_name", "frame.protocols", "wlan.bssid")
     found = read_fields(tshark, folder / "a.pcapng", names)
-    radios = {(name, "wlan" in protocols, "btbredr" in protocols) for _, name, protocols in found}
-    bluetooth = {(f"robot {robot} radio 0", False, True) for robot in range(3)}
-    assert radios == bluetooth | {(f"robot {robot} radio 1", True, False) for robot in range(2)}
+    radios = {(name, "wlan" in protocols, "btbredr" in protocols, network) for _, name, protocols, network in found}
+    assert radios == {
+        *((f"robot {robot} radio 0", False, True, "") for robot in range(3)),
+        *((f"robot {robot} radio 1", True, False, "02:63:6f:73:69:01") for robot in range(2)),
+        ("robot 2 radio 3", True, False, "02:63:6f:73:69:03"),
+    }
     times = [int(words[0].replace(".", "")) for words in found]
     assert times == sorted(times)
     frames = pd.read_parquet(folder / "tables" / "frames.parquet")
     heard = frames[(frames.radio == 0) & (frames.outcome == "received")]
-    sent_there = frames[frames.radio == 1].drop_duplicates(["time_ns", "source"])
-    assert len(found) == len(heard) + len(sent_there)
+    others = frames[frames.radio > 0].drop_duplicates(["time_ns", "source", "radio"])
+    assert Counter(name[-1] for _, name, *_ in found) == Counter(pd.concat([heard, others]).radio.astype(str))
 
 
 @pytest.mark.slow

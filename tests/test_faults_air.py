@@ -62,6 +62,13 @@ def test_walls_are_in_the_trace_and_are_nobodys():
     assert rows(run) == [(200 * MS, -1, "WallUp"), (450 * MS, -1, "WallDown")]
 
 
+def test_the_trace_says_which_wall_and_which_jammer():
+    jammer = {"kind": "jammer", "x_m": 1.0, "y_m": 1.0, "at_s": 0.1, "until_s": 0.8}
+    run = executed(wall(0.2, 0.5), jammer, wall(0.3, 0.4), channel=BLUETOOTH, duration_s=1.0)
+    assert [event for *_, event in rows(run)] == ["JammerOn", "WallUp", "WallUp", "WallDown", "WallDown", "JammerOff"]
+    assert run.trace.columns("events")["fault"] == [1, 0, 2, 2, 0, 1]
+
+
 def test_a_barrier_takes_from_the_gains_what_a_wall_of_the_floor_takes():
     places = np.random.default_rng(1).uniform(0, 10, (12, 2))
     lines = np.random.default_rng(2).uniform(0, 10, (7, 4))
@@ -82,7 +89,7 @@ def test_a_barrier_takes_from_the_gains_what_a_wall_of_the_floor_takes():
     [
         (
             {"kind": "ideal"},
-            "faults[1]: a wall needs a channel whose signals fade, such as bluetooth or adhoc, with propagation",
+            "faults[1]: a wall needs a channel whose signals fade: bluetooth or adhoc, with propagation",
         ),
         ({"kind": "bluetooth"}, "faults[1]: radios without propagation notice no walls"),
     ],

@@ -74,6 +74,7 @@ def test_a_floor_of_150_m_has_twenty_rooms_one_a_rectangle(name: str) -> None:
         assert held == [number]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SEARCHES)
 def test_a_rectangle_is_one_room(name: str) -> None:
     grid = grid_of(name)
@@ -96,6 +97,7 @@ def test_a_robot_gets_everywhere_from_the_start(name: str) -> None:
                 assert np.isfinite(way_m(name, place, RADIUS_M, cell_m)), place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "door_m"), [("search", 2.0), ("search_nested", 2.0), ("search_open", 8.0)])
 def test_the_doors_are_as_wide_as_they_are_said_to_be(name: str, door_m: float) -> None:
     for room in floor(name).places_m["rooms"]:

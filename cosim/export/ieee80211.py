@@ -1,9 +1,10 @@
 """Captures of 802.11 runs: the table of what was on the air as frames of LINKTYPE_IEEE802_11, one interface a radio.
 
 Captured is every frame, at the radio that sends it: each is in the capture once, however many hear it, and also if
-nobody does. One whose sender was switched off while it sent is marked as having a bad CRC. A frame is as IEEE
-802.11-1999, clause 7, has it in an ad hoc network (To DS and From DS are 0), without its check sequence, which readers
-expect in files of this type only if they are told so.
+nobody does; only what is still on the air when the run ends is missing, here as in the table of frames. A frame whose
+sender was switched off while it sent is marked as having a bad CRC. Frames are as IEEE 802.11-1999, clause 7, has them
+in an ad hoc network (To DS and From DS are 0), without their check sequence, which readers expect in files of this type
+only if they are told so.
 
 Robots have no MAC addresses of their own. Robot r's radio n has the locally administered 02:00:00:nn:rr:rr, and the
 network of radios n the BSSID 02:63:6f:73:69:nn. What a router has made is an IPv4 packet after LLC and SNAP headers

@@ -29,8 +29,8 @@ class AirFaults:
         self._trace = trace
         self._barriers: dict[Channel, list[Barrier]] = {part: [] for part in channel.parts}
 
-    def jam(self, fault: JammerSettings, spans: Sequence[Span], run_end: Time) -> None:
-        """Have a jammer on the air at *spans*; raise UserError if there is no radio that it could disturb."""
+    def jam(self, number: int, fault: JammerSettings, spans: Sequence[Span], run_end: Time) -> None:
+        """Have the jammer that is fault *number* on the air at *spans*; raise UserError if no radio could notice it."""
         jammers = [fault.jammer(begin, run_end if end is None else end) for begin, end in spans]
 
         def jam(part: Channel) -> None:
@@ -41,22 +41,21 @@ class AirFaults:
 
         self._willing(fault.radio, jam)
         for span in spans:
-            self._schedule(span, partial(self._note, JammerOn()), partial(self._note, JammerOff()))
+            self._schedule(span, partial(self._note, JammerOn(number)), partial(self._note, JammerOff(number)))
 
-    def obstruct(self, fault: WallSettings, spans: Sequence[Span]) -> None:
-        """Have a wall in the way at *spans*; raise UserError if no radio could notice it."""
+    def obstruct(self, number: int, fault: WallSettings, spans: Sequence[Span]) -> None:
+        """Have the wall that is fault *number* in the way at *spans*; raise UserError if no radio could notice it."""
 
         def ask(part: Channel) -> None:
             if not hasattr(part, "obstruct"):
-                raise UserError(
-                    "a wall needs a channel whose signals fade, such as bluetooth or adhoc, with propagation"
-                )
+                raise UserError("a wall needs a channel whose signals fade: bluetooth or adhoc, with propagation")
             part.obstruct(())  # refuses if signals do not fade
 
         parts = self._willing(fault.radio, ask)
         barrier = Barrier(*fault.from_m, *fault.to_m, fault.loss_db)
         for span in spans:
-            self._schedule(span, partial(self._wall, parts, barrier, True), partial(self._wall, parts, barrier, False))
+            up, down = (partial(self._wall, number, parts, barrier, stands) for stands in (True, False))
+            self._schedule(span, up, down)
 
     def _willing(self, radio: int | None, act: Callable[[Channel], None]) -> list[Channel]:
         """Return for which channels of *radio*, or of all, *act* raises no UserError; raise its first if for none."""
@@ -79,8 +78,8 @@ class AirFaults:
         if span[1] is not None:
             self._kernel.at(span[1], end, WORLD)
 
-    def _wall(self, parts: Sequence[Channel], barrier: Barrier, stands: bool) -> None:
-        self._note(WallUp() if stands else WallDown())
+    def _wall(self, number: int, parts: Sequence[Channel], barrier: Barrier, stands: bool) -> None:
+        self._note(WallUp(number) if stands else WallDown(number))
         for part in parts:
             barriers = self._barriers[part]
             if stands:

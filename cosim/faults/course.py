@@ -119,9 +119,9 @@ class Faults:
             try:
                 match fault:
                     case JammerSettings():
-                        air.jam(fault, happening, run_end)
+                        air.jam(number, fault, happening, run_end)
                     case WallSettings():
-                        air.obstruct(fault, happening)
+                        air.obstruct(number, fault, happening)
                     case _:
                         for span in happening:
                             self._schedule(number, fault, span)

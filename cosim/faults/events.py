@@ -85,20 +85,28 @@ class BatteryEmpty:
 class WallUp:
     """A wall of loss is there."""
 
+    fault: int = field(metadata={"unit": "", "meaning": "which of the scenario's faults, the first is 0"})
+
 
 @dataclass(frozen=True)
 class WallDown:
     """A wall of loss is gone."""
+
+    fault: int = field(metadata={"unit": "", "meaning": "which of the scenario's faults, the first is 0"})
 
 
 @dataclass(frozen=True)
 class JammerOn:
     """A jammer begins."""
 
+    fault: int = field(metadata={"unit": "", "meaning": "which of the scenario's faults, the first is 0"})
+
 
 @dataclass(frozen=True)
 class JammerOff:
     """A jammer ends."""
+
+    fault: int = field(metadata={"unit": "", "meaning": "which of the scenario's faults, the first is 0"})
 
 
 _OF_KIND: Final[dict[str, tuple[type, ...]]] = {

@@ -20,7 +20,7 @@ NETWORKS: Final = ("ideal", "adhoc", "jammed")
 STRATEGIES: Final = (*OURS, "mito")
 SLIGHT: Final = 1.1
 """A network that makes searches less than this factor longer costs next to nothing."""
-IN_TIME: Final = 0.9
+IN_TIME: Final = 0.75
 """A strategy handles jamming if it brings this share of the searches to an end."""
 METRICS: Final = {
     TIME: "search time, min",

@@ -19,7 +19,7 @@ from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, Limit
 
 AXES: Final = ("strategy", "side_m", "sub_teams")
 MOBILE: Final = ("mrp", "mi")
-IN_TIME: Final = 0.9
+IN_TIME: Final = 0.75
 """A strategy extends to an area in which it brings this share of the searches to an end."""
 
 
@@ -48,7 +48,7 @@ def gains(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
         ratios = ", ".join(
             f"{side:g} m x {np.exp(mean):.3g}" for side, mean in zip(sides, advantage.mean(), strict=True)
         )
-        words.append(f"{count} sub-teams: {ratios}, power of the side {told(found)}")
+        words.append(f"sub-teams {count}: {ratios}, power of the side {told(found)}")
         holds.append(positive(found))
     return "; ".join(words), None if None in holds else all(holds)
 
@@ -66,7 +66,7 @@ def leads(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
     if not sides:
         return NO_DATA
     side = sides[-1]
-    return less(runs, [(f"{n} sub-teams, {side:g} m:", _arm(strategy, side, n), _arm("srp", side, n)) for n in teams])
+    return less(runs, [(f"sub-teams {n}, {side:g} m:", _arm(strategy, side, n), _arm("srp", side, n)) for n in teams])
 
 
 def extends(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -75,7 +75,7 @@ def extends(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
     if not sides:
         return NO_DATA
     return completes(
-        runs, [(f"{teams[-1]} sub-teams, {sides[-1]:g} m:", _arm(strategy, sides[-1], teams[-1]))], IN_TIME
+        runs, [(f"sub-teams {teams[-1]}, {sides[-1]:g} m:", _arm(strategy, sides[-1], teams[-1]))], IN_TIME
     )
 
 

@@ -2,8 +2,8 @@
 
 Robot 0 runs the machine of ``protocols.monitoring`` and sends heartbeats; what arrives at robot 1, and when, is
 recorded, and each detector is told of it. So all detectors of a run see the same losses and delays. A run is one long
-watch over a robot that lives, for the mistakes, and some short ones, each over a robot that is killed at a random
-phase of its period, for the detection time. Metrics are those of Chen, Toueg and Aguilera
+watch over a robot that lives, for the mistakes, and some shorter ones, each over a robot that is killed at a random
+instant, for the detection time. Metrics are those of Chen, Toueg and Aguilera
 (``protocols.aggregation.quality``).
 
 With T the time within which a crash is to be noticed, eta the period and E(D) the mean delay:
@@ -45,7 +45,9 @@ from protocols.monitoring.parameters import Parameters as Monitoring
 SENDER: Final[Address] = 0
 WATCHER: Final[Address] = 1
 SETTLING: Final = 100
-"""Periods before mistakes count, and before a robot is killed: detectors that learn have learned by then."""
+"""Periods before mistakes count, and before a robot is killed: what detectors are told at first is mostly forgotten."""
+OLDEST: Final = 1000
+"""Periods after which every robot that is to be killed has been."""
 LAST_ARRIVALS: Final = 10 * S
 """After the last heartbeat; nothing is on its way for as long."""
 PATIENCE: Final = 1000
@@ -94,7 +96,7 @@ class Parameters(Settings):
     bounds_s: tuple[float, ...] = Field(description="s, T, times within which a crash is to be noticed")
     thresholds: tuple[float, ...] = Field(description="of phi accrual")
     phi_floor: float = Field(default=0.1, gt=0, description="least standard deviation of phi accrual, in periods")
-    crashes: int = Field(default=20, ge=1, description="robots that are killed")
+    crashes: int = Field(default=8, ge=1, description="robots that are killed")
 
 
 class Recorder:
@@ -249,7 +251,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
 
 def _crash(given: Parameters, stream: np.random.Generator, period: Time) -> tuple[Time, Arrivals]:
     """Return when a robot was killed, and what arrived of its heartbeats."""
-    crash = SETTLING * period + int(stream.integers(period))
+    crash = int(stream.integers(SETTLING * period, OLDEST * period))
     return crash, arrivals(given, Streams(int(stream.integers(1 << 62))), crash, crash)
 
 

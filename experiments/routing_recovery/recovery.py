@@ -29,8 +29,6 @@ from experiments.routing_recovery.omniscient import Omniscient, reach
 
 LOOK: Final = 10 * MS
 """So often it is looked whether the death has been noticed."""
-LATE: Final = S
-"""A payload that takes longer is late."""
 GAP: Final = S // 2
 """Longer without a payload is an interruption."""
 END: Final = 2 * S
@@ -43,7 +41,6 @@ COLUMNS: Final = (
     Column("silence_s", "float", "s", "until then from the last sign of life that its router had of the relay"),
     Column("tries", "float", "1", "payloads that it sent to the dead relay"),
     Column("lost", "float", "1", "payloads, sent from a second before the death on, that never arrived"),
-    Column("late", "float", "1", "those of them that took more than a second"),
     Column("control_octets_per_s", "float", "octet/s", "of all routers, with IPv4 and UDP headers"),
     Column("frames_per_payload", "float", "1", "on the air, with ACKs and all that routers say"),
 )
@@ -245,7 +242,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         "noticed_s": to_seconds(course.noticed - course.death) if course.noticed is not None else math.nan,
         "silence_s": to_seconds(course.silence) if known else math.nan,
         "tries": float(course.tries) if known else math.nan,
-        **_losses(course),
+        "lost": float(_lost(course)),
         "control_octets_per_s": grown.get("control_octets", 0.0) / seconds,
         "frames_per_payload": grown["frames_sent"] / len(course.sent_at),
     }
@@ -261,12 +258,7 @@ def _steady_s(course: Course, arrivals: list[Time]) -> float:
     return math.nan if last == course.end else to_seconds(last - course.death)
 
 
-def _losses(course: Course) -> dict[str, float]:
-    """Return how many payloads have been lost or late."""
-    lost, late = 0, 0
-    for number, sent in enumerate(course.sent_at):
-        if course.death - S <= sent < course.end - END:
-            arrived = course.listener.arrived.get(number)
-            lost += arrived is None
-            late += arrived is not None and arrived - sent > LATE
-    return {"lost": float(lost), "late": float(late)}
+def _lost(course: Course) -> int:
+    """Return how many payloads, from a second before the death on, have not arrived."""
+    counted = [n for n, sent in enumerate(course.sent_at) if course.death - S <= sent < course.end - END]
+    return len(set(counted) - set(course.listener.arrived))

@@ -131,7 +131,7 @@ class Host:
             self._events.append(HostSuspected(host))
         if silent:
             self._news_left = REPEATS
-            if self.neighbours.alone() and not self._itinerary.astray:
+            if self.neighbours.alone():
                 self._itinerary.go_back(self._here, now)
         if now >= self._beat_at:
             self._beat(now)
@@ -213,7 +213,7 @@ class Host:
                 if self.team.report(searcher, message, now):
                     self.records.reported += self._learn(searcher, message.targets, message.visited, now)
             case Join():
-                self.team.join(searcher, message, now)
+                self.team.join(searcher, message, self.over, now)
             case Leave(epoch=epoch):
                 self.team.leave(searcher, epoch, "left")
             case Stopped():

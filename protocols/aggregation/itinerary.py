@@ -38,6 +38,7 @@ class Itinerary:
         self._neighbours = neighbours
         self._events = events
         self._meets = parameters.strategy == "mrp"
+        self._static = parameters.strategy == "srp"
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._sync = from_seconds(parameters.sync_s)
 
@@ -73,7 +74,13 @@ class Itinerary:
         return True
 
     def go_back(self, here_m: Point, now: Time) -> None:
-        """Out of reach of all other hosts: head for where their middle was (paper 002, section VI.B)."""
+        """Out of reach of all other hosts: head for where their middle was (paper 002, section VI.B).
+
+        A host that has come to its static rally point stays there: section III.A.
+        """
+        ends_at = self.course.ends_at()
+        if self.astray or (self._static and (ends_at is None or now >= ends_at)):
+            return
         self.astray = True
         self.depart(here_m, (), now)
 

@@ -1,7 +1,7 @@
 """How a host divides its sub-team's work: which posts are its to see to, and which of them it gives to whom.
 
 A searcher that has nothing left is given a part of what nobody has been given yet. The region of a host that has fallen
-silent falls to the one whose rally point is nearest, which is the same in the eyes of all who hear each other.
+silent, or leads nobody, falls to the one whose rally point is nearest: all who hear each other agree who that is.
 """
 
 import math
@@ -32,21 +32,21 @@ class Work:
         return dict(zip(searchers, tours(self._knowledge.ground, self._own, starts), strict=True))
 
     def next(
-        self, here_m: Point, roll: Roll, visited: Collection[int], silent: Collection[Address], waiting: int
+        self, here_m: Point, roll: Roll, visited: Collection[int], idle: Collection[Address], waiting: int
     ) -> tuple[int, ...]:
         """Return what a searcher at *here_m* is to do, if *waiting* others need work, too; nothing if all is given."""
         if self._random:
             return ()
-        free = self._responsible(silent) - set(visited) - roll.taken(visited)
+        free = self._responsible(idle) - set(visited) - roll.taken(visited)
         if not free:
             return ()
         return tours(self._knowledge.ground, free, [here_m] * (1 + waiting))[0]
 
-    def _responsible(self, silent: Collection[Address]) -> set[int]:
-        """Return the own posts, and those of *silent* hosts that are nearest to this one."""
+    def _responsible(self, idle: Collection[Address]) -> set[int]:
+        """Return the own posts, and those of *idle* hosts that are nearest to this one."""
         posts = set(self._own)
-        living = [host for host in range(self._knowledge.hosts) if host not in silent]
-        for host in silent:
+        living = [host for host in range(self._knowledge.hosts) if host not in idle]
+        for host in idle:
             rally = self._rallies_m[host]
             heir = min(living, key=lambda each: (math.dist(self._rallies_m[each], rally), each))
             if heir == self._host:

@@ -82,7 +82,7 @@ def _way_after(machine: Host | Searcher, task_end: Time) -> float:
     ways_m = machine.records.ways_m
     if not ways_m:
         return 0.0
-    after = (machine.records.last_tick - task_end) // machine.knowledge.tick
+    after = max(machine.records.last_tick - task_end, 0) // machine.knowledge.tick
     return ways_m[-1] - ways_m[max(len(ways_m) - 1 - after, 0)]
 
 

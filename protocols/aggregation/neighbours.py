@@ -81,6 +81,13 @@ class Neighbours:
         """The hosts that are suspected."""
         return tuple(host for host, one in self.hosts.items() if one.suspected)
 
+    @property
+    def idle(self) -> tuple[Address, ...]:
+        """The hosts that lead nobody, as far as can be told: those that are suspected, or have said so."""
+        return tuple(
+            host for host, one in self.hosts.items() if one.suspected or (one.plan is not None and not one.members)
+        )
+
     def alone(self) -> bool:
         """Return whether there are other hosts, and all are suspected."""
         return bool(self.hosts) and all(one.suspected for one in self.hosts.values())

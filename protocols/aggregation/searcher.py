@@ -13,7 +13,6 @@ from protocols.aggregation.errands import Errand, News, next_errand
 from protocols.aggregation.findings import Camera, Findings
 from protocols.aggregation.journal import ErrandChanged, HostFailed, Joined, TargetFound
 from protocols.aggregation.knowledge import Knowledge, Point
-from protocols.aggregation.meeting import Meeting
 from protocols.aggregation.membership import Membership
 from protocols.aggregation.messages import (
     Assign,
@@ -29,6 +28,7 @@ from protocols.aggregation.messages import (
     Stopped,
 )
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.pursuit import Pursuit
 from protocols.aggregation.records import Records
 from protocols.aggregation.reports import Reports
 from protocols.aggregation.speech import Speech
@@ -57,18 +57,16 @@ class Searcher:
         self._legs = legs
         self._posts = len(knowledge.ground.posts_m)
         self._hosts = knowledge.hosts
-        self._speed_mps = knowledge.speeds_mps[me]
+        self._pursuit = Pursuit(parameters, self.membership, legs, knowledge.speeds_mps[me])
         self._fresh = from_seconds(parameters.fresh_s)
         self._muster = start + from_seconds(parameters.muster_s)
         self._timeout = from_seconds(parameters.timeout_s_per_m2 * knowledge.area_m2 / max(len(knowledge.targets_m), 1))
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._assignment = 0
-        self._meeting: Meeting | None = None
-        self._tried: set[Address] = set()
         self._heard = start
         """When the own host was heard last; at the start all are in contact."""
-        self._silent: frozenset[Address] = frozenset()
-        """Hosts that others miss, as was heard last."""
+        self._number = -1
+        """Of its last heartbeat."""
         self._here: Point | None = None
         self._over = False
 
@@ -100,9 +98,15 @@ class Searcher:
     def _listen(self, message: Message, now: Time) -> None:
         """Take what only the own host may say."""
         match message:
-            case Heartbeat():
+            case Heartbeat(number=number):
                 self.records.contacts += now - self._heard > self._fresh
                 self._heard = now
+                if number < self._number:  # it has been rebooted, and knows nothing of what it was told
+                    self._tell_anew()
+                self._number = number
+                self._pursuit.heard(now)
+            case Leave(epoch=epoch) if epoch == self.membership.epoch:
+                self.membership.host = None
             case Receipt(number=number):
                 self._reports.received(number)
             case Assign(epoch=epoch, number=number, posts=posts) if epoch == self.membership.epoch:
@@ -158,7 +162,6 @@ class Searcher:
         """Answer a heartbeat: the own host's with what is new, another's if it is wanted, or was left."""
         ours = self.membership
         if host == ours.host:
-            self._silent = frozenset(beat.silent)
             if self._reports.pending and not self._over:
                 self._speech.say(self._reports.make(ours.epoch), host)
             self._speech.say(Hello(ours.epoch, *self._place(), self._assignment, ours.plans), host)
@@ -174,12 +177,16 @@ class Searcher:
             return
         self.records.joins += 1
         self._events.append(Joined(host, epoch))
-        self._heard = now
-        self._reports.anew()
-        self._assignment = 0
-        self._tried.clear()
+        self._heard, self._number = now, -1
+        self._tell_anew()
+        self._pursuit.joined()
         if not self._over:
             self._hear_news(News.JOINED, now)
+
+    def _tell_anew(self) -> None:
+        """Tell the host everything, and have it tell everything."""
+        self._reports.anew()
+        self._assignment = self.membership.plans = 0
 
     def _stop(self, host: Address, now: Time) -> None:
         """Stop, and say so, however often it is asked."""
@@ -199,10 +206,13 @@ class Searcher:
 
     def _due(self, now: Time) -> bool:
         """Return whether it is time to meet the host, whatever has been found."""
-        strategy, course = self.parameters.strategy, self.membership.courses.get(self.membership.host or 0)
-        if strategy == "mito":
-            return now - self._heard > self._timeout
-        return strategy == "mrp" and course is not None and now >= course.departed + self._reconvene
+        match self.parameters.strategy:
+            case "mito":
+                return now - self._heard > self._timeout
+            case "mrp":
+                host, courses = self.membership.host, self.membership.courses
+                return host in courses and now >= courses[host].departed + self._reconvene
+        return False
 
     def _decide(self, observation: Observation, now: Time) -> None:
         """Find out whether something has happened that makes the robot do something else."""
@@ -232,9 +242,7 @@ class Searcher:
             if self._reports.pending:
                 return None
             return News.IDLE if self._legs.done or self._due(now) else News.TOLD
-        if self._meeting is None or not self._meeting.failed(observation, now):
-            return None
-        return News.FAILED
+        return News.FAILED if self._pursuit.failed(observation, now) else None
 
     def _news_of_waiting(self, now: Time) -> News | None:
         if not self._in_contact(now):
@@ -244,41 +252,20 @@ class Searcher:
     def _news_of_change(self, observation: Observation, now: Time) -> News | None:
         if self._in_contact(now):
             return News.HEARD
-        if self._meeting is None or not self._meeting.failed(observation, now):
-            return None
-        return News.FAILED
+        return News.FAILED if self._pursuit.failed(observation, now) else None
 
     def _hear_news(self, news: News, now: Time) -> None:
         """Change the errand, and begin what it demands."""
-        if news is News.FAILED and self._meeting is not None:
-            self.records.failures.append((self._meeting.host, now))
-            self._events.append(HostFailed(self._meeting.host))
-            self._tried.add(self._meeting.host)
+        if news is News.FAILED and self._pursuit.host is not None:
+            self.records.failures.append((self._pursuit.host, now))
+            self._events.append(HostFailed(self._pursuit.host))
         before, self.errand = self.errand, next_errand(self.errand, news)
         if self.errand is not before or news is News.FAILED:
             self._events.append(ErrandChanged(self.errand.value, news.value))
-        ours, host = self.membership, self.membership.host
         if self.errand is Errand.MEET:
-            self._meeting = None if host is None else Meeting(self.parameters, host, ours.courses.get(host), now)
+            self._pursuit.to_own_host(now)
         elif self.errand is Errand.CHANGE:
-            self._meeting = self._another(now)
-
-    def _another(self, now: Time) -> Meeting | None:
-        """Return the way to the closest host that has not been tried; from the beginning when all have been."""
-        courses = self.membership.courses
-        left = [host for host in sorted(courses) if host not in self._tried]
-        if not left:
-            self._tried.clear()
-            left = sorted(courses)
-        if not left:
-            return None
-        closest = min(left, key=lambda host: self._way_to(host, now))
-        return Meeting(self.parameters, closest, courses[closest], now)
-
-    def _way_to(self, host: Address, now: Time) -> float:
-        """Return how far it is to where a host is now by its plan; inf if no way leads there."""
-        way_m = self._legs.way_m(self.membership.courses[host].place(now))
-        return math.inf if way_m is None else way_m
+            self._pursuit.to_another(now)
 
     # ------------------------------------------------------------ walking
 
@@ -286,16 +273,5 @@ class Searcher:
         if self.errand is Errand.SEARCH:
             return self._legs.search(observation)
         if self.errand in (Errand.MEET, Errand.CHANGE) and not self._in_contact(now):
-            return self._approach(observation, now)
+            return self._pursuit.step(observation, now)
         return self._legs.stand(observation)
-
-    def _approach(self, observation: Observation, now: Time) -> Command | None:
-        """Go to where the host is to be met; about anywhere if nothing is known of any."""
-        meeting = self._meeting
-        if meeting is None:
-            return self._legs.stroll(observation)
-        course = self.membership.courses.get(meeting.host)
-        if course is not None:
-            meeting.update(course)
-        goal_m = meeting.goal_m(observation, self._speed_mps, self._legs.way_m, now)
-        return self._legs.stroll(observation) if goal_m is None else self._legs.approach(goal_m, observation)

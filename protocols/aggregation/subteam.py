@@ -78,6 +78,7 @@ class SubTeam:
         """Send a searcher what it lacks."""
         member = self._member(searcher, hello.epoch, now)
         if member is None:
+            self._speech.say(Leave(hello.epoch), searcher)
             return
         member.place_m = hello.x_m, hello.y_m
         if self._itinerary.syncing:
@@ -86,25 +87,29 @@ class SubTeam:
             if not member.stopped:
                 self._speech.say(Stop(), searcher)
             return
+        if not member.number:  # new here: what it has may bear any number
+            member.number = hello.assignment
         self._employ(searcher, member)
-        if member.number != hello.assignment and member.number:
+        if member.posts and member.number != hello.assignment and member.number:
             self._speech.say(Assign(member.epoch, member.number, member.posts), searcher)
         if hello.plan != self._itinerary.version:
             self._speech.say(plans(), searcher)
 
     def report(self, searcher: Address, report: Report, now: Time) -> bool:
-        """Give a receipt for a report; return whether it counts."""
+        """Give a receipt for a report; return whether it counts: that of another's member is left to its hello."""
         if self._member(searcher, report.epoch, now) is None:
             return False
         self._speech.say(Receipt(report.number), searcher)
         return True
 
-    def join(self, searcher: Address, join: Join, now: Time) -> None:
-        """Take a searcher in, and confirm it."""
+    def join(self, searcher: Address, join: Join, over: bool, now: Time) -> None:
+        """Take a searcher in, and confirm it; have it stop at once if the task is over."""
         self._add(searcher, join.epoch, now)
         member = self.roll.members[searcher]
         member.place_m = join.x_m, join.y_m
         self._speech.say(Confirm(member.epoch), searcher)
+        if over:
+            self._speech.say(Stop(), searcher)
 
     def leave(self, searcher: Address, epoch: int, why: str) -> None:
         """Strike a searcher off, unless it has joined anew since *epoch*."""
@@ -151,8 +156,8 @@ class SubTeam:
         visited = self._findings.visited
         if member.left(visited) or member.place_m is None:
             return
-        silent, others = self._neighbours.silent, self._waiting(searcher)
-        posts = self._work.next(member.place_m, self.roll, visited, silent, others)
+        others = self._waiting(searcher)
+        posts = self._work.next(member.place_m, self.roll, visited, self._neighbours.idle, others)
         if posts:
             self._give(searcher, member, posts)
 

@@ -21,6 +21,11 @@ CHANGE: Final = 2.0
 """To go to another room counts as so many camera's ranges more: a path leaves no room before it is done with it."""
 CUT: Final = 0.15
 """To cut a room in two is worth it if the longest tour gets shorter by this share of the mean."""
+_NEAR: Final = 10
+"""So many of the nearest posts of each are tried as its neighbours on a tour."""
+_ROUNDS: Final = 50
+_LEAST: Final = 1e-9
+"""What is gained must be more than rounding, metres."""
 FAR: Final = 1e6
 """Metres that stand for a way that there is not."""
 
@@ -63,14 +68,16 @@ def tours(ground: Ground, posts: Collection[int], starts_m: Sequence[Point]) -> 
     rooms = np.array(ground.rooms, np.int64)[numbers]
     out = np.minimum(np.array([ground.lengths_from_m(start) for start in starts_m])[:, numbers], FAR)
     other = (rooms[:, None] != rooms[None, :]) * (CHANGE * ground.camera_m)
-    path = _improved(ways + other, out.min(axis=0), _nearest_first(ways + other, out.min(axis=0)))
+    near = np.argsort(ways + other, axis=1, kind="stable")[:, 1 : _NEAR + 1]
+    nearest = out.min(axis=0)
+    path = _improved(ways + other, nearest, _nearest_first(ways + other, nearest), near)
     pieces = _pieces(ways, rooms, path, out, searchers)
     gone = np.array([[_length(ways, out[k], piece) for piece in pieces] for k in range(searchers)])
     _, chosen = scipy.optimize.linear_sum_assignment(gone)
     result = []
     for k, at in enumerate(chosen.tolist()):
         piece = min(pieces[at], pieces[at][::-1], key=lambda way: _length(ways, out[k], way))
-        result.append(tuple(numbers[_improved(ways + other, out[k], piece)].tolist()))
+        result.append(tuple(numbers[_improved(ways + other, out[k], piece, near)].tolist()))
     return tuple(result)
 
 
@@ -167,68 +174,91 @@ def _nearest_first(ways: Floats, out: Floats) -> Ints:
 
 
 @njit(cache=True)
-def _improved(ways: Floats, out: Floats, path: Ints) -> Ints:
-    """Return an open path that no reversal of a piece (2-opt) and no move of up to three posts (Or-opt) shortens."""
-    path = path.copy()
-    count = path.shape[0]
-    for _ in range(50):
-        better = _reversals(ways, out, path) | _moves(ways, out, path)
-        if not better or count < 2:
+def _improved(ways: Floats, out: Floats, path: Ints, near: Ints) -> Ints:
+    """Return an open path that no reversal of a piece (2-opt) and no move of up to three posts (Or-opt) shortens.
+
+    Only such are tried as bring one of the *near* posts, shape (n, k), next to another.
+    """
+    count, size = ways.shape[0], path.shape[0]
+    # the start and the end of the path are posts too, so that all legs are alike: the way to the end costs nothing
+    legs = np.zeros((count + 2, count + 2))
+    legs[:count, :count] = ways
+    legs[count, :count] = out
+    legs[:count, count] = out
+    row = np.empty(size + 2, np.int64)
+    row[0], row[1 : size + 1], row[size + 1] = count, path, count + 1
+    places = np.full(count + 2, -1, np.int64)
+    for at in range(size + 2):
+        places[row[at]] = at
+    for _ in range(_ROUNDS):
+        better = _reversals(legs, row, places, near)
+        better |= _moves(legs, row, places, near)
+        if not better:
             break
-    return path
+    return row[1 : size + 1].copy()
 
 
 @njit(cache=True)
-def _leg(ways: Floats, out: Floats, path: Ints, at: int, to: int) -> float:
-    """Return the way from the post at a place of the path (-1: the start) to one, 0 beyond the end."""
-    if to >= path.shape[0]:
-        return 0.0
-    return float(out[path[to]] if at < 0 else ways[path[at], path[to]])
-
-
-@njit(cache=True)
-def _reversals(ways: Floats, out: Floats, path: Ints) -> bool:
-    count = path.shape[0]
+def _reversals(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
+    last = row.shape[0] - 2
     better = False
-    for i in range(count - 1):
-        for j in range(i + 1, count):
-            before = _leg(ways, out, path, i - 1, i) + _leg(ways, out, path, j, j + 1)
-            after = _leg(ways, out, path, i - 1, j)
-            if j + 1 < count:
-                after += ways[path[i], path[j + 1]]
-            if after < before - 1e-9:
-                path[i : j + 1] = path[i : j + 1][::-1].copy()
-                better = True
+    for first in range(1, last + 1):
+        for n in range(-1, near.shape[1]):
+            j = places[near[row[first], n]] if n >= 0 else last
+            if j < 0:
+                continue
+            low, high = min(first, j), max(first, j)
+            for i, k in ((low + 1, high), (low, high - 1), (low, high)):
+                if i >= k or k > last or i < 1:
+                    continue
+                gain = legs[row[i - 1], row[i]] + legs[row[k], row[k + 1]]
+                gain -= legs[row[i - 1], row[k]] + legs[row[i], row[k + 1]]
+                if gain > _LEAST:
+                    row[i : k + 1] = row[i : k + 1][::-1].copy()
+                    for at in range(i, k + 1):
+                        places[row[at]] = at
+                    better = True
     return better
 
 
 @njit(cache=True)
-def _moves(ways: Floats, out: Floats, path: Ints) -> bool:
-    count = path.shape[0]
+def _moves(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
+    last = row.shape[0] - 2
     better = False
     for size in range(1, 4):
-        for i in range(count - size + 1):
-            j = i + size  # the piece is path[i:j]
-            rest = np.concatenate((path[:i], path[j:]))
-            gain = _leg(ways, out, path, i - 1, i) + _leg(ways, out, path, j - 1, j)
-            gain -= _leg(ways, out, rest, i - 1, i)
-            place, most, turned = -1, 1e-9, False
-            for at in range(rest.shape[0] + 1):
-                if at == i:
+        for i in range(1, last - size + 2):
+            j = i + size - 1  # the piece is row[i..j]
+            p, q = row[i], row[j]
+            gain = legs[row[i - 1], p] + legs[q, row[j + 1]] - legs[row[i - 1], row[j + 1]]
+            gap, most, turned = -1, _LEAST, False
+            for n in range(2 * near.shape[1]):
+                k = places[near[p if n % 2 else q, n // 2]]
+                if k < 0 or i <= k <= j:
                     continue
-                gap = _leg(ways, out, rest, at - 1, at)
-                for back in (False, True):
-                    head, tail = (path[j - 1], path[i]) if back else (path[i], path[j - 1])
-                    cost = out[head] if at == 0 else ways[rest[at - 1], head]
-                    if at < rest.shape[0]:
-                        cost += ways[tail, rest[at]]
-                    if gain - (cost - gap) > most:
-                        place, most, turned = at, gain - (cost - gap), back
-            if place >= 0:
-                piece = path[i:j][::-1].copy() if turned else path[i:j].copy()
-                path[:] = np.concatenate((rest[:place], piece, rest[place:]))
+                for after in (k - 1, k):  # the piece goes behind this place
+                    if i - 1 <= after <= j:
+                        continue
+                    a, b = row[after], row[after + 1]
+                    ahead, back = legs[a, p] + legs[q, b], legs[a, q] + legs[p, b]
+                    more = gain + legs[a, b] - min(ahead, back)
+                    if more > most:
+                        gap, most, turned = after, more, back < ahead
+            if gap >= 0:
+                _shift(row, places, i, j, gap, turned)
                 better = True
     return better
+
+
+@njit(cache=True)
+def _shift(row: Ints, places: Ints, i: int, j: int, gap: int, turned: bool) -> None:
+    """Put the piece from place i to j behind the place *gap*, which is not in it; turned round if so told."""
+    piece = row[i : j + 1][::-1].copy() if turned else row[i : j + 1].copy()
+    if gap < i:
+        row[:] = np.concatenate((row[: gap + 1], piece, row[gap + 1 : i], row[j + 1 :]))
+    else:
+        row[:] = np.concatenate((row[:i], row[j + 1 : gap + 1], piece, row[gap + 1 :]))
+    for at in range(min(i, gap + 1), max(j, gap) + 1):
+        places[row[at]] = at
 
 
 @njit(cache=True)

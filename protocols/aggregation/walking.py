@@ -129,6 +129,7 @@ class Walker:
             order = self._evasion.follow(here, self._ticks)
             if order is not None:
                 return order
+            self._progress_at = self._ticks
             self._resume(here)
             if not self._way:
                 return self._stand(here)
@@ -141,7 +142,7 @@ class Walker:
                 return self._stand(here)
         if self._evasion.is_needed(observation, here, self._way[0], self._ticks):
             self._look_at = 0
-            return self._evasion.steer(observation, here, self._way[0], self._order)
+            return self._evasion.steer(observation, here, self._way[0], self._order, self._ticks)
         if self._evasion.ends:
             self._resume(here)
         return self._cruise(here)
@@ -162,7 +163,8 @@ class Walker:
             self.arrived = False
             self._plan(here)
             return self._stand(here) if not self._way else GoTo(*self._way[0])
-        return self._stand(here) if observation.blocked or observation.sightings else GoTo(*self._way[-1])
+        held = observation.blocked or self._evasion.is_ahead(observation, here, self._way[-1])
+        return self._stand(here) if held else GoTo(*self._way[-1])
 
     # ---------------------------------------------------------------- ways
 

@@ -17,8 +17,12 @@ from protocols.aggregation.ground import Ground
 from protocols.aggregation.walking_aside import in_the_way, retreat, way_round
 from protocols.aggregation.walking_parameters import WalkingParameters
 
-_STEADY_RAD: Final = math.radians(12.0)
+_STEADY_RAD: Final = math.radians(30.0)
 """A direction that differs from the last order's by less is not worth a new one: some bodies stop in order to turn."""
+_HELD_TICKS: Final = 5
+"""So long at least a robot that is not held keeps to an order of VFH+, and until it has turned to it."""
+_MOST_TURN_TICKS: Final = 40
+_ALIGNED_RAD: Final = 0.1
 _AHEAD_M: Final = 1.5
 """A direction is turned into a place so far ahead."""
 _SIDE_M: Final = 0.2
@@ -45,6 +49,8 @@ class Evasion:
             VfhParameters(robot_radius_m=radius_m, safety_m=own.safety_m, window_m=window_m, arrival_m=1e-3)
         )
         self._until = -1
+        self._ordered: GoTo | None = None
+        self._ordered_at = 0
         self._script: list[Point] = []
         self._waits = False
         self._script_until = 0
@@ -57,7 +63,7 @@ class Evasion:
 
     def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
         """Return whether VFH+ is to lead on the way to *place*, as something is in the way or was a moment ago."""
-        if observation.blocked or self._is_ahead(observation, here, place):
+        if observation.blocked or self.is_ahead(observation, here, place):
             self._until = ticks + self._parameters.clear_ticks
         return ticks < self._until
 
@@ -67,15 +73,37 @@ class Evasion:
         ended, self._until = self._until >= 0, -1
         return ended
 
-    def _is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
+    def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
+        """Return whether another robot is near and in the way to *place*."""
         near = self._parameters.near_m
         return any(
             math.dist(here, (x, y)) < near and in_the_way(here, place, (x, y), self._room_m)
             for _, x, y in observation.sightings
         )
 
-    def steer(self, observation: Observation, here: Point, place: Point, order: GoTo | None) -> GoTo:
+    def steer(self, observation: Observation, here: Point, place: Point, order: GoTo | None, ticks: int) -> GoTo:
         """Return where VFH+ leads on the way to *place*; *order* is where the robot goes now."""
+        if order is not None and order is self._ordered and self._is_kept(observation, here, order, ticks):
+            return order
+        chosen = self._chosen(observation, here, place, order)
+        if chosen != order:
+            self._ordered, self._ordered_at = chosen, ticks
+            return chosen
+        return order
+
+    def _is_kept(self, observation: Observation, here: Point, order: GoTo, ticks: int) -> bool:
+        """Return whether an *order* has only just been given: bodies brake and turn for a while before they follow.
+
+        VFH+ would take a robot that turns on the spot for one that is held.
+        """
+        since = ticks - self._ordered_at
+        if observation.blocked or math.dist(here, order) < _THERE_M:
+            return False
+        bearing = math.atan2(order.y_m - here[1], order.x_m - here[0])
+        off = abs(math.remainder(bearing - observation.heading_rad, 2.0 * math.pi))
+        return since < (_MOST_TURN_TICKS if off > _ALIGNED_RAD else _HELD_TICKS)
+
+    def _chosen(self, observation: Observation, here: Point, place: Point, order: GoTo | None) -> GoTo:
         steer = self._vfh.steer(here[0], here[1], place, observation.ranges_m, (), self._step_m)
         if steer.dx == 0.0 and steer.dy == 0.0:
             return GoTo(*here)
@@ -108,7 +136,7 @@ class Evasion:
             script = [back or here]
         ways = sum(math.dist(a, b) for a, b in zip([here, *script], script, strict=False))
         self._script = script
-        self._script_until = ticks + round(2.0 * ways / self._step_m) + pause
+        self._script_until = ticks + round(2.0 * ways / self._step_m) + len(script) * pause
 
     @property
     def scripted(self) -> bool:

@@ -148,6 +148,7 @@ def test_an_ended_route_is_remembered_while_it_is_searched() -> None:
     net.run(S)
     net.send(0, 1, b"")
     net.run(10 * S)  # after requests that went 3, 5, 7 and, 1.68 s later, 100 hops; a wait of 8 s
+    assert router(net, 0).next_hop(1, net.now) is None
     ended = router(net, 0).table.get(1)
     assert ended is not None
     assert (ended.active, ended.sequence) == (False, 8)

@@ -101,6 +101,10 @@ def test_a_message_of_an_unknown_kind_is_forwarded_for_those_whose_relay_one_is(
     for number in (2, 3):  # the second time it is known
         each.receive(packet(0, number, strange), 0, 0)
     each.receive(packet(5, 1, strange._replace(number=56)), 5, 0)  # no neighbour
+    due = each.wake_at()
+    assert due is not None
+    each.wake(due - 1)
+    assert each.hops() == []
     each.wake(JITTER)
     sent = [m for hop in each.hops() for m in decode_packet(decode(hop.packet).data)[1] if m.kind == 99]
     assert sent == [strange._replace(ttl=9, hops=4)]

@@ -74,6 +74,7 @@ def test_every_octet_is_a_time_of_its_own_by_the_formula() -> None:
 @example(2 * S - 1)
 @given(st.integers(S // 16, 3968 * S))
 def test_a_time_is_rounded_up_to_the_next_that_there_is(time: int) -> None:
+    assert 0 <= encode_time(time) <= 255
     assert decode_time(encode_time(time)) == min(each for each in map(decode_time, range(256)) if each >= time)
 
 

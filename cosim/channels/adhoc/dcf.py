@@ -24,7 +24,7 @@ from functools import partial
 from typing import Protocol
 
 from cosim.channels.adhoc.backoff import Backoff
-from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Form, Frame, Kind, Packet, Timing
+from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Form, Frame, Kind, Packet, Timing, data, request
 from cosim.channels.adhoc.reception import Receiver
 from cosim.kernel import AIR, Handle, Kernel
 from cosim.machine import BROADCAST, Address
@@ -143,8 +143,7 @@ class Station:
         else:
             packet.short += 1
         self._awaits = None
-        limits = ((packet.short, access.short_retries), (packet.long, access.long_retries))
-        if any(limit is not None and tried >= limit for tried, limit in limits):
+        if access.gives_up(packet):
             self._finish(False, after)
             return
         self._backoff.widen()
@@ -163,21 +162,17 @@ class Station:
         if self._exchanging or self._ends is not None or not (backoff.pending or self.queue):
             return
         now = self._kernel.now
-        idle_for_good = max(self._idle_from, self._reserved_until) + (
-            self._timing.eifs if self._erred else self._timing.difs
-        )
+        space = self._timing.eifs if self._erred else self._timing.difs
+        idle_for_good = max(self._idle_from, self._reserved_until) + space
         if not backoff.pending:
             due = max(now, idle_for_good)
-            if self._sending is None and self._reserved_until <= now and not self._senses(due):
+            sensed = self._receiver.energy and self._receiver.energy_from + self._timing.cca <= due
+            if self._sending is None and self._reserved_until <= now and not sensed:
                 self._ends = self._kernel.at(due, self._may_send, AIR)
                 return
             backoff.draw(now)
         if self._sending is None and not self._receiver.energy:
             self._ends = self._kernel.at(backoff.ends_at(idle_for_good), self._may_send, AIR)
-
-    def _senses(self, due: Time) -> bool:
-        """Return whether energy that arrives now is sensed at *due*."""
-        return self._receiver.energy and self._receiver.energy_from + self._timing.cca <= due
 
     def _may_send(self) -> None:
         self._ends = None
@@ -187,10 +182,7 @@ class Station:
         packet = self.queue[0]
         self._exchanging = True
         if self._access.asks(packet):
-            timing = self._timing
-            data = timing.unicast(len(packet.payload)).duration
-            rest = 3 * timing.sifs + timing.cts.duration + data + timing.ack.duration
-            self._transmit(Frame(RTS, self.address, packet.destination, timing.rts, rest, packet.number))
+            self._transmit(request(self.address, packet, self._timing))
         else:
             self._transmit_data()
 
@@ -209,11 +201,7 @@ class Station:
     # ------------------------------------------------------------ sending
 
     def _transmit_data(self) -> None:
-        packet, timing = self.queue[0], self._timing
-        to_all = packet.destination == BROADCAST
-        form = (timing.broadcast if to_all else timing.unicast)(len(packet.payload))
-        rest = 0 if to_all else timing.sifs + timing.ack.duration
-        self._transmit(Frame(DATA, self.address, packet.destination, form, rest, packet.number, packet))
+        self._transmit(data(self.address, self.queue[0], self._timing))
 
     def _transmit(self, frame: Frame) -> None:
         now = self._kernel.now
@@ -270,15 +258,13 @@ class Station:
 
     def jammed(self, power_mw: float, at: Time) -> None:
         """Receive so much power of jammers from *at* on, which lies in the past only for a station at rest."""
-        was_busy = self._receiver.energy
-        self._receiver.disturb(power_mw, at)
-        if self._receiver.energy == was_busy or self._sending is not None:
+        if not self._receiver.disturb(power_mw, at) or self._sending is not None:
             return
-        if was_busy:
+        if self._receiver.energy:
+            self._defer(at + self._timing.cca)
+        else:
             self._idle_from = max(self._idle_from, at)
             self._contend()
-        else:
-            self._defer(at + self._timing.cca)
 
     def _take(self, frame: Frame) -> bool:
         """Act on a frame that has been received; return whether it is the response that was awaited."""

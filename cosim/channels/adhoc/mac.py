@@ -68,6 +68,11 @@ class Access(NamedTuple):
         threshold = self.rts_threshold
         return threshold is not None and len(packet.payload) > threshold and packet.destination != BROADCAST
 
+    def gives_up(self, packet: "Packet") -> bool:
+        """Return whether *packet* has failed as often as it may."""
+        limits = ((packet.short, self.short_retries), (packet.long, self.long_retries))
+        return any(limit is not None and tried >= limit for tried, limit in limits)
+
 
 @dataclass(slots=True, eq=False)
 class Packet:
@@ -100,3 +105,18 @@ class Frame(NamedTuple):
     """Of a DATA frame."""
     begin: Time = -1
     """When its sender began; -1 before."""
+
+
+def request(source: Address, packet: Packet, timing: Timing) -> Frame:
+    """Return the RTS before *packet* of *source*."""
+    payload = timing.unicast(len(packet.payload)).duration
+    rest = 3 * timing.sifs + timing.cts.duration + payload + timing.ack.duration
+    return Frame(RTS, source, packet.destination, timing.rts, rest, packet.number)
+
+
+def data(source: Address, packet: Packet, timing: Timing) -> Frame:
+    """Return the frame in which *source* sends *packet*."""
+    to_all = packet.destination == BROADCAST
+    form = (timing.broadcast if to_all else timing.unicast)(len(packet.payload))
+    rest = 0 if to_all else timing.sifs + timing.ack.duration
+    return Frame(DATA, source, packet.destination, form, rest, packet.number, packet)

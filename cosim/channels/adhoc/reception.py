@@ -42,8 +42,8 @@ class Receiver(Protocol):
     def drop(self) -> None:
         """Follow no frame any more."""
 
-    def disturb(self, power_mw: float, at: Time) -> None:
-        """Take in that so much power of jammers is there from *at* on."""
+    def disturb(self, power_mw: float, at: Time) -> bool:
+        """Take in that so much power of jammers is there from *at* on; return whether silence begins or ends then."""
 
 
 class RangeReceiver:
@@ -92,15 +92,18 @@ class RangeReceiver:
         """Follow no frame any more."""
         self._followed = None
 
-    def disturb(self, power_mw: float, at: Time) -> None:
+    def disturb(self, power_mw: float, at: Time) -> bool:
         """Take in that a jammer is there from *at* on, if its power is not 0; none else."""
-        if power_mw == 0.0:
-            self._spoil(at)
-            self._jammed_from = None
-        elif self._jammed_from is None:
-            if not self._arriving:
-                self.energy_from = at
-            self._jammed_from = at
+        was_jammed, is_jammed = self._jammed_from is not None, power_mw > 0.0
+        if is_jammed == was_jammed:
+            return False
+        self._spoil(at)
+        self._jammed_from = at if is_jammed else None
+        if self._arriving:
+            return False
+        if is_jammed:
+            self.energy_from = at
+        return True
 
     def _spoil(self, until: Time) -> None:
         """Spoil the frame that is followed if a jammer has been there for a part of it up to *until*."""
@@ -170,15 +173,16 @@ class SinrReceiver:
         """Follow no frame any more."""
         self._followed = None
 
-    def disturb(self, power_mw: float, at: Time) -> None:
+    def disturb(self, power_mw: float, at: Time) -> bool:
         """Take in that so much power of jammers is there from *at* on."""
         if power_mw == self._jammers_mw:
-            return
+            return False
         was_busy = self.energy
         self._jammers_mw = power_mw
         self._note(at)
         if self.energy and not was_busy:
             self.energy_from = at
+        return self.energy != was_busy
 
     def _takes_over(self, power_mw: float, now: Time) -> bool:
         """Return whether a frame that begins is followed from now on."""
