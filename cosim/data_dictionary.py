@@ -19,7 +19,7 @@ from cosim.machine import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.simulation import METRICS
-from cosim.trace import TABLES, Field, event_fields, events_table
+from cosim.trace import TABLES, TRANSMISSIONS, Field, event_fields, events_table
 
 CHANNELS: Final[dict[str, type[Channel]]] = {
     "ideal": IdealChannel,
@@ -46,7 +46,7 @@ def page(specs: Sequence[ProtocolSpec]) -> str:
         _metrics(METRICS),
         *(f"### Metrics of the channel {name}\n\n{_metrics(channel.metrics)}" for name, channel in CHANNELS.items()),
         "## What `cosim run --trace` writes\n",
-        *(_section(table.name, table.meaning, table.fields) for table in TABLES.values()),
+        *(_section(table.name, table.meaning, table.fields) for table in (*TABLES.values(), TRANSMISSIONS)),
         _section("events", "what machines report; the columns of the protocol's event types follow", _EVERY_EVENT),
         "Faults that a scenario schedules stand there too:\n",
         *map(_fault, FAULT_EVENTS),

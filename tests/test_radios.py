@@ -213,6 +213,14 @@ def test_links_are_those_of_radio_0() -> None:
     assert field.hosts[2].events == []
 
 
+def test_a_link_command_leaves_the_other_radios_alone() -> None:
+    field = Field((BOTH, BOTH), [{"kind": "ideal"}, {"kind": "bluetooth"}])
+    field.kernel.at(MS, lambda: field.channel.command(0, Inquire(100 * MS, 9)), WORLD)
+    field.kernel.run(S)
+    assert field.hosts[0].events == [Discovered(1), InquiryComplete((1,))]
+    assert field.channel.summary()["radio_1_radio_inquiry_s"] == 0.0
+
+
 def test_counts_are_summed_up_and_told_by_radio() -> None:
     field = Field((BOTH, BOTH), [{"kind": "ideal"}, LONG])
     for radio, length in ((0, 10), (0, 20), (1, 5)):

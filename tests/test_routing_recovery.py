@@ -15,7 +15,7 @@ from cosim.sweep import run_sweep
 from cosim.units import S
 from experiments.routing_recovery import figures
 from experiments.routing_recovery.omniscient import Omniscient, reach
-from experiments.routing_recovery.recovery import COLUMNS, SHAPES, Course, Parameters, measure
+from experiments.routing_recovery.recovery import COLUMNS, SHAPES, Course, Parameters, measure, steady_s
 
 FOLDER = Path(__file__).parent.parent / "experiments" / "routing_recovery"
 AODV = {"kind": "aodv", "net_diameter": 8}
@@ -108,6 +108,25 @@ def test_a_second_interruption_is_seen_and_goes_if_tcs_tell_of_all_neighbours() 
     full = measure(given(olsr | {"tc_redundancy": 2}, "ladder"), 1)
     assert full["steady_s"] == 0.0
     assert full["lost"] < 5
+
+
+def test_payloads_come_steadily_when_the_last_long_gap_has_ended() -> None:
+    tenths = [n * S // 10 for n in range(10, 100)]
+    assert steady_s(tenths, S, 10 * S) == 0.0
+    assert steady_s([time for time in tenths if not S < time < 3 * S], S, 10 * S) == 2.0
+    gaps = [time for time in tenths if not (S < time < 3 * S or 5 * S < time < 6 * S)]
+    assert steady_s(gaps, S, 10 * S) == 5.0
+    assert math.isnan(steady_s(gaps, S, 11 * S))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("said", "silence_s"), [({}, 6.0), ({"hysteresis": True}, 4.0)])
+def test_olsr_misses_hellos_for_the_hold_time_or_any_packets_with_hysteresis(
+    said: dict[str, bool], silence_s: float
+) -> None:
+    for seed in (1, 4):  # in the last of them a packet with a TC alone comes after the last HELLO
+        row = measure(given({"kind": "olsr", **said}, "ladder", before_s=2.0, watch_s=8.0), seed)
+        assert silence_s <= row["silence_s"] < silence_s + 0.02
 
 
 def test_a_way_that_never_comes_back_has_no_times() -> None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
 
 SHAPES: Final = ("diamond", "ladder", "ring")
+GOLDEN: Final = 0.618
 INTERVAL_S: Final = 0.1
 """From payload to payload."""
 TC_S: Final = 5.5
@@ -104,12 +105,11 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
 
 
 def _panel(plot: Any, runs: pd.DataFrame, routers: list[str], metric: str) -> None:
-    spread = np.random.default_rng(0)  # where a dot lies across says nothing
     for place, router in enumerate(routers):
         values = runs.loc[runs["router"] == router, metric].dropna()
         if values.empty:
             continue
-        across = place + 0.3 * (spread.random(len(values)) - 0.5)
+        across = place + 0.3 * (np.arange(len(values)) * GOLDEN % 1.0 - 0.5)  # says nothing: dots lie apart
         plot.plot(across, values, ".", color="C0", markersize=3, alpha=0.6)
         plot.hlines(values.mean(), place - 0.35, place + 0.35, color="k", linewidth=1.2)
     if metric == "control_octets_per_s":

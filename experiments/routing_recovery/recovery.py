@@ -1,7 +1,7 @@
 """A relay dies while payloads go over it: how long until they take another way, what is lost, what the routers talk."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final, Literal
@@ -238,7 +238,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     return {
         "outage_s": to_seconds(after[0] - before[-1]) if before and after else math.nan,
         "recovery_s": to_seconds(after[0] - course.death) if after else math.nan,
-        "steady_s": _steady_s(course, arrivals),
+        "steady_s": steady_s(arrivals, course.death, course.end),
         "noticed_s": to_seconds(course.noticed - course.death) if course.noticed is not None else math.nan,
         "silence_s": to_seconds(course.silence) if known else math.nan,
         "tries": float(course.tries) if known else math.nan,
@@ -248,14 +248,16 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     }
 
 
-def _steady_s(course: Course, arrivals: list[Time]) -> float:
-    """Return when payloads have begun to come without interruptions, s after the death; NaN if they have not."""
-    times = [*(time for time in arrivals if time > course.death), course.end]
-    gaps = [(sooner, later) for sooner, later in pairwise([course.death, *times]) if later - sooner > GAP]
-    if not gaps:
+def steady_s(arrivals: Sequence[Time], death: Time, end: Time) -> float:
+    """Return when the last gap of more than ``GAP`` in *arrivals*, sorted, has ended, s after the death.
+
+    0 if there is none; NaN if it has not ended until *end*.
+    """
+    times = [death, *(time for time in arrivals if time > death), end]
+    ends = [later for sooner, later in pairwise(times) if later - sooner > GAP]
+    if not ends:
         return 0.0
-    last = gaps[-1][1]
-    return math.nan if last == course.end else to_seconds(last - course.death)
+    return math.nan if ends[-1] == end else to_seconds(ends[-1] - death)
 
 
 def _lost(course: Course) -> int:

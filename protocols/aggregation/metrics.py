@@ -33,6 +33,7 @@ METRICS = (
     Metric("targets_reported", "1", "targets that hosts heard of first from their own searchers"),
     Metric("share_visited", "1", "share of the posts that some living host knows as visited"),
     Metric("detection_time_s", "s", "from a host's death until another host suspects it, mean; NaN if none died"),
+    Metric("rejoin_time_s", "s", "from a host's death until one of its searchers was in another sub-team, mean; or NaN"),
     Metric("false_suspicions", "1", "times that a host suspected another that lived"),
     Metric("hosts_alive", "1", "hosts that no fault has killed"),
 )
@@ -64,10 +65,11 @@ def measure(machines: Team) -> dict[str, float]:
         "motion_j": joules_a_metre * way_m,
         "radio_j": radio_j,
         "energy_j": joules_a_metre * way_m + radio_j,
-        "joins": float(sum(record.joins for record in records)),
+        "joins": float(sum(len(record.joins) for record in records)),
         "contacts": float(sum(record.contacts for record in records)),
         "targets_reported": float(sum(record.reported for record in records)),
         "share_visited": len(visited) / posts if posts else math.nan,
+        "rejoin_time_s": _rejoin_time_s(machines, end),
         **_suspicions(machines, end),
     }
 
@@ -84,6 +86,17 @@ def _way_after(machine: Host | Searcher, task_end: Time) -> float:
         return 0.0
     after = max(machine.records.last_tick - task_end, 0) // machine.knowledge.tick
     return ways_m[-1] - ways_m[max(len(ways_m) - 1 - after, 0)]
+
+
+def _rejoin_time_s(machines: Team, end: Time) -> float:
+    """Return how long it took the first searchers of dead hosts to be taken in by others, those that were."""
+    delays = []
+    for machine in machines:
+        if isinstance(machine, Searcher):
+            death = machines[machine.knowledge.host_of(machine.me)].records.last_tick
+            after = [at - death for at in machine.records.joins if death < end and at >= death]
+            delays += [to_seconds(min(after))] if after else []
+    return sum(delays) / len(delays) if delays else math.nan
 
 
 def _suspicions(machines: Team, end: Time) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import Final
 
 from cosim.geometry.boundary import Boundary, unpacked_boundary
 from cosim.geometry.planning import Floats, Point
-from cosim.machine import GoTo
+from cosim.machine import Command
 from cosim.navigation.status import Status
 from cosim.navigation.visbug import target_of, visbug_step
 from cosim.observation import Observation
@@ -75,7 +75,7 @@ class Pedestrian(Walker):
     def _is_at_goal(self, observation: Observation, here: Point) -> bool:
         return self._at_last and super()._is_at_goal(observation, here)
 
-    def _decide(self, observation: Observation) -> GoTo | None:
+    def _decide(self, observation: Observation) -> Command | None:
         here = observation.x_m, observation.y_m
         if self._way and not self.arrived and not self._evasion.scripted and self._ticks >= self._ask_at:
             self._ask_at = self._ticks + _ASK_TICKS

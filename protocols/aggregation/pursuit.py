@@ -36,14 +36,11 @@ class Pursuit:
             self._meeting = Meeting(self._parameters, host, self._membership.courses.get(host), now)
 
     def to_another(self, now: Time) -> None:
-        """Head for the closest host that has not been tried yet; when all have been, they are tried once more."""
+        """Head for the closest host that has not been tried yet; when all have been, wander until one is heard."""
         if self.host is not None:
             self._tried.add(self.host)
         courses = self._membership.courses
         left = [host for host in sorted(courses) if host not in self._tried]
-        if not left:
-            self._tried.clear()
-            left = sorted(courses)
         self._meeting = None
         if left:
             closest = min(left, key=lambda host: self._way_to(host, now))
@@ -63,15 +60,15 @@ class Pursuit:
         return self._meeting is not None and self._meeting.failed(observation, now)
 
     def step(self, observation: Observation, now: Time) -> Command | None:
-        """Return the next order on the way to where the host is to be met; about anywhere if nothing is known of any."""
+        """Return the next order on the way to where the host is to be met; about the floor if none is known of."""
         meeting = self._meeting
         if meeting is None:
-            return self._legs.stroll(observation)
+            return self._legs.wander(observation)
         course = self._membership.courses.get(meeting.host)
         if course is not None:
             meeting.update(course)
         goal_m = meeting.goal_m(observation, self._speed_mps, self._legs.way_m, now)
-        return self._legs.stroll(observation) if goal_m is None else self._legs.approach(goal_m, observation)
+        return self._legs.wander(observation) if goal_m is None else self._legs.approach(goal_m, observation)
 
     def _way_to(self, host: Address, now: Time) -> float:
         """Return how far it is to where a host is now by its plan; inf if no way leads there."""

@@ -25,7 +25,8 @@ class Records:
     frames: int = 0
     payload_bytes: int = 0
     radio_j: float = 0.0
-    joins: int = 0
+    joins: list[Time] = field(default_factory=list)
+    """When a searcher was taken in by another host."""
     contacts: int = 0
     """Times that a searcher came into contact with its host."""
     reported: int = 0

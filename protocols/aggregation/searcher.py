@@ -175,7 +175,7 @@ class Searcher:
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
             return
-        self.records.joins += 1
+        self.records.joins.append(now)
         self._events.append(Joined(host, epoch))
         self._heard, self._number = now, -1
         self._tell_anew()

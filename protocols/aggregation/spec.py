@@ -34,7 +34,10 @@ ATTEMPTS = 10_000
 
 
 def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
-    """Put all robots close together about the floor's place ``start``, or its middle."""
+    """Put the robots where the floor's ``starts`` say, or close together about its place ``start``, or its middle."""
+    named = surroundings.places_m.get("starts", ())
+    if len(named) >= size:
+        return list(named[:size])
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     middle = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
     floor = _ground(parameters, surroundings)
@@ -137,7 +140,7 @@ def make(
     if me >= knowledge.hosts:
         feet = Pedestrian(*body) if me in parameters.humans else Walker(*body)
         stroll = Stroller(knowledge.ground, parameters.walking, knowledge.tick, stream)
-        legs = Legs(knowledge.ground, feet, stroll, at_random)
+        legs = Legs(knowledge.ground, feet, stroll, stream, at_random)
         return Searcher(parameters, knowledge, me, legs, start, booted)
     rallies = [Strategy(parameters, knowledge, host).rally_m for host in range(knowledge.hosts)]
     work = Work(knowledge, me, rallies, at_random)

@@ -1,7 +1,8 @@
 """Where hosts go: a static rally point, reconvening points one after the other, or the middle of the searchers.
 
 Hosts are to stay in reach of each other. Each keeps within half the long range of where all have started, so that any
-two are; one that is said to stray does not. (Paper 002, sections III.A to III.D; how ways are found is left open.)
+two are; one that is said to stray heads for the far end of its region instead, whatever the strategy. (Paper 002,
+sections III.A to III.D; how ways are found is left open.)
 """
 
 import math
@@ -33,19 +34,23 @@ class Strategy:
         self._start_m = knowledge.starts_m[host]
         starts = knowledge.starts_m[: knowledge.hosts]
         self._centre_m = _middle(starts)
+        self._strays = host in parameters.strays
         self._reach_m = math.inf
-        if knowledge.hosts > 1 and host not in parameters.strays:
+        if knowledge.hosts > 1 and not self._strays:
             self._reach_m = REACH_SHARE * parameters.long_m / 2.0
         self._speed_mps = min(parameters.host_speed_mps, knowledge.speeds_mps[host])
         self._region = [self._ground.posts_m[post] for post in sorted(knowledge.regions[host])]
 
     def return_to_reach(self) -> None:
         """Keep within reach of the others from now on."""
+        self._strays = False
         self._reach_m = REACH_SHARE * self._parameters.long_m / 2.0
 
     @property
     def rally_m(self) -> Point:
-        """The middle of the region, where a robot can stand and the other hosts are in reach."""
+        """The middle of the region, in reach of the other hosts; a stray's is its far end."""
+        if self._strays:
+            return self.far_m
         return self._standing(_middle(self._region) if self._region else self._start_m)
 
     @property
@@ -83,6 +88,8 @@ class Strategy:
 
     def _amid(self, here_m: Point, tours: Sequence[Sequence[int]], now: Time) -> Course:
         """Return a slow way through the middle of where the searchers will be, as long as the longest tour takes."""
+        if self._strays:
+            return self.to(self.far_m, here_m, now)
         walks = [_Walk([here_m, *(self._ground.posts_m[post] for post in tour)]) for tour in tours if tour]
         if not walks:
             return self.to(self.rally_m, here_m, now)

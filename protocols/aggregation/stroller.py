@@ -53,6 +53,7 @@ class Stroller:
             self._strolls = goal_m is not None
             self.goal_m = None
             self._look_at = 0
+            self._order = None
 
     def remaining_m(self, here: Point) -> float:
         """Return how long the present piece still is in metres."""

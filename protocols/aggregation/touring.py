@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from cosim.machine import Command
 from cosim.observation import Observation
 from protocols.aggregation.ground import Ground
@@ -26,12 +28,14 @@ class Feet(Protocol):
 class Legs:
     """The ways of one searcher."""
 
-    def __init__(self, ground: Ground, feet: Feet, stroll: Feet, at_random: bool) -> None:
-        """Search by posts, or, *at_random*, without any."""
+    def __init__(self, ground: Ground, feet: Feet, stroll: Feet, stream: np.random.Generator, at_random: bool) -> None:
+        """Search by posts, or, *at_random*, without any; draw from *stream* where to wander."""
         self._ground = ground
         self._feet = feet
         self._stroll = stroll
         self._random = at_random
+        self._stream = stream
+        self._wandering_to: Point | None = None
         self._posts: list[int] = []
         self._here: Point | None = None
         self._touring = False
@@ -78,6 +82,13 @@ class Legs:
         self._touring = False
         self._feet.head_for(None)
         return self._step(observation)
+
+    def wander(self, observation: Observation) -> Command | None:
+        """Return the next order on the way from one post of the floor to another, drawn at random."""
+        if self._wandering_to is None or self._feet.arrived:
+            posts_m = self._ground.posts_m
+            self._wandering_to = posts_m[int(self._stream.integers(len(posts_m)))]
+        return self.approach(self._wandering_to, observation)
 
     def stroll(self, observation: Observation) -> Command | None:
         """Return the next order of a random walk."""

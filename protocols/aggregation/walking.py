@@ -14,7 +14,7 @@ from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.stroller import Stroller
-from protocols.aggregation.walking_evasion import KINDS, MOST_DOUBLINGS, Evasion
+from protocols.aggregation.walking_evasion import MOST_DOUBLINGS, STAND, Evasion
 from protocols.aggregation.walking_parameters import WalkingParameters
 
 __all__ = ["Stroller", "Walker", "WalkingParameters"]
@@ -29,6 +29,10 @@ _FREED_M: Final = 1.0
 _SAME_M: Final = 2.0
 """A goal as near as this to the one before does not change what holds the robot."""
 _AT_WAY_POINT_M: Final = 0.05
+_KINDS: Final = 4
+"""So many things are tried in turn."""
+_TURN_S: Final = 2.0
+"""So long a body may take to stop and turn."""
 
 
 class Walker:
@@ -46,6 +50,7 @@ class Walker:
         # slow robots take longer for everything
         self._patience = math.ceil(max(own.patience_s, self._contact_m / speed_mps) / seconds)
         self._pause = math.ceil(max(own.pause_s, 2.0 * self._contact_m / speed_mps) / seconds)
+        self._turn = math.ceil(_TURN_S / seconds)
         self._nearer_m = min(_NEARER * self._patience * self._step_m, _MOST_NEARER_M)
         self._evasion = Evasion(ground, radius_m, self._step_m, own)
         self.goal_m: Point | None = None
@@ -54,7 +59,10 @@ class Walker:
         self.plans = 0
         """How many ways have been planned."""
         self._ticks = 0
-        self._order: GoTo | None = None
+        self._order: Command | None = None
+        self._is_news = True
+        """The next order is to be given even if it is the last one: the body may have had others in between."""
+        self._halt = False
         self._way: list[Point] = []
         self._rest: list[float] = []
         self._from: Point = (0.0, 0.0)
@@ -79,6 +87,7 @@ class Walker:
         self._way, self._rest = [], []
         self._look_at = 0
         self._plan_at = self._ticks
+        self._is_news = True
 
     @property
     def stuck(self) -> bool:
@@ -111,60 +120,77 @@ class Walker:
             else:
                 return None
         order = self._decide(observation)
-        if order is None or order == self._order:
+        if order == self._order and not self._is_news:
             return None
-        self._order = order
+        self._order, self._is_news = order, False
         return order
 
-    def _decide(self, observation: Observation) -> GoTo | None:
+    def _decide(self, observation: Observation) -> Command | None:
         here = observation.x_m, observation.y_m
         if self.goal_m is None:
-            return self._stand(here)
+            return self._stand()
         if self._plan_at is not None and self._ticks >= self._plan_at:
             self._plan(here)
         if not self._way:
-            return self._stand(here)
+            return self._stand()
         if self._evasion.scripted:
             self._look_at = 0
-            order = self._evasion.follow(here, self._ticks)
+            order = self._evasion.follow(observation, here, self._ticks)
             if order is not None:
                 return order
             self._progress_at = self._ticks
             self._resume(here)
             if not self._way:
-                return self._stand(here)
+                return self._stand()
         self._advance(observation, here)
         if self.arrived:
             return self._rest_here(observation, here)
-        if self._ticks - self._progress_at > self._patience:
-            self._attempt(observation, here)
-            if not self._way:
-                return self._stand(here)
         if self._evasion.is_needed(observation, here, self._way[0], self._ticks):
             self._look_at = 0
-            return self._evasion.steer(observation, here, self._way[0], self._order, self._ticks)
+            return self._evade(observation, here)
         if self._evasion.ends:
             self._resume(here)
+        if self._ticks - self._progress_at > self._patience:
+            self._attempt(observation, here)
         return self._cruise(here)
 
-    def _stand(self, here: Point) -> GoTo | None:
-        """Return the order to stop, once."""
+    def _stand(self) -> Command:
+        """Return the order to stop."""
         self._look_at = self._ticks + _LOOK_TICKS
         if self._plan_at is not None:
             self._look_at = min(self._look_at, self._plan_at)
-        if self._order is None or math.dist(here, self._order) <= self._step_m:
-            return None
-        return GoTo(*here)
+        return STAND
 
-    def _rest_here(self, observation: Observation, here: Point) -> GoTo | None:
+    def _rest_here(self, observation: Observation, here: Point) -> Command:
         """Return the order for who has arrived: to the goal exactly, if nothing is there; look if it is carried off."""
         self._look_at = self._ticks + _LOOK_TICKS
         if math.dist(here, self._way[-1]) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
             self.arrived = False
             self._plan(here)
-            return self._stand(here) if not self._way else GoTo(*self._way[0])
+            return self._stand() if not self._way else GoTo(*self._way[0])
         held = observation.blocked or self._evasion.is_ahead(observation, here, self._way[-1])
-        return self._stand(here) if held else GoTo(*self._way[-1])
+        return self._stand() if held else GoTo(*self._way[-1])
+
+    def _evade(self, observation: Observation, here: Point) -> Command:
+        """Return the order for who has something in the way."""
+        while len(self._way) > 1 and self._ground.open(here, self._way[1]):
+            self._next_way_point(here)
+        place = self._way[0]
+        body = self._evasion.standing(observation, here, place, self._ticks)
+        if body is not None or self._ticks - self._progress_at > self._patience:
+            self._halt = True
+        if self._halt:
+            if observation.speed_mps > 0.0:
+                return STAND
+            self._halt = False
+            self._attempt(observation, here)
+            if self._evasion.scripted:
+                order = self._evasion.follow(observation, here, self._ticks)
+                if order is not None:
+                    return order
+            if not self._way:
+                return self._stand()
+        return self._evasion.steer(observation, here, self._way[0], self._order, self._ticks)
 
     # ---------------------------------------------------------------- ways
 
@@ -208,8 +234,7 @@ class Walker:
         while len(self._way) > 1 and distance <= self._own.pass_m:
             if distance > _AT_WAY_POINT_M and not self._ground.open(here, self._way[1]):
                 break
-            self._from = here
-            del self._way[0], self._rest[0]
+            self._next_way_point(here)
             distance = math.dist(here, self._way[0])
         left = distance + self._rest[0]
         if left < self._least_m - self._nearer_m:
@@ -221,6 +246,12 @@ class Walker:
             self.arrived = True
             self._attempts = 0
             self._evasion.restart()
+
+    def _next_way_point(self, here: Point) -> None:
+        self._from = here
+        passed = self._rest[0]
+        del self._way[0], self._rest[0]
+        self._least_m = min(self._least_m, math.dist(here, self._way[0]) + passed)
 
     def _is_at_goal(self, observation: Observation, here: Point) -> bool:
         """Return whether the robot is at its goal, or before a robot that stands there."""
@@ -234,12 +265,12 @@ class Walker:
             for _, x, y in observation.sightings
         )
 
-    def _cruise(self, here: Point) -> GoTo | None:
+    def _cruise(self, here: Point) -> Command:
         """Return the order for the straight piece, and think when the next look is due."""
         if self._off(here) > self._own.off_way_m:
             self._plan(here)
             if not self._way:
-                return self._stand(here)
+                return self._stand()
         left = math.dist(here, self._way[0]) - self._own.pass_m
         self._look_at = self._ticks + max(1, min(_LOOK_TICKS, int(left / self._step_m)))
         return GoTo(*self._way[0])
@@ -253,15 +284,19 @@ class Walker:
         return math.hypot(bx - part * dx, by - part * dy)
 
     def _attempt(self, observation: Observation, here: Point) -> None:
-        """Try something else."""
+        """Try something else: to go round the nearest body, to make way for it, another way around all bodies near."""
         assert self.goal_m is not None
         number, self._attempts = self._attempts, self._attempts + 1
         self._progress_at = self._ticks
-        self._order = None  # whatever has become of the last one
+        self._is_news = True  # whatever has become of the last order
         bodies = self._evasion.bodies(observation, here)
-        if not bodies or number % KINDS == KINDS - 1:
-            self.plans += 1
-            self._take(here, self.detour(here, self.goal_m, bodies) or self.route(here, self.goal_m))
+        kind = number % _KINDS
+        if bodies and kind < _KINDS - 1:
+            if kind != 2 and self._evasion.go_round(here, self._way[0], bodies[0], number, self._ticks, self._turn):
+                return
+            if kind != 0:
+                pause = self._pause << min(number // _KINDS, MOST_DOUBLINGS)
+                self._evasion.make_way(here, bodies[0], self._ticks, pause)
             return
-        pause = self._pause << min(number // KINDS, MOST_DOUBLINGS)
-        self._evasion.attempt(here, self._way[0], bodies[0], number, self._ticks, pause)
+        self.plans += 1
+        self._take(here, self.detour(here, self.goal_m, bodies) or self.route(here, self.goal_m))

@@ -8,6 +8,9 @@ from protocols.aggregation.ground import Ground
 
 SLACKS_M: Final = (0.3, 0.2, 0.12, 0.06, 0.02)
 """So much more than a touch a robot keeps from a body that it goes round, if there is room for it."""
+MOST_WALL_M: Final = 0.1
+"""It keeps half of that from walls, at most this."""
+NEARER_M: Final = 0.3
 DIRECTIONS: Final = 16
 AWAY_M: Final = (1.0, 2.0, 3.5)
 """So far it goes out of another's way."""
@@ -16,30 +19,53 @@ PAST: Final = 0.3
 
 
 def way_round(ground: Ground, here: Point, place: Point, body: Point, right: bool) -> list[Point] | None:
-    """Return way points past a *body* on the way from *here* to *place*, on the *right* or else on the left.
+    """Return way points past a *body* on the way from *here* to *place*, on the side that has more room.
 
-    None if there is no room for that between it and the walls. They lie beside and behind the body; the way from the
-    last to *place* is not looked at.
+    Of two alike it is the *right*, or else the left, unless the other one is much nearer. None if there is too little
+    room on both sides between it and the walls. The points lie beside and behind the body; the way from the last to
+    *place* is not looked at.
     """
+    for slack in SLACKS_M:
+        sides = (_past(ground, here, place, body, slack, 1.0), _past(ground, here, place, body, slack, -1.0))
+        first, second = sides if right else sides[::-1]
+        if first and second:
+            ways = [sum(math.dist(a, b) for a, b in zip([here, *way], way, strict=False)) for way in (first, second)]
+            return first if ways[0] <= ways[1] + NEARER_M else second
+        if first or second:
+            return first or second
+    return None
+
+
+def _past(ground: Ground, here: Point, place: Point, body: Point, slack_m: float, side: float) -> list[Point] | None:
+    """Return the way points on one side, 1 for the right, as far from the body as *slack_m* more than a touch."""
     dx, dy = place[0] - here[0], place[1] - here[1]
     distance = math.hypot(dx, dy)
     if distance == 0.0:
         return None
     dx, dy = dx / distance, dy / distance
-    side_x, side_y = (dy, -dx) if right else (-dy, dx)
-    for slack in SLACKS_M:
-        room = 2.0 * ground.radius_m + slack
-        before = body[0] + room * side_x - room * dx, body[1] + room * side_y - room * dy
-        beside = body[0] + room * side_x, body[1] + room * side_y
-        behind = beside[0] + room * dx, beside[1] + room * dy
-        wall_m = min(0.5 * slack, 0.1)
-        if not (ground.fits(before, beside, wall_m) and ground.fits(beside, behind, wall_m)):
-            continue
-        if (before[0] - here[0]) * dx + (before[1] - here[1]) * dy > 0.0 and ground.fits(here, before):
-            return [before, beside, behind]
-        if ground.fits(here, beside):
-            return [beside, behind]
+    side_x, side_y = side * dy, -side * dx
+    room = 2.0 * ground.radius_m + slack_m
+    wall_m = min(0.5 * slack_m, MOST_WALL_M)
+    beside = body[0] + room * side_x, body[1] + room * side_y
+    before = beside[0] - room * dx, beside[1] - room * dy
+    behind = beside[0] + room * dx, beside[1] + room * dy
+    if not ground.fits(beside, behind, wall_m):
+        return None
+    if (before[0] - here[0]) * dx + (before[1] - here[1]) * dy <= 0.0:
+        # already beside it, or too near for a way before it
+        clear = _distance(body, here, beside) >= min(2.0 * ground.radius_m, math.dist(here, body)) - 1e-6
+        return [beside, behind] if clear and ground.fits(here, beside) else None
+    if ground.fits(here, before) and ground.fits(before, beside, wall_m):
+        return [before, beside, behind]
     return None
+
+
+def _distance(point: Point, a: Point, b: Point) -> float:
+    """Return how far a point is from the segment from a to b."""
+    dx, dy, px, py = b[0] - a[0], b[1] - a[1], point[0] - a[0], point[1] - a[1]
+    square = dx * dx + dy * dy
+    part = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return math.hypot(px - part * dx, py - part * dy)
 
 
 def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
@@ -70,10 +96,6 @@ def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
 def in_the_way(here: Point, place: Point, body: Point, room_m: float) -> bool:
     """Return whether a *body* is nearer than *room_m* to the way from *here* to *place*, and not behind."""
     dx, dy = place[0] - here[0], place[1] - here[1]
-    bx, by = body[0] - here[0], body[1] - here[1]
-    square = dx * dx + dy * dy
-    along = bx * dx + by * dy
-    if along <= 0.0:
+    if (body[0] - here[0]) * dx + (body[1] - here[1]) * dy <= 0.0:
         return False
-    part = min(along / square, 1.0)
-    return math.hypot(bx - part * dx, by - part * dy) < room_m
+    return _distance(body, here, place) < room_m

@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from cosim.geometry.planning import Point
-from cosim.machine import GoTo
+from cosim.machine import Command, Drive, GoTo
 from cosim.navigation.vfh import Vfh, VfhParameters
 from cosim.observation import Observation
 from protocols.aggregation.ground import Ground
@@ -21,6 +21,11 @@ _STEADY_RAD: Final = math.radians(30.0)
 """A direction that differs from the last order's by less is not worth a new one: some bodies stop in order to turn."""
 _HELD_TICKS: Final = 5
 """So long at least a robot that is not held keeps to an order of VFH+, and until it has turned to it."""
+_MOVED_M: Final = 0.1
+_STANDING_TICKS: Final = 8
+"""Who has not moved for so long stands."""
+_TRY_TICKS: Final = 50
+"""So long it takes until the same body is gone round again."""
 _MOST_TURN_TICKS: Final = 40
 _ALIGNED_RAD: Final = 0.1
 _AHEAD_M: Final = 1.5
@@ -29,9 +34,8 @@ _SIDE_M: Final = 0.2
 """What is farther beside the way than a touch, the safety distance and this, is not in it."""
 _THERE_M: Final = 0.05
 """A place of a script is reached within this."""
-KINDS: Final = 4
-"""So many things can be tried."""
 MOST_DOUBLINGS: Final = 4
+STAND: Final = Drive(0.0, 0.0)
 
 
 class Evasion:
@@ -40,7 +44,7 @@ class Evasion:
     def __init__(self, ground: Ground, radius_m: float, step_m: float, parameters: WalkingParameters) -> None:
         own = parameters
         self._ground = ground
-        self._parameters = own
+        self._own = own
         self._contact_m = 2.0 * radius_m
         self._room_m = self._contact_m + own.safety_m + _SIDE_M
         self._step_m = step_m
@@ -51,7 +55,10 @@ class Evasion:
         self._until = -1
         self._ordered: GoTo | None = None
         self._ordered_at = 0
+        self._seen: dict[int, tuple[Point, int]] = {}
+        self._tried_at = -_TRY_TICKS
         self._script: list[Point] = []
+        self._held_ticks = 0
         self._waits = False
         self._script_until = 0
 
@@ -62,9 +69,9 @@ class Evasion:
         self._vfh.restart()
 
     def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
-        """Return whether VFH+ is to lead on the way to *place*, as something is in the way or was a moment ago."""
+        """Return whether the robot is to evade on the way to *place*, as something is in the way, or just was."""
         if observation.blocked or self.is_ahead(observation, here, place):
-            self._until = ticks + self._parameters.clear_ticks
+            self._until = ticks + self._own.clear_ticks
         return ticks < self._until
 
     @property
@@ -75,21 +82,41 @@ class Evasion:
 
     def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
         """Return whether another robot is near and in the way to *place*."""
-        near = self._parameters.near_m
         return any(
-            math.dist(here, (x, y)) < near and in_the_way(here, place, (x, y), self._room_m)
+            math.dist(here, (x, y)) < self._own.near_m and in_the_way(here, place, (x, y), self._room_m)
             for _, x, y in observation.sightings
         )
 
-    def steer(self, observation: Observation, here: Point, place: Point, order: GoTo | None, ticks: int) -> GoTo:
+    def standing(self, observation: Observation, here: Point, place: Point, ticks: int) -> Point | None:
+        """Return the place of the nearest robot in the way that has not moved for a while, if there is one.
+
+        To be asked at every tick of an evasion. The same is not reported again and again.
+        """
+        found = None
+        for number, x, y in observation.sightings:
+            distance = math.dist(here, (x, y))
+            if distance >= self._own.near_m:
+                continue
+            before, since = self._seen.get(number, ((math.inf, 0.0), 0))
+            if math.dist(before, (x, y)) > _MOVED_M:
+                self._seen[number] = (x, y), ticks
+                continue
+            nearer = found is None or distance < math.dist(here, found)
+            if nearer and ticks - since >= _STANDING_TICKS and in_the_way(here, place, (x, y), self._room_m):
+                found = x, y
+        if found is None or ticks - self._tried_at < _TRY_TICKS:
+            return None
+        self._tried_at = ticks
+        return found
+
+    def steer(self, observation: Observation, here: Point, place: Point, order: Command | None, ticks: int) -> Command:
         """Return where VFH+ leads on the way to *place*; *order* is where the robot goes now."""
-        if order is not None and order is self._ordered and self._is_kept(observation, here, order, ticks):
+        if isinstance(order, GoTo) and order is self._ordered and self._is_kept(observation, here, order, ticks):
             return order
         chosen = self._chosen(observation, here, place, order)
-        if chosen != order:
+        if chosen != order and isinstance(chosen, GoTo):
             self._ordered, self._ordered_at = chosen, ticks
-            return chosen
-        return order
+        return chosen
 
     def _is_kept(self, observation: Observation, here: Point, order: GoTo, ticks: int) -> bool:
         """Return whether an *order* has only just been given: bodies brake and turn for a while before they follow.
@@ -103,14 +130,14 @@ class Evasion:
         off = abs(math.remainder(bearing - observation.heading_rad, 2.0 * math.pi))
         return since < (_MOST_TURN_TICKS if off > _ALIGNED_RAD else _HELD_TICKS)
 
-    def _chosen(self, observation: Observation, here: Point, place: Point, order: GoTo | None) -> GoTo:
+    def _chosen(self, observation: Observation, here: Point, place: Point, order: Command | None) -> Command:
         steer = self._vfh.steer(here[0], here[1], place, observation.ranges_m, (), self._step_m)
         if steer.dx == 0.0 and steer.dy == 0.0:
-            return GoTo(*here)
+            return STAND
         if math.dist(here, place) < _AHEAD_M and _gap(here, place, steer.dx, steer.dy) < _STEADY_RAD:
             return GoTo(*place)
-        steady = order is not None and not observation.blocked and math.dist(here, order) > 0.4 * _AHEAD_M
-        if order is not None and steady and _gap(here, order, steer.dx, steer.dy) < _STEADY_RAD:
+        steady = isinstance(order, GoTo) and not observation.blocked and math.dist(here, order) > 0.4 * _AHEAD_M
+        if isinstance(order, GoTo) and steady and _gap(here, order, steer.dx, steer.dy) < _STEADY_RAD:
             return order
         return GoTo(here[0] + _AHEAD_M * steer.dx, here[1] + _AHEAD_M * steer.dy)
 
@@ -119,35 +146,40 @@ class Evasion:
     def bodies(self, observation: Observation, here: Point) -> list[Point]:
         """Return the places of the bodies near, the nearest first."""
         places = [(x, y) for _, x, y in observation.sightings]
-        near = self._parameters.near_m
+        near = self._own.near_m
         return sorted((place for place in places if math.dist(here, place) < near), key=lambda it: math.dist(here, it))
 
-    def attempt(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> None:
-        """Begin what attempt *number* to come to *place* past a *body* is; it takes *pause* ticks, or as its way is."""
-        self._vfh.restart()
-        right = number % KINDS == 0
-        script = None
-        if number % KINDS < 2:
-            script = way_round(self._ground, here, place, body, right)
-            script = script or way_round(self._ground, here, place, body, not right)
-        self._waits = script is None
-        if script is None:
-            back = retreat(self._ground, here, body) if here < body else None
-            script = [back or here]
+    def go_round(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> bool:
+        """Begin to go round a *body* on the way to *place*, if there is room; *pause* ticks are for each turn."""
+        script = way_round(self._ground, here, place, body, number % 2 == 0)
+        if script is not None:
+            self._begin(here, script, ticks, pause * (1 + len(script)), waits=False)
+        return script is not None
+
+    def make_way(self, here: Point, body: Point, ticks: int, pause: int) -> None:
+        """Go out of the way of a *body*, or stay where the other one is to; for *pause* ticks."""
+        back = retreat(self._ground, here, body) if here < body else None
+        self._begin(here, [back or here], ticks, pause, waits=True)
+
+    def _begin(self, here: Point, script: list[Point], ticks: int, more: int, waits: bool) -> None:
         ways = sum(math.dist(a, b) for a, b in zip([here, *script], script, strict=False))
+        self._vfh.restart()
         self._script = script
-        self._script_until = ticks + round(2.0 * ways / self._step_m) + len(script) * pause
+        self._waits = waits
+        self._held_ticks = 0
+        self._script_until = ticks + round(1.5 * ways / self._step_m) + more
 
     @property
     def scripted(self) -> bool:
         """An attempt is under way."""
         return bool(self._script)
 
-    def follow(self, here: Point, ticks: int) -> GoTo | None:
-        """Return the next place of the attempt under way, None if it is over."""
+    def follow(self, observation: Observation, here: Point, ticks: int) -> GoTo | None:
+        """Return the next place of the attempt under way, None if it is over, or something is in its way."""
+        self._held_ticks = self._held_ticks + 1 if observation.blocked else 0
         if math.dist(here, self._script[0]) <= _THERE_M and (len(self._script) > 1 or not self._waits):
             del self._script[0]
-        if self._script and ticks < self._script_until:
+        if self._script and ticks < self._script_until and self._held_ticks < _HELD_TICKS:
             return GoTo(*self._script[0])
         self._script = []
         return None

@@ -1,6 +1,8 @@
 """802.11 under jammers: who gets through when, next to which part of the band, and how well."""
 
 import math
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,9 @@ import pytest
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.errors import frame_log_success, noise_dbm
 from cosim.channels.adhoc.jamming import Source, source
+from cosim.channels.adhoc.mac import Form, Frame
 from cosim.channels.adhoc.phy import DSSS
+from cosim.channels.adhoc.reception import Levels, Limits, SinrReceiver
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer
 from cosim.errors import UserError
@@ -108,6 +112,44 @@ def test_what_waits_for_the_end_of_a_jammer_backs_off_from_then_on() -> None:
     assert 0 <= slots <= 31
 
 
+@pytest.mark.parametrize("propagation", [None, FREE_SPACE])
+@pytest.mark.parametrize(("late", "sends"), [(14 * US, True), (15 * US, False)])
+def test_a_jammer_is_sensed_after_the_time_of_clear_channel_assessment(
+    propagation: Any, late: Time, sends: bool
+) -> None:
+    field = Field((0, 0), (5, 0), propagation=propagation)
+    field.channel.jam(constant(2, 2, 100 * MS, 300 * MS))
+    field.send(100 * MS + late, 0)
+    field.kernel.run(200 * MS)
+    assert [row[0] for row in field.rows()] == ([100 * MS + late] if sends else [])
+
+
+@pytest.mark.parametrize("propagation", [None, FREE_SPACE])
+def test_a_jammer_stops_a_back_off_after_the_slots_that_were_idle_before_it_was_sensed(propagation: Any) -> None:
+    def begun(*jammers: Jammer) -> list[Time]:
+        field = Field((0, 0), (5, 0), propagation=propagation)
+        for jammer in jammers:
+            field.channel.jam(jammer)
+        for _ in range(10):
+            field.send(1 * MS, 0)
+        field.kernel.run(S)
+        return [row[0] for row in field.rows()]
+
+    plain = begun()
+    number, counting_from = next(
+        (number, before + 1280 * US + DIFS)
+        for number, (before, after) in enumerate(pairwise(plain), 1)
+        if after - before >= 1280 * US + DIFS + 6 * SLOT
+    )
+    slots = (plain[number] - counting_from) // SLOT
+    end = counting_from + 100 * MS
+    # sensed 15 us after it begins, in the fourth slot or just at its end: three are over
+    for begin in (3 * SLOT - 14 * US, 4 * SLOT - 15 * US):
+        jammed = begun(constant(2, 2, counting_from + begin, end))
+        assert jammed[:number] == plain[:number]
+        assert jammed[number] == end + DIFS + (slots - 3) * SLOT
+
+
 @pytest.mark.parametrize(
     ("start", "end", "outcome"),
     [
@@ -186,8 +228,8 @@ def test_a_jammer_outside_of_the_band_changes_nothing_and_costs_nothing() -> Non
     for jammed in (False, True):
         field = Field((0, 0), (5, 0), (0, 5), propagation=FREE_SPACE, channel=6)
         if jammed:
-            field.channel.jam(constant(0, 0, 0, S, 30.0, (*range(24), *range(47, 79))))
-            field.channel.jam(sweeping(0, S, MS, tuple(range(24))))
+            field.channel.jam(constant(0, 0, 5 * MS, 10 * MS, 30.0, (*range(24), *range(47, 79))))
+            field.channel.jam(sweeping(0, 15 * MS, MS, tuple(range(24))))
         for number in range(30):
             field.send(number * MS, number % 3)
         field.kernel.run(S)
@@ -278,9 +320,11 @@ def test_no_change_is_told_of_twice_in_a_part_of_a_sweep_that_is_all_in_the_band
 
 def test_nothing_is_scheduled_while_nobody_has_anything_to_send() -> None:
     field = Field((0, 0), (5, 0))
-    field.channel.jam(pulsed(0, 10 * S, 1 * MS, 2 * MS))
+    field.channel.jam(pulsed(0, 10 * S, 1 * MS, 4 * MS))
+    field.send(1 * S + 2 * MS, 0)
     field.kernel.run(10 * S)
-    assert field.kernel.executed <= 1
+    assert len(field.hosts[1].heard) == 1
+    assert field.kernel.executed < 20
 
 
 @pytest.mark.slow
@@ -298,6 +342,7 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
             jammers.append(Jammer(*place, power, ALL, mode, *times, begin, begin + int(draw.integers(1, 300 * MS))))
         traffic = [(int(draw.integers(0, 400 * MS)), int(draw.integers(3))) for _ in range(30)]
         places = draw.uniform(0, 20, (5, 3, 2))
+        outages = [(int(draw.integers(0, 400 * MS)), int(draw.integers(3))) for _ in range(8)]
         runs = []
         for always in (False, True):
             monkeypatch.setattr(AdhocChannel, "_anybody_cares", _always if always else _ANYBODY_CARES)
@@ -306,8 +351,10 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
                 field.channel.jam(jammer)
             for number, (at, who) in enumerate(traffic):
                 field.send(at, who, BROADCAST if number % 3 else (who + 1) % 3)
+            for number, (at, who) in enumerate(outages):
+                field.kernel.at(at, partial(field.channel.power, who, number % 2 == 1), WORLD)
             for tick, there in enumerate(places):
-                field.kernel.at(tick * 100 * MS, lambda there=there, field=field: _move(field, there), WORLD)
+                field.kernel.at(tick * 100 * MS, partial(_move, field, there), WORLD)
             field.kernel.run(S)
             runs.append((field.rows(), field.kernel.executed))
         assert runs[0][0] == runs[1][0]
@@ -327,6 +374,25 @@ def _move(field: Field, places_m: Any) -> None:
 
 
 # ---------------------------------------------------------------- powers
+
+
+def test_the_levels_of_a_frame_change_with_the_jammers() -> None:
+    heard: list[Levels] = []
+
+    def judge(frame: Frame, levels: Levels) -> bool:
+        heard.append(levels)
+        return True
+
+    receiver = SinrReceiver(Limits(1e-9, 1e-8, 1e-6, 4.0), judge)
+    frame = Frame("DATA", 1, BROADCAST, Form(2 * MS, 100, 1000, 192 * US), 0, 0)
+    assert receiver.disturb(1e-7, 500 * US) is False, "too little energy to be heard"
+    receiver.begins(frame, 4e-7, False, 1 * MS)
+    assert receiver.disturb(3e-7, 1 * MS + 300 * US) is False
+    assert receiver.disturb(0.0, 1 * MS + 700 * US) is False
+    assert receiver.ends(frame, True, 3 * MS) is True
+    expected = [4e-7 / (1e-9 + jammer) for jammer in (1e-7, 3e-7, 0.0)]
+    assert [since for since, _ in heard[0]] == [0, 300 * US, 700 * US]
+    assert [ratio for _, ratio in heard[0]] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("excess_db", "sends"), [(-0.1, True), (0.1, False)])

@@ -34,9 +34,11 @@ class Host:
 
 
 class Field:
-    def __init__(self, places_m: list[tuple[float, float]], kind: str, **settings: Any) -> None:
+    def __init__(
+        self, places_m: list[tuple[float, float]], kind: str, most: int | None = None, **settings: Any
+    ) -> None:
         self.kernel = Kernel()
-        given = AdhocSettings(range_m=20.0, routing={"kind": kind, **settings})
+        given = AdhocSettings(range_m=20.0, queue_payloads=most, routing={"kind": kind, **settings})
         self.channel = AdhocChannel(given, self.kernel, Trace((FRAMES,)), len(places_m), Streams(5))
         self.hosts = [Host() for _ in places_m]
         for address, host in enumerate(self.hosts):
@@ -110,3 +112,18 @@ def test_who_has_no_way_is_told_so_by_aodv() -> None:
     field.kernel.run(30 * S)
     assert Fate(4, Outcome.NO_ROUTE) in field.hosts[0].events
     assert Fate(5, Outcome.DELIVERED) in field.hosts[0].events
+
+
+@pytest.mark.parametrize("kind", ROUTERS)
+def test_a_payload_that_a_full_radio_refuses_is_told_so_and_breaks_no_link(kind: str) -> None:
+    field = Field(LINE[:3], kind, most=2, **({} if kind == "flooding" else {"use_mac_feedback": True}))
+    field.send_at(30 * S, 0, 2, b"first")
+    for token in range(5):
+        field.send_at(35 * S, 0, 2, bytes([token]), token)
+    field.send_at(36 * S, 0, 2, b"last")
+    field.kernel.run(37 * S)
+    good = Outcome.SENT if kind == "flooding" else Outcome.DELIVERED
+    told = {event.token: event.outcome for event in field.hosts[0].events if isinstance(event, Fate)}
+    assert told == {0: good, 1: good, 2: Outcome.QUEUE_FULL, 3: Outcome.QUEUE_FULL, 4: Outcome.QUEUE_FULL}
+    assert [data for _, _, data, _ in field.hosts[2].heard] == [b"first", b"\0", b"\1", b"last"]
+    assert field.channel.summary().get("links_broken", 0) == 0

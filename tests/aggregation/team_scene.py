@@ -105,14 +105,16 @@ class Run:
         self.duration_s = what.duration_s
         columns = self.outcome.trace.columns("events")
         self.rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        for row in self.rows:
+            row["s"] = to_seconds(row["time_ns"])
 
     def told(self, event: str, source: int | None = None) -> list[dict[str, Any]]:
-        """Return the events of one kind, of one robot or of all."""
+        """Return the events of one kind, of one robot or of all; ``s`` is when they happened."""
         return [row for row in self.rows if row["event"] == event and source in (None, row["source"])]
 
     def times_s(self, event: str, source: int | None = None) -> list[float]:
         """Return when they happened."""
-        return [to_seconds(row["time"]) for row in self.told(event, source)]
+        return [row["s"] for row in self.told(event, source)]
 
     def way_m(self, robot: int, begin_s: float = 0.0, end_s: float = math.inf) -> float:
         """Return how far a robot has gone in a span."""

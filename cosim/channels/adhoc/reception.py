@@ -53,7 +53,6 @@ class RangeReceiver:
         self.energy_from: Time = 0
         self._arriving = 0
         self._followed: Frame | None = None
-        self._since: Time = 0
         self._spoilt = False
         self._jammed_from: Time | None = None
 
@@ -72,7 +71,7 @@ class RangeReceiver:
         if self._followed is not None:
             self._spoilt = True
         elif not self._arriving and not deaf:
-            self._followed, self._since, self._spoilt = frame, now, False
+            self._followed, self._spoilt = frame, False
         was_busy = self.energy
         self._arriving += 1
         if not was_busy:
@@ -106,8 +105,8 @@ class RangeReceiver:
         return True
 
     def _spoil(self, until: Time) -> None:
-        """Spoil the frame that is followed if a jammer has been there for a part of it up to *until*."""
-        if self._jammed_from is not None and max(self._jammed_from, self._since) < until:
+        """Spoil the frame that is followed, up to *until*, if a jammer has been there before."""
+        if self._jammed_from is not None and self._jammed_from < until:
             self._spoilt = True
 
 

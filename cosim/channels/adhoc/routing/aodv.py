@@ -38,8 +38,6 @@ class Aodv(Control):
         self._searches: dict[Address, Search] = {}
         self._requests = RateLimit(settings.rreq_ratelimit)
         self._flooded = Seen(self.times.discovery)
-        self._deliveries: list[Delivery] = []
-        self._fates: list[tuple[int, Outcome]] = []
 
     # ------------------------------------------------------------ the router's contract
 
@@ -139,21 +137,7 @@ class Aodv(Control):
         """Return when something will be due, if nothing comes in before."""
         return min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
 
-    def deliveries(self) -> list[Delivery]:
-        """Drain payloads for the host."""
-        deliveries, self._deliveries = self._deliveries, []
-        return deliveries
-
-    def fates(self) -> list[tuple[int, Outcome]]:
-        """Drain what has become of payloads."""
-        fates, self._fates = self._fates, []
-        return fates
-
     # ------------------------------------------------------------ payloads
-
-    def _tell(self, token: int | None, outcome: Outcome) -> None:
-        if token is not None:
-            self._fates.append((token, outcome))
 
     def _lose(self, carried: Carried, outcome: Outcome = Outcome.UNACKNOWLEDGED) -> None:
         self.counts["payloads_unrouted"] += 1

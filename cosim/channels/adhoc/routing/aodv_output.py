@@ -1,4 +1,4 @@
-"""What a router of AODV leaves for its station, and when: packets, some of them held back for a random time."""
+"""What a router of AODV leaves for its station, and when, some of it held back for a random time; and for its host."""
 
 from heapq import heappop, heappush
 from typing import NamedTuple
@@ -6,9 +6,9 @@ from typing import NamedTuple
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
-from cosim.machine import BROADCAST, Address
+from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
 from cosim.units import Time
 
@@ -36,7 +36,7 @@ class Watch(NamedTuple):
 
 
 class Output:
-    """The packets of one robot's router."""
+    """The packets, payloads and fates of one robot's router."""
 
     def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time) -> None:
         self.address = address
@@ -47,6 +47,8 @@ class Output:
         self._drawn = 0
         self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)
         self._out: list[Hop] = []
+        self._deliveries: list[Delivery] = []
+        self._fates: list[tuple[int, Outcome]] = []
         self._held: list[tuple[Time, int, Hop]] = []
         """Broadcasts that wait for their jitter to pass."""
         self._watched: dict[int, Watch] = {}
@@ -58,6 +60,20 @@ class Output:
         """Drain packets for the station."""
         out, self._out = self._out, []
         return out
+
+    def deliveries(self) -> list[Delivery]:
+        """Drain payloads for the host."""
+        deliveries, self._deliveries = self._deliveries, []
+        return deliveries
+
+    def fates(self) -> list[tuple[int, Outcome]]:
+        """Drain what has become of payloads."""
+        fates, self._fates = self._fates, []
+        return fates
+
+    def _tell(self, token: int | None, outcome: Outcome) -> None:
+        if token is not None:
+            self._fates.append((token, outcome))
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
