@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import simpy
 
-from benchmarks import reflection, workloads
+from benchmarks import aggregation, reflection, workloads
 
 ROUNDS = 7
 TIMEOUTS = 200_000
@@ -55,6 +55,13 @@ FIGURES = (
         Figure(f"robot-step of goal reflection, teams of 1 to 4: {algorithm}", reflection.robot_steps(algorithm))
         for algorithm in ("potential_field", "avoid_past", "visbug")
     ),
+    *(
+        Figure(f"search with 9 robots, its first 10 minutes at 10 ticks a second: {strategy}", work)
+        for strategy in ("srp", "mrp", "mi", "mito", "random")
+        for work in (aggregation.searches(strategy, 600),)
+    ),
+    Figure("search with 9 robots to its end: mi", aggregation.searches("mi")),
+    Figure("search with 100 robots in 20 sub-teams, a minute", aggregation.crowds),
 )
 
 

@@ -254,7 +254,7 @@ def captured(request: pytest.FixtureRequest, tshark: str, tmp_path_factory: pyte
     field.kernel.run(40 * S)
     path = tmp_path_factory.mktemp("capture") / f"{request.param}.pcapng"
     count = field.capture(path)
-    found = [seen(words) for words in read_fields(tshark, path, NAMES, "--disable-protocol", "tapa")]
+    found = [seen(words) for words in read_fields(tshark, path, NAMES)]
     assert len(found) == count
     return Captured(request.param, field, found, experts(tshark, path))
 
@@ -386,7 +386,7 @@ def run(scenario: dict[str, Any], *words: str) -> None:
 def test_the_capture_of_a_run_has_the_frames_of_its_table(tshark: str, folder: Path) -> None:
     run(SCENARIO, "--pcapng", "a.pcapng", "--trace", "tables")
     frames = pd.read_parquet(folder / "tables" / "frames.parquet").drop_duplicates(["time_ns", "source"])
-    found = [seen(words) for words in read_fields(tshark, folder / "a.pcapng", NAMES, "--disable-protocol", "tapa")]
+    found = [seen(words) for words in read_fields(tshark, folder / "a.pcapng", NAMES)]
     assert Counter(packet.kind for packet in found) == Counter(frames.kind)
     assert {"DATA", "ACK"} <= set(frames.kind)
     ordered = frames.sort_values(["time_ns", "source"])

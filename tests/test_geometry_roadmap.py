@@ -93,9 +93,11 @@ def test_ways_are_free_and_hardly_longer_than_the_shortest_among_all_cells(seed)
     assert (np.isfinite(lengths) == np.isfinite(shortest)).all()
     reached = np.isfinite(shortest)
     assert (lengths[reached] >= shortest[reached] - 1e-9).all()
-    assert (lengths[reached] <= 1.04 * shortest[reached] + 1e-9).all()
+    apart = reached & (shortest > 0.0)
+    assert (lengths[reached] <= shortest[reached] + 2.0 * grid.cell_m).all()
+    assert (lengths[apart] / shortest[apart]).mean() < 1.02
     straight = graph + graph.T > 0
-    assert np.abs(lengths - shortest)[straight].max() < 1e-9
+    assert np.abs(lengths[straight] - shortest[straight]).max() < 1e-9
     for a, b in np.random.default_rng(seed).integers(len(cells), size=(60, 2)).tolist():
         way = found.way(places[a], places[b])
         assert (way is not None) == np.isfinite(shortest[a, b]) == found.joined(places[a], places[b])
@@ -108,7 +110,7 @@ def test_ways_are_free_and_hardly_longer_than_the_shortest_among_all_cells(seed)
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_way_is_found_wherever_the_wavefront_finds_one_and_is_not_longer(seed):
+def test_a_way_is_found_wherever_the_wavefront_finds_one_and_is_hardly_longer(seed):
     grid = random_grid(seed, 30, 30)
     found = roadmap(grid, 1000)
     assert found is not None
@@ -118,7 +120,7 @@ def test_a_way_is_found_wherever_the_wavefront_finds_one_and_is_not_longer(seed)
     for cell in cells:
         length = found.length_m(grid.centre_m(cell), grid.centre_m(goal))
         assert math.isfinite(length) == math.isfinite(cost[cell])
-        assert not length > 1.03 * cost[cell] * grid.cell_m + 1e-9
+        assert not length > (cost[cell] + 2.0) * grid.cell_m
 
 
 def test_a_grid_with_too_many_corners_has_no_roadmap():

@@ -154,6 +154,16 @@ def test_a_later_life_is_watched_anew_and_an_earlier_one_is_over():
     assert found["watched_s"] == pytest.approx(1.4 + 1.4 - 77e-9)
 
 
+def test_a_life_that_ended_unnoticed_was_watched_until_the_next_was_heard_of():
+    watcher = machine(me=1, size=2, senders=1)
+    tell(watcher, Heartbeat(0, 0, 0), 20 * MS)
+    tell(watcher, Heartbeat(0, 500 * MS, 0), 600 * MS)
+    assert watcher.events() == []
+    assert driven(watcher, 20 * S) == [(1900 * MS, Suspected(0))]
+    watcher.wake(20 * S)
+    assert measure([watcher])["watched_s"] == pytest.approx(0.6 + 1.3)
+
+
 def test_own_and_foreign_frames_and_noise_change_nothing():
     watcher = machine(me=1, size=3, senders=2)
     due = watcher.wake_at()

@@ -6,7 +6,8 @@ ways are computed beforehand (T. Lozano-Perez and M. A. Wesley, "An algorithm fo
 polyhedral obstacles", Communications of the ACM 22(10), 1979). A question looks from both of its ends to the nodes.
 
 Lines of sight are lines all of whose cells are free, from any point to any point; so ways have the clearance of the
-grid. Ways are straight between bends, and thus shorter than those of eight directions.
+grid. A bend is the centre of a cell; the shortest way by centres may bend at other cells still, and be shorter by a
+cell or two among scattered obstacles; among the walls of a building ways are shorter than those of eight directions.
 """
 
 import math
@@ -75,6 +76,20 @@ class Roadmap:
         points = (np.asarray(points_m, np.float64).reshape(-1, 2) - self.grid.origin_m) / self.grid.cell_m
         lengths: Floats = _all_shortest(self.grid.free, self.nodes, self.length, points) * self.grid.cell_m
         return lengths
+
+    def sights(self, points_m: Floats) -> Floats:
+        """Return how far each node is from each of *points_m*, shape (k, 2), in cells, inf out of sight; shape (k, n)."""
+        points = (np.asarray(points_m, np.float64).reshape(-1, 2) - self.grid.origin_m) / self.grid.cell_m
+        return _all_to_nodes(self.grid.free, self.nodes, points)
+
+    def lengths_from_m(self, a_m: Point, points_m: Floats, sights: Floats) -> Floats:
+        """Return the lengths of the ways from a point to all *points_m*, shape (k, 2), in metres, shape (k,).
+
+        *sights* are those of :meth:`sights`.
+        """
+        points = (np.asarray(points_m, np.float64).reshape(-1, 2) - self.grid.origin_m) / self.grid.cell_m
+        lengths: Floats = _from_one(self.grid.free, self.nodes, self.length, *self._cells(a_m), points, sights)
+        return lengths * self.grid.cell_m
 
     def _cells(self, point_m: Point) -> Point:
         grid = self.grid
@@ -186,6 +201,7 @@ def shortest(
 
 @njit(cache=True)
 def _over_nodes(out: Floats, back: Floats, length: Floats) -> tuple[float, int, int]:
+    """Return the shortest of the ways with the ends *out* and *back*, with its first and last node."""
     best, first, last = math.inf, -1, -1
     for i in range(out.shape[0]):
         if out[i] < best:
@@ -197,18 +213,40 @@ def _over_nodes(out: Floats, back: Floats, length: Floats) -> tuple[float, int, 
 
 
 @njit(cache=True)
+def _all_to_nodes(free: Bools, nodes: Floats, points: Floats) -> Floats:
+    sights = np.empty((points.shape[0], nodes.shape[0]))
+    for k in range(points.shape[0]):
+        sights[k] = _to_nodes(free, nodes, points[k, 0], points[k, 1])
+    return sights
+
+
+@njit(cache=True)
+def _from_one(
+    free: Bools, nodes: Floats, length: Floats, ax: float, ay: float, points: Floats, sights: Floats
+) -> Floats:
+    """Return the lengths of the ways from a to all *points*, in cells."""
+    out = _to_nodes(free, nodes, ax, ay)
+    reached = np.full(nodes.shape[0], math.inf)
+    for i in range(nodes.shape[0]):
+        if out[i] < math.inf:
+            reached = np.minimum(reached, out[i] + length[i])
+    ways = np.empty(points.shape[0])
+    for k in range(points.shape[0]):
+        x, y = points[k, 0], points[k, 1]
+        if line_is_free(free, ax, ay, x, y):
+            ways[k] = math.hypot(x - ax, y - ay)
+            continue
+        ways[k] = math.inf
+        for i in range(nodes.shape[0]):
+            ways[k] = min(ways[k], reached[i] + sights[k, i])
+    return ways
+
+
+@njit(cache=True)
 def _all_shortest(free: Bools, nodes: Floats, length: Floats, points: Floats) -> Floats:
     count = points.shape[0]
     ways = np.zeros((count, count))
-    ends = np.empty((count, nodes.shape[0]))
+    sights = _all_to_nodes(free, nodes, points)
     for k in range(count):
-        ends[k] = _to_nodes(free, nodes, points[k, 0], points[k, 1])
-    for k in range(count):
-        for m in range(k):
-            ax, ay, bx, by = points[k, 0], points[k, 1], points[m, 0], points[m, 1]
-            if line_is_free(free, ax, ay, bx, by):
-                ways[k, m] = math.hypot(bx - ax, by - ay)
-            else:
-                ways[k, m] = _over_nodes(ends[k], ends[m], length)[0]
-            ways[m, k] = ways[k, m]
+        ways[k] = _from_one(free, nodes, length, points[k, 0], points[k, 1], points, sights)
     return ways

@@ -119,20 +119,20 @@ class Ground:
         return lengths
 
     def lengths_from_m(self, start_m: Point) -> Floats:
-        """Return the lengths of the ways from *start_m* to all posts in metres, shape (P,), inf where there is none.
-
-        To a post out of sight it leads by way of one in sight, which may be a little longer than the shortest.
-        """
+        """Return the lengths of the ways from *start_m* to all posts in metres, shape (P,), inf where there is none."""
         start = self.stands(start_m)
         if start is None:
             return np.full(len(self.posts_m), math.inf)
-        seen = [post for post, place in enumerate(self.posts_m) if self.open(start, place)]
-        if not seen:
-            found = [self.length_m(start, place) for place in self.posts_m]
-            return np.array([math.inf if length is None else length for length in found], np.float64)
-        straight = np.array([math.dist(start, self.posts_m[post]) for post in seen])
-        lengths: Floats = (straight[:, None] + self.lengths_m[seen]).min(axis=0)
-        return lengths + math.dist(start, start_m)
+        if self.roadmap is not None:
+            found = self.roadmap.lengths_from_m(start, np.array(self.posts_m), self._sights)
+            return found + math.dist(start, start_m)
+        ways = [self.length_m(start_m, place) for place in self.posts_m]
+        return np.array([math.inf if way is None else way for way in ways], np.float64)
+
+    @cached_property
+    def _sights(self) -> Floats:
+        assert self.roadmap is not None
+        return self.roadmap.sights(np.array(self.posts_m))
 
     @cached_property
     def loops(self) -> PackedBoundary:

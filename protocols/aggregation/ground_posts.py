@@ -23,6 +23,8 @@ DOORS_M: Final = 2.2
 """Passages narrower than this divide rooms."""
 CANDIDATES: Final = 4.0
 """Candidates are a camera's range divided by so much apart."""
+SMALL: Final = 16.0
+"""In a small room they are nearer: its side, if it were a square, divided by so much."""
 SAMPLES: Final = 10.0
 """And the points that they look at so much of it."""
 SHARE: Final = 0.95
@@ -130,13 +132,13 @@ def _room_by_room(
     grid: PlanningGrid, walls: SegmentGrid, rooms: Ints, inside: Bools, samples: Floats, of: Ints, range_m: float
 ) -> list[int]:
     """Return posts that see all *samples*, shape (n, 2), that candidates in the same room, of numbers *of*, see."""
-    stride = max(1, math.floor(range_m / CANDIDATES / grid.cell_m))
-    chosen = np.zeros_like(inside)
-    chosen[stride // 2 :: stride, stride // 2 :: stride] = True
-    candidates = np.flatnonzero(chosen & inside)
     posts: list[int] = []
     for room in np.unique(of).tolist():
-        own = candidates[rooms.flat[candidates] == room]
+        cells = np.flatnonzero(inside & (rooms == room))
+        apart_m = min(range_m / CANDIDATES, math.sqrt(len(cells)) * grid.cell_m / SMALL)
+        stride = max(1, math.floor(apart_m / grid.cell_m))
+        rows, columns = np.divmod(cells, inside.shape[1])
+        own = cells[(rows % stride == stride // 2) & (columns % stride == stride // 2)]
         wanted = samples[of == room]
         first, member = _views(walls, _centres(grid, own), wanted, range_m)
         posts.extend(own[_greedy(first, member, len(wanted))].tolist())

@@ -6,13 +6,14 @@ import numpy as np
 
 from cosim.geometry.planning import Point
 from cosim.geometry.segments import free_fraction
-from cosim.machine import Command, GoTo
+from cosim.machine import Command, Drive, GoTo
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import TOUCH_M, Ground
 from protocols.aggregation.walking_aside import in_the_way
 from protocols.aggregation.walking_parameters import WalkingParameters
 
+STAND = Drive(0.0, 0.0)
 _TRIES = 16
 """So many directions are drawn until one leads farther than to a robot that is near; else the farthest is taken."""
 _THERE_M = 0.05
@@ -39,7 +40,7 @@ class Stroller:
         self._ticks = 0
         self._look_at = 0
         self._calm_from = 0
-        self._order: GoTo | None = None
+        self._order: Command | None = None
         self._strolls = True
         self.goal_m: Point | None = None
         """The end of the present piece."""
@@ -66,7 +67,7 @@ class Stroller:
             return None
         here = observation.x_m, observation.y_m
         if not self._strolls:
-            return self._stand(here)
+            return self._stand()
         if self.goal_m is None or self._over(observation, here):
             self.goal_m = self._draw(observation, here)
             self.stuck = math.dist(here, self.goal_m) <= _THERE_M
@@ -78,12 +79,12 @@ class Stroller:
         self._order = order
         return order
 
-    def _stand(self, here: Point) -> Command | None:
+    def _stand(self) -> Command | None:
         self._look_at = self._ticks + self._look_ticks
-        if self._order is None or math.dist(here, self._order) <= _THERE_M:
+        if self._order == STAND:
             return None
-        self._order = GoTo(*here)
-        return self._order
+        self._order = STAND
+        return STAND
 
     def _over(self, observation: Observation, here: Point) -> bool:
         """Return whether the piece ends here: at its end, or at what holds the robot, or before another one."""

@@ -327,6 +327,32 @@ def test_nothing_is_scheduled_while_nobody_has_anything_to_send() -> None:
     assert field.kernel.executed < 20
 
 
+@pytest.mark.parametrize("during", [2350 * US, 2595 * US + 200])
+def test_an_answer_to_one_who_has_died_meanwhile_is_still_jammed(during: Time) -> None:
+    field = Field((0, 0), (15, 0), (7, 13), range_m=20.0)
+    field.send(1 * MS, 0, 1)  # arrives at 2.281 ms, is answered 10 us later, for 304 us
+    field.kernel.at(2280 * US + 500, partial(field.channel.power, 0, False), WORLD)
+    for place, begin in (((7, 32), 2283 * US), ((34, 0), during), ((7, 32), during + 400)):  # at 2, at 1, at 2
+        field.channel.jam(constant(*place, begin, begin + 100))
+    field.send(2600 * US, 2)
+    field.kernel.run(S)
+    assert [(row[0], row[4]) for row in field.rows()] == [
+        (1 * MS, "DATA"),
+        (2291 * US, "ACK"),
+        (2596 * US + 364 * US, "DATA"),  # EIFS after an answer that it could not read
+    ]
+
+
+def test_who_is_switched_on_just_after_a_jammer_waits_from_then_on() -> None:
+    field = Field((0, 0), (5, 0), range_m=20.0)
+    field.channel.jam(constant(2, 2, 10 * MS, 100 * MS))
+    field.kernel.at(50 * MS, partial(field.channel.power, 0, False), WORLD)
+    field.kernel.at(100 * MS + 20 * US, partial(field.channel.power, 0, True), WORLD)
+    field.send(100 * MS + 30 * US, 0)
+    field.kernel.run(S)
+    assert [row[0] for row in field.rows()] == [100 * MS + 20 * US + DIFS]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("propagation", [None, FREE_SPACE])
 def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatch: pytest.MonkeyPatch) -> None:

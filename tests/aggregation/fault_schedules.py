@@ -30,6 +30,8 @@ STRATEGIES = ("srp", "mrp", "mi", "mito", "random")
 HIDDEN_M: Point = (-500.0, -500.0)
 """Where no camera sees a target."""
 FLOORS = 12
+CLEAR_M = 1.0
+"""Robots are put so far from walls."""
 AFTER_S = 42.0
 JUDGED_S = 30.0
 """So long after the last fault everybody is to be in a sub-team."""
@@ -37,8 +39,8 @@ STEP: Time = 500 * MS
 """From one look of the judge to the next."""
 SETTLED_S = 5.0
 """A membership that is younger is being told about: such a searcher is judged when it is so old."""
-REACH_S = 6.0
-"""Who has been in reach of a host for so long has heard of it: some heartbeats, of which one in ten may be lost."""
+REACH_S = 4.0
+"""Who has been in reach of a host for so long has heard of it: some heartbeats, few of which are lost."""
 TOLD_S = 10.0
 """Hosts that have been in reach of each other for so long know of each other what they need."""
 
@@ -101,14 +103,15 @@ def schedule(number: int, open_: bool = False) -> Schedule:
     dice = Dice(Streams(SEED)("schedule", number))
     drawn = floor(dice.whole(0, FLOORS - 1))
     hosts, searchers = dice.whole(2, 4), dice.whole(2, 6)
-    reach_m = dice.between(7.0, 14.0), dice.one(dice.between(25.0, 40.0), 100.0)
+    reach_m = dice.between(8.0, 18.0), dice.one(dice.between(25.0, 40.0), 100.0)
     kind = dice.one("adhoc", "adhoc", "adhoc", "ideal", "fading")
-    faults = _faults(dice, hosts, searchers, drawn["bounds_m"], reach_m[1], kind == "fading")
+    faults = _faults(dice, hosts, searchers, drawn, kind == "fading")
     quiet_s = max(map(_over_s, faults))
-    targets = [_anywhere(dice, drawn["bounds_m"]) for _ in range(dice.whole(1, 5))]
+    targets = [_anywhere(dice, drawn) for _ in range(dice.whole(1, 5))]
     plain = {
         "name": f"schedule {number}",
         "duration_s": quiet_s + AFTER_S,
+        "tick_s": dice.one(0.1, 0.2),
         "floorplan": drawn,
         "team": {"groups": _groups(dice, hosts, searchers)},
         "channel": {"kind": "radios", "radios": [_radio(kind, each_m, dice) for each_m in reach_m]},
@@ -137,7 +140,7 @@ def _groups(dice: Dice, hosts: int, searchers: int) -> list[Plain]:
 def _radio(kind: str, reach_m: float, dice: Dice) -> Plain:
     """Return a channel of about this reach: exactly so far, or where a frame is just strong enough to be followed."""
     if kind == "ideal":
-        return {"kind": "ideal", "range_m": reach_m, "loss": dice.one(0.0, 0.05, 0.1)}
+        return {"kind": "ideal", "range_m": reach_m, "loss": dice.one(0.0, 0.05)}
     if kind == "adhoc":
         return {"kind": "adhoc", "range_m": reach_m, "host_jitter_s": dice.one(0.0, 0.002)}
     fading = {"model": "log_distance", "exponent": 3.0, "walls": False}
@@ -162,24 +165,27 @@ def _parameters(dice: Dice, reach_m: Point) -> Plain:
     }
 
 
-def _anywhere(dice: Dice, bounds_m: list[float], margin_m: float = 1.0) -> Point:
-    return dice.between(margin_m, bounds_m[2] - margin_m), dice.between(margin_m, bounds_m[3] - margin_m)
+def _anywhere(dice: Dice, drawn: Plain) -> Point:
+    """Return a place on free floor."""
+    width, height = drawn["bounds_m"][2:]
+    while True:
+        x_m, y_m = dice.between(CLEAR_M, width - CLEAR_M), dice.between(CLEAR_M, height - CLEAR_M)
+        if not any(a - CLEAR_M < x_m < c + CLEAR_M and b - CLEAR_M < y_m < d + CLEAR_M for a, b, c, d in drawn["walls"]):
+            return x_m, y_m
 
 
 # ---------------------------------------------------------------- faults
 
 
-def _faults(
-    dice: Dice, hosts: int, searchers: int, bounds_m: list[float], long_m: float, fading: bool
-) -> list[Plain]:
+def _faults(dice: Dice, hosts: int, searchers: int, drawn: Plain, fading: bool) -> list[Plain]:
     """Draw faults, the first of which takes a host away or cuts it off; at least one host is never killed."""
     kinds = ["kill", "crash", "radio_off", "moved", *(["wall"] if fading else [])]
-    faults = [_grave(dice, dice.one(*kinds), hosts, bounds_m, long_m)]
+    faults = [_grave(dice, dice.one(*kinds), hosts, drawn)]
     kinds = ["kill", "crash", "radio_off", "camera_off", "frozen", "moved", "clock_step", "battery"]
     kinds += ["wall", "jammer"] if fading else []
     for _ in range(dice.whole(0, 5)):
         robot = dice.whole(0, hosts + searchers - 1)
-        fault = _fault(dice, dice.one(*kinds), robot, hosts, bounds_m)
+        fault = _fault(dice, dice.one(*kinds), robot, hosts, drawn)
         if _possible(fault, faults):
             faults.append(fault)
     return faults
@@ -196,24 +202,25 @@ def _possible(fault: Plain, faults: list[Plain]) -> bool:
     return not (any(kind in deadly for kind in others) and fault["kind"] in (*deadly, "crash", "radio_off"))
 
 
-def _grave(dice: Dice, kind: str, hosts: int, bounds_m: list[float], long_m: float) -> Plain:
+def _grave(dice: Dice, kind: str, hosts: int, drawn: Plain) -> Plain:
     """Return a crash, a death or a partition of a host."""
     host, at_s = dice.whole(1, hosts - 1), dice.between(5.0, 60.0)
+    width, height = drawn["bounds_m"][2:]
     match kind:
         case "radio_off":
             fault = {"kind": kind, "robot": host, "at_s": at_s, "radio": dice.one(None, 1, 1)}
             return fault if dice.chance(0.2) else {**fault, "for_s": dice.between(8.0, 60.0)}
         case "moved":
-            corner = dice.one(2.0, bounds_m[2] - 2.0), dice.one(2.0, bounds_m[3] - 2.0)
+            corner = dice.one(2.0, width - 2.0), dice.one(2.0, height - 2.0)
             return {"kind": kind, "robot": host, "at_s": at_s, "to_m": corner}
         case "wall":
-            x_m = dice.between(0.2, 0.8) * bounds_m[2]
-            line = {"from_m": (x_m, -1.0), "to_m": (x_m, bounds_m[3] + 1.0)}
+            x_m = dice.between(0.2, 0.8) * width
+            line = {"from_m": (x_m, -1.0), "to_m": (x_m, height + 1.0)}
             return {"kind": kind, **line, "loss_db": 60.0, "at_s": at_s, "for_s": dice.between(8.0, 60.0)}
-    return _fault(dice, kind, host, hosts, bounds_m)
+    return _fault(dice, kind, host, hosts, drawn)
 
 
-def _fault(dice: Dice, kind: str, robot: int, hosts: int, bounds_m: list[float]) -> Plain:
+def _fault(dice: Dice, kind: str, robot: int, hosts: int, drawn: Plain) -> Plain:
     """Return a fault of this kind."""
     at_s = dice.between(2.0, 80.0)
     once: Plain = {"kind": kind, "robot": robot, "at_s": at_s}
@@ -227,16 +234,16 @@ def _fault(dice: Dice, kind: str, robot: int, hosts: int, bounds_m: list[float])
         case "camera_off" | "frozen":
             return once if dice.chance(0.2) else lasting
         case "moved":
-            return once if dice.chance(0.5) else {**once, "to_m": _anywhere(dice, bounds_m)}
+            return once if dice.chance(0.5) else {**once, "to_m": _anywhere(dice, drawn)}
         case "clock_step":
             return {**once, "by_s": dice.one(-1, 1) * dice.between(0.01, 2.0)}
         case "battery":
             return {"kind": kind, "robot": robot, "capacity_j": 2.0 * at_s, "idle_w": 2.0}
         case "wall":
-            ends = {"from_m": _anywhere(dice, bounds_m), "to_m": _anywhere(dice, bounds_m)}
+            ends = {"from_m": _anywhere(dice, drawn), "to_m": _anywhere(dice, drawn)}
             return {"kind": kind, **ends, "loss_db": 60.0, "at_s": at_s, "for_s": dice.between(1.0, 40.0)}
         case "jammer":
-            x_m, y_m = _anywhere(dice, bounds_m)
+            x_m, y_m = _anywhere(dice, drawn)
             noise = {"x_m": x_m, "y_m": y_m, "power_dbm": 0.0, "mode": dice.one("constant", "sweeping", "pulsed")}
             return {"kind": kind, **noise, "at_s": at_s, "for_s": dice.between(1.0, 20.0)}
     return lasting

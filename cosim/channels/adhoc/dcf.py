@@ -124,9 +124,9 @@ class Station:
 
     @property
     def at_rest(self) -> bool:
-        """It sends nothing, and has nothing to send: no payload, no answer, and no back-off to be done."""
+        """It has nothing to send: no payload, no answer, and no back-off to be done."""
         answers = any(act.time >= self._kernel.now for act in self._acts)
-        return not (self.queue or self._backoff.pending or self._sending or answers)
+        return not (self.queue or self._backoff.pending or answers)
 
     def _finish(self, acknowledged: bool, after: Time = 0) -> None:
         packet = self.queue.popleft()

@@ -12,7 +12,7 @@ from cosim.machine import BROADCAST, Address
 NET: Final = 10 << 24
 ALL: Final = 0xFFFFFFFF
 UDP: Final = 17
-PAYLOAD_PORT: Final = 5_000
+PAYLOAD_PORT: Final = 50_000
 """Of what hosts say to each other."""
 AODV_PORT: Final = 654
 OLSR_PORT: Final = 698
