@@ -17,6 +17,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.radios import RadiosChannel
 from cosim.errors import CosimError, LocalProtocolError
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import (
@@ -75,17 +76,23 @@ class LawError(CosimError, AssertionError):
 
 
 def check_machine(
-    make: Maker, starts_m: Sequence[Point] = STARTS_M, duration: Time = 10 * S, tick: Time = 100 * MS, seed: int = 1
+    make: Maker,
+    starts_m: Sequence[Point] = STARTS_M,
+    duration: Time = 10 * S,
+    tick: Time = 100 * MS,
+    seed: int = 1,
+    radios: int = 1,
 ) -> None:
     """Raise LawError unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
 
     A team of two or more, which start at *starts_m*, is driven for *duration* with a world tick every *tick*; *seed* is
-    that of the random bytes. The laws: equal inputs give equal outputs; ``wake_at`` is pure, and in the future after
-    ``wake``; that is idempotent; a queue that was drained is empty; own frames that come back change nothing; a later
-    start makes all deadlines later by as much; bytes of any kind never raise, and those that mean nothing become an
-    event; every other input is taken or refused by LocalProtocolError, by a new machine and by one that was driven.
+    that of the random bytes; each robot has so many *radios*. The laws: equal inputs give equal outputs; ``wake_at`` is
+    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty; own frames that come
+    back change nothing; a later start makes all deadlines later by as much; bytes of any kind never raise, and those
+    that mean nothing become an event; every other input is taken or refused by LocalProtocolError, by a new machine and
+    by one that was driven.
     """
-    drill = _Drill(make, tuple(starts_m), duration, tick)
+    drill = _Drill(make, tuple(starts_m), duration, tick, radios)
     plain = drill.run()
     _compare("equal inputs give equal outputs", plain, drill.run(), repr)
     _compare("wake is idempotent", plain, drill.run(twice=True), repr)
@@ -195,7 +202,8 @@ class _Watched:
         returning, self._returning = self._returning, []
         for item in returning:
             with _nothing_raised(f"machine {self.address}: its own frame {item.payload!r} fed back"):
-                self.machine.receive(item.payload, Reception(self.address, item.destination == BROADCAST), self.now)
+                reception = Reception(self.address, item.destination == BROADCAST, radio=item.radio)
+                self.machine.receive(item.payload, reception, self.now)
             left = [*self.machine.outbox(), *self.machine.commands()]
             self.machine.events()
             if left:
@@ -208,6 +216,7 @@ class _Drill:
     starts_m: tuple[Point, ...]
     duration: Time
     tick: Time
+    radios: int
 
     def fresh(self) -> list[_Watched]:
         """Return machines that nothing has happened to yet."""
@@ -220,7 +229,9 @@ class _Drill:
         kernel = Kernel()
         kernel.run(start)
         trace = Trace()
-        channel = IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, len(self.starts_m))
+        size = len(self.starts_m)
+        parts = [IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, size) for _ in range(self.radios)]
+        channel = parts[0] if self.radios == 1 else RadiosChannel(kernel, trace, parts, [range(self.radios)] * size)
         machines = [_Watched(self.make(a, start), a, start, twice, echo) for a in range(len(self.starts_m))]
         nodes = [Node(watched.address, watched, kernel, channel, trace) for watched in machines]
         for node in nodes:

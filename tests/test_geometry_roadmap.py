@@ -1,6 +1,7 @@
 """Ways over a roadmap: lines of sight against shapely, lengths against a visibility graph of all cells, by scipy."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,14 +20,16 @@ def random_grid(seed, ny=13, nx=17):
 def solid(free):
     """Return the cells that are not free as one geometry, in cells."""
     rows, columns = np.nonzero(~free)
-    return shapely.union_all(shapely.box(columns, rows, columns + 1, rows + 1))
+    walls = shapely.union_all(shapely.box(columns, rows, columns + 1, rows + 1))
+    shapely.prepare(walls)
+    return walls
 
 
 def walked(grid, start, way):
     points = [start, *way]
     cells = [tuple((p[axis] - grid.origin_m[axis]) / grid.cell_m for axis in (0, 1)) for p in points]
-    lines = [shapely.LineString(pair) for pair in zip(cells, cells[1:], strict=False)]
-    return sum(math.dist(a, b) for a, b in zip(points, points[1:], strict=False)), lines
+    lines = [shapely.LineString(pair) for pair in pairwise(cells)]
+    return sum(math.dist(a, b) for a, b in pairwise(points)), lines
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -74,10 +77,10 @@ def test_ways_bend_at_the_corners_of_what_is_not_free():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_ways_are_free_and_hardly_longer_than_the_shortest_among_all_cells(seed):
     grid = random_grid(seed)
-    free, (ny, nx) = grid.free, grid.free.shape
+    free, nx = grid.free, grid.free.shape[1]
     cells = np.flatnonzero(free)
     centres = np.stack((cells % nx + 0.5, cells // nx + 0.5), axis=1)
     walls = solid(free)

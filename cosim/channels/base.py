@@ -78,7 +78,7 @@ class Channel(ABC):
     def advance(self, now: Time) -> None:  # noqa: B027  # most channels have nothing that runs ahead
         """Bring models that run ahead lazily up to *now*; called before anything moves."""
 
-    def moved(self, positions_m: Positions) -> None:  # noqa: B027  # the ideal channel reaches everywhere
+    def moved(self, positions_m: Positions) -> None:  # noqa: B027  # not every channel has a reach
         """Take the robots' new positions, shape (size, 2); gains are computed when they are needed."""
 
     @abstractmethod

@@ -35,7 +35,7 @@ class AirFaults:
 
         def jam(part: Channel) -> None:
             if not hasattr(part, "jam"):
-                raise UserError("a jammer needs a channel that can be jammed, such as bluetooth")
+                raise UserError("a jammer needs a channel that can be jammed, bluetooth or adhoc")
             for jammer in jammers:
                 part.jam(jammer)
 

@@ -78,7 +78,7 @@ class Roadmap:
         return lengths
 
     def sights(self, points_m: Floats) -> Floats:
-        """Return how far each node is from each of *points_m*, shape (k, 2), in cells, inf out of sight; shape (k, n)."""
+        """Return how far nodes are from *points_m*, shape (k, 2), in cells, inf out of sight; shape (k, n)."""
         points = (np.asarray(points_m, np.float64).reshape(-1, 2) - self.grid.origin_m) / self.grid.cell_m
         return _all_to_nodes(self.grid.free, self.nodes, points)
 

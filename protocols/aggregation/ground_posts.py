@@ -29,7 +29,7 @@ SAMPLES: Final = 10.0
 """And the points that they look at so much of it."""
 SHARE: Final = 0.95
 """The first posts look so much of the range far, or points between their coarse lattice would ask for more posts."""
-BESIDE_M: Final = 0.01
+BESIDE_M: Final = 1e-4
 """So far from a wall are the points beside it."""
 NONE: Final = -1
 
@@ -118,7 +118,7 @@ def posts_of(
     fine_m = min(camera_m / SAMPLES, grid.cell_m) / 2.0
     fine = _samples(grid, walls, fine_m, solid)
     # what lies between the points of the lattice is as near to a post as they are, but for this
-    range_m = camera_m - fine_m
+    range_m = camera_m - math.sqrt(0.5) * fine_m
     missed = fine[_unseen(walls, _centres(grid, posts), fine, range_m)]
     at = views_from(grid, inside, walls, missed, range_m)
     more = np.unique(at[at >= 0])

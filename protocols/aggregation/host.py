@@ -69,7 +69,7 @@ class Host:
         self._commands: list[Command] = []
         self._speech = Speech(me, self.records, self._events)
         others = [host for host in range(knowledge.hosts) if host != me]
-        self.neighbours = Neighbours(others, self._watching, start)
+        self.neighbours = Neighbours(others, self._period, self._watching, start)
         self._here: Point = knowledge.starts_m[me]
         self._itinerary = Itinerary(parameters, me, strategy, self.neighbours, self._events, self._here, start)
         self.team = SubTeam(
@@ -104,7 +104,6 @@ class Host:
             self._hear_host(sender, message, now)
         elif sender < self.knowledge.size:
             self._hear_searcher(sender, message, now)
-        self._set_deadline()
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take no notice: what counts is said by robots, not by radios."""
@@ -233,6 +232,9 @@ class Host:
         if self.neighbours.heard(host, beat, now):
             self._events.append(HostTrusted(host))
             self._news_left = REPEATS
+        silent_at = self.neighbours.hosts[host].detector.suspects_at()
+        if silent_at is not None and silent_at < self._deadline:  # later ones are looked for at the next deadline
+            self._deadline = max(silent_at, now)
         if beat.found < len(self.findings.targets) or beat.visited < len(self.findings.visited):
             self._news_left = max(self._news_left, 1)
         if self._itinerary.astray and not self.neighbours.alone():

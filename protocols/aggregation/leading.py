@@ -1,6 +1,7 @@
 """How a host divides its sub-team's work: which posts are its to see to, and which of them it gives to whom.
 
-A searcher that has nothing left is given a part of what nobody has been given yet. The region of a host that has fallen
+A searcher that has nothing left is given a part of what nobody has been given yet; if there is nothing, half of what
+another has left that can be told so. The region of a host that has fallen
 silent, or leads nobody, falls to the one whose rally point is nearest: all who hear each other agree who that is.
 """
 
@@ -40,7 +41,12 @@ class Work:
         free = self._responsible(idle) - set(visited) - roll.taken(visited)
         if not free:
             return ()
-        return tours(self._knowledge.ground, free, [here_m] * (1 + waiting))[0]
+        parts = tours(self._knowledge.ground, free, [here_m] * min(1 + waiting, len(free)))
+        return next((part for part in parts if part), ())
+
+    def shared(self, posts: Collection[int], here_m: Point, there_m: Point) -> tuple[tuple[int, ...], ...]:
+        """Return the *posts* of a searcher in two parts: for one that is here, and for itself, there."""
+        return tours(self._knowledge.ground, posts, [here_m, there_m])
 
     def _responsible(self, idle: Collection[Address]) -> set[int]:
         """Return the own posts, and those of *idle* hosts that are nearest to this one."""

@@ -19,9 +19,7 @@ METRICS = (
     Metric("search_time_min", "min", "until all living hosts know every target; the run's time if they never do"),
     Metric("first_known_min", "min", "until the first host knows every target; the run's time if none does"),
     Metric("completed", "1", "1 if all living hosts know every target in the end, else 0"),
-    Metric(
-        "stop_time_min", "min", "until the last living searcher was told to stop; the run's time if not all were"
-    ),
+    Metric("stop_time_min", "min", "until the last living searcher was told to stop; the run's time if not all were"),
     Metric("distance_after_m", "m", "driven by all robots after the search had ended"),
     Metric("frames", "1", "messages that all robots have sent"),
     Metric("payload_bytes", "B", "bytes in these messages"),
@@ -33,7 +31,9 @@ METRICS = (
     Metric("targets_reported", "1", "targets that hosts heard of first from their own searchers"),
     Metric("share_visited", "1", "share of the posts that some living host knows as visited"),
     Metric("detection_time_s", "s", "from a host's death until another host suspects it, mean; NaN if none died"),
-    Metric("rejoin_time_s", "s", "from a host's death until one of its searchers was in another sub-team, mean; or NaN"),
+    Metric(
+        "rejoin_time_s", "s", "from a host's death until one of its searchers was in another team, mean; or NaN"
+    ),
     Metric("false_suspicions", "1", "times that a host suspected another that lived"),
     Metric("hosts_alive", "1", "hosts that no fault has killed"),
 )

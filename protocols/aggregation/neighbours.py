@@ -6,17 +6,16 @@ from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.detectors import Detector
 from protocols.aggregation.knowledge import Point
+from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat, News, Plan
-
-BEATS = 1 << 31
-"""A count of heartbeats that falls back by less than this begins anew: the host has been rebooted."""
 
 
 class Neighbour:
     """Another host."""
 
-    def __init__(self, detector: Detector) -> None:
+    def __init__(self, detector: Detector, period: Time) -> None:
         self.detector = detector
+        self.life = Life(period)
         self.number = -1
         """Its last heartbeat."""
         self.suspected = False
@@ -30,10 +29,10 @@ class Neighbour:
 class Neighbours:
     """All other hosts, as one host knows them."""
 
-    def __init__(self, others: Iterable[Address], make: Callable[[Time], Detector], start: Time) -> None:
-        """Watch *others* with a detector each, from *start* on as if they had been heard then."""
+    def __init__(self, others: Iterable[Address], period: Time, make: Callable[[Time], Detector], start: Time) -> None:
+        """Watch *others*, with heartbeats *period* apart, from *start* on as if they had been heard then."""
         self._make = make
-        self.hosts = {host: Neighbour(self._watching(start)) for host in others}
+        self.hosts = {host: Neighbour(self._watching(start), period) for host in others}
 
     def _watching(self, now: Time) -> Detector:
         detector = self._make(now)
@@ -43,7 +42,7 @@ class Neighbours:
     def heard(self, host: Address, beat: Heartbeat, now: Time) -> bool:
         """Take a heartbeat; return whether the host had been suspected, is heard first, or has begun anew."""
         one = self.hosts[host]
-        anew = beat.number < one.number and one.number - beat.number < BEATS
+        anew = one.life.anew(beat)
         if anew:
             one.detector, one.number = self._make(now), -1
         first = one.number < 0

@@ -13,6 +13,7 @@ from protocols.aggregation.errands import Errand, News, next_errand
 from protocols.aggregation.findings import Camera, Findings
 from protocols.aggregation.journal import ErrandChanged, HostFailed, Joined, TargetFound
 from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.lives import Life
 from protocols.aggregation.membership import Membership
 from protocols.aggregation.messages import (
     Assign,
@@ -33,6 +34,9 @@ from protocols.aggregation.records import Records
 from protocols.aggregation.reports import Reports
 from protocols.aggregation.speech import Speech
 from protocols.aggregation.touring import Legs
+
+GREETING_BEATS = 5
+"""A searcher that lacks nothing says hello at every so many heartbeats."""
 
 
 class Searcher:
@@ -65,8 +69,10 @@ class Searcher:
         self._assignment = 0
         self._heard = start
         """When the own host was heard last; at the start all are in contact."""
-        self._number = -1
-        """Of its last heartbeat."""
+        self._life = Life(from_seconds(parameters.heartbeat_s))
+        self._greeting = from_seconds(GREETING_BEATS * parameters.heartbeat_s)
+        self._greeted = start - self._greeting
+        """When it has said hello to it last."""
         self._here: Point | None = None
         self._over = False
 
@@ -98,12 +104,11 @@ class Searcher:
     def _listen(self, message: Message, now: Time) -> None:
         """Take what only the own host may say."""
         match message:
-            case Heartbeat(number=number):
+            case Heartbeat():
                 self.records.contacts += now - self._heard > self._fresh
                 self._heard = now
-                if number < self._number:  # it has been rebooted, and knows nothing of what it was told
+                if self._life.anew(message):
                     self._tell_anew()
-                self._number = number
                 self._pursuit.heard(now)
             case Leave(epoch=epoch) if epoch == self.membership.epoch:
                 self.membership.host = None
@@ -164,7 +169,10 @@ class Searcher:
         if host == ours.host:
             if self._reports.pending and not self._over:
                 self._speech.say(self._reports.make(ours.epoch), host)
-            self._speech.say(Hello(ours.epoch, *self._place(), self._assignment, ours.plans), host)
+            lacks = self._legs.done or beat.plan != ours.plans or beat.syncing or beat.over
+            if lacks or now - self._greeted >= self._greeting:
+                self._greeted = now
+                self._speech.say(Hello(ours.epoch, *self._place(), self._assignment, ours.plans), host)
             return
         if ours.leaves(host):
             self._speech.say(Leave(ours.epoch), host)
@@ -177,7 +185,7 @@ class Searcher:
             return
         self.records.joins.append(now)
         self._events.append(Joined(host, epoch))
-        self._heard, self._number = now, -1
+        self._heard, self._life = now, Life(from_seconds(self.parameters.heartbeat_s))
         self._tell_anew()
         self._pursuit.joined()
         if not self._over:

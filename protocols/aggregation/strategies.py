@@ -78,10 +78,15 @@ class Strategy:
         return Course(now, self._speed_mps, (here_m, *way)[:WAY_POINTS])
 
     def _leg(self, here_m: Point, round_: int, now: Time) -> Course:
-        """Return the way to the next reconvening point, as far as the host gets in a period."""
+        """Return the way to the next reconvening point, as far as the host gets in a period.
+
+        The points lie at equal distances on the way to the far end; who has not found everything by then turns back.
+        """
         route = [self._start_m, *(self._ground.way(self._start_m, self.rally_m) or [])]
         route += self._ground.way(route[-1], self.far_m) or []
-        point = _along(route, min(1.0, (round_ + 1) / self._parameters.rounds) * _length(route))
+        turns, legs = round_ + 1, self._parameters.rounds
+        share = 1.0 - abs(1.0 - turns % (2 * legs) / legs)
+        point = _along(route, share * _length(route))
         whole = self.to(point, here_m, now)
         most_m = self._speed_mps * self._parameters.reconvene_s
         return whole._replace(way_m=_cut(whole.way_m, most_m))

@@ -11,7 +11,7 @@ from cosim.units import Time, from_seconds
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.itinerary import Itinerary
 from protocols.aggregation.journal import Assigned, MemberAdded, MemberRemoved
-from protocols.aggregation.knowledge import Tours
+from protocols.aggregation.knowledge import Point, Tours
 from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import Assign, Confirm, Hello, Join, Leave, Plans, Receipt, Report, Stop, Stopped
 from protocols.aggregation.neighbours import Neighbours
@@ -21,6 +21,8 @@ from protocols.aggregation.speech import Speech
 
 ANY_EPOCH = 1 << 16
 """Greater than any."""
+RECENT_BEATS = 6
+"""Who has been heard in the time of so many heartbeats is taken to be in contact."""
 
 FromSearcher = Hello | Report | Join | Leave | Stopped
 
@@ -42,6 +44,7 @@ class SubTeam:
         self.changed = False
         """Whether the other hosts are to be told who is in it."""
         self._lost = from_seconds(parameters.lost_s)
+        self._recent = from_seconds(RECENT_BEATS * parameters.heartbeat_s)
         self._work = work
         self._findings = findings
         self._speech = speech
@@ -89,7 +92,7 @@ class SubTeam:
             return
         if not member.number:  # new here: what it has may bear any number
             member.number = hello.assignment
-        self._employ(searcher, member)
+        self._employ(searcher, member, now)
         if member.posts and member.number != hello.assignment and member.number:
             self._speech.say(Assign(member.epoch, member.number, member.posts), searcher)
         if hello.plan != self._itinerary.version:
@@ -151,7 +154,7 @@ class SubTeam:
 
     # ------------------------------------------------------------ who does what
 
-    def _employ(self, searcher: Address, member: Member) -> None:
+    def _employ(self, searcher: Address, member: Member, now: Time) -> None:
         """Give a searcher something to do if it has nothing left, and there is anything."""
         visited = self._findings.visited
         if member.left(visited) or member.place_m is None:
@@ -160,6 +163,25 @@ class SubTeam:
         posts = self._work.next(member.place_m, self.roll, visited, self._neighbours.idle, others)
         if posts:
             self._give(searcher, member, posts)
+        else:
+            self._relieve(searcher, member, member.place_m, now)
+
+    def _relieve(self, searcher: Address, member: Member, here_m: Point, now: Time) -> None:
+        """Give a searcher half of the posts of the one that has most left, of those in contact."""
+        visited = self._findings.visited
+        busy = [
+            (len(left), other)
+            for other, each in self.roll.members.items()
+            if len(left := each.left(visited)) > 1 and now - each.heard <= self._recent and each.place_m is not None
+        ]
+        if not busy:
+            return
+        other = max(busy)[1]
+        busiest = self.roll.members[other]
+        own, rest = self._work.shared(busiest.left(visited), here_m, busiest.place_m or here_m)
+        if own and rest:
+            self._give(searcher, member, own)
+            self._give(other, busiest, rest)
 
     def _give(self, searcher: Address, member: Member, posts: tuple[int, ...]) -> None:
         member.give(posts)

@@ -106,7 +106,8 @@ class Legs:
 
     def _step(self, observation: Observation) -> Command | None:
         self._here = observation.x_m, observation.y_m
-        if self._strolling:  # one order to stand, so that none of before seems to go on
+        if self._strolling:  # the one who gave the last order has to take it back
             self._strolling = False
-            self._feet.head_for(None)
+            self._stroll.head_for(None)
+            return self._stroll.step(observation)
         return self._feet.step(observation)

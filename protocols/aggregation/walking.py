@@ -221,6 +221,7 @@ class Walker:
         self._rest = rest[::-1]
         self._from = here
         self._least_m = math.dist(here, way[0]) + self._rest[0]
+        self._evasion.goal_m = way[-1]
 
     def _resume(self, here: Point) -> None:
         """Go back to the way, or to a new one if it is out of sight."""

@@ -23,7 +23,7 @@ _HELD_TICKS: Final = 5
 """So long at least a robot that is not held keeps to an order of VFH+, and until it has turned to it."""
 _MOVED_M: Final = 0.1
 _STANDING_TICKS: Final = 8
-"""Who has not moved for so long stands."""
+"""Who has not moved for so long, or for as long as it would take this robot to move twice as far, stands."""
 _TRY_TICKS: Final = 50
 """So long it takes until the same body is gone round again."""
 _MOST_TURN_TICKS: Final = 40
@@ -45,6 +45,8 @@ class Evasion:
         own = parameters
         self._ground = ground
         self._own = own
+        self.goal_m: Point = (0.0, 0.0)
+        """Where the way ends: a robot that stands there is not to be passed."""
         self._contact_m = 2.0 * radius_m
         self._room_m = self._contact_m + own.safety_m + _SIDE_M
         self._step_m = step_m
@@ -52,6 +54,7 @@ class Evasion:
         self._vfh = Vfh(
             VfhParameters(robot_radius_m=radius_m, safety_m=own.safety_m, window_m=window_m, arrival_m=1e-3)
         )
+        self._standing_ticks = max(_STANDING_TICKS, math.ceil(2.0 * _MOVED_M / step_m))
         self._until = -1
         self._ordered: GoTo | None = None
         self._ordered_at = 0
@@ -81,9 +84,11 @@ class Evasion:
         return ended
 
     def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
-        """Return whether another robot is near and in the way to *place*."""
+        """Return whether another robot is near and in the way to *place*; who stands at the goal is not."""
         return any(
-            math.dist(here, (x, y)) < self._own.near_m and in_the_way(here, place, (x, y), self._room_m)
+            math.dist(here, (x, y)) < self._own.near_m
+            and in_the_way(here, place, (x, y), self._room_m)
+            and math.dist(self.goal_m, (x, y)) >= self._contact_m
             for _, x, y in observation.sightings
         )
 
@@ -95,14 +100,14 @@ class Evasion:
         found = None
         for number, x, y in observation.sightings:
             distance = math.dist(here, (x, y))
-            if distance >= self._own.near_m:
+            if distance >= self._own.near_m or math.dist(self.goal_m, (x, y)) < self._contact_m:
                 continue
             before, since = self._seen.get(number, ((math.inf, 0.0), 0))
             if math.dist(before, (x, y)) > _MOVED_M:
                 self._seen[number] = (x, y), ticks
                 continue
             nearer = found is None or distance < math.dist(here, found)
-            if nearer and ticks - since >= _STANDING_TICKS and in_the_way(here, place, (x, y), self._room_m):
+            if nearer and ticks - since >= self._standing_ticks and in_the_way(here, place, (x, y), self._room_m):
                 found = x, y
         if found is None or ticks - self._tried_at < _TRY_TICKS:
             return None

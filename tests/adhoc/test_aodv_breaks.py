@@ -73,7 +73,7 @@ def test_the_source_takes_another_way_after_a_break() -> None:
 
 def test_a_payload_without_a_route_on_its_way_is_answered_by_an_error() -> None:
     one = Aodv(0, AodvSettings(), Draws(1, "aodv"))
-    one.receive(encode(Datagram(1, 9, 64, 5000, 1, b"lost")), 2, 0)
+    one.receive(encode(Datagram(1, 9, 64, PAYLOAD_PORT, 1, b"lost")), 2, 0)
     (hop,) = one.hops()
     assert (hop.neighbour, decode_message(decode(hop.packet).data)) == (2, Rerr(((9, 0),)))
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import RrepAck, encode_message
 from cosim.channels.adhoc.routing.base import Hop
-from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, decode, encode
+from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import Address
 from cosim.randomness import Draws
 from cosim.units import MS, S, Time
@@ -24,7 +24,7 @@ PACKETS = st.one_of(
         NEAR,
         st.integers(-1, 5),
         st.integers(0, 255),
-        st.sampled_from([AODV_PORT, 5000, 698]),
+        st.sampled_from([AODV_PORT, PAYLOAD_PORT, 698]),
         st.binary(max_size=40) | MESSAGES.map(encode_message),
     ),
 )

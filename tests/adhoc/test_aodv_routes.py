@@ -7,7 +7,7 @@ import pytest
 
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rerr, Rrep, Rreq, decode_message, encode_message
-from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, decode, encode
+from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
 from cosim.units import S
@@ -28,7 +28,7 @@ def test_a_payload_takes_a_shortest_way(name: str) -> None:
             continue
         assert [(at, delivery.payload) for _, at, delivery in net.delivered] == [(destination, b"hello")]
         assert [fate[1:] for fate in net.fates] == [(0, 7, Outcome.DELIVERED)]
-        took = [hop for _, _, hop in net.sent if decode(hop.packet).port == 5000]
+        took = [hop for _, _, hop in net.sent if decode(hop.packet).port == PAYLOAD_PORT]
         assert len(took) == away[destination]
 
 
@@ -42,7 +42,7 @@ def test_all_pairs_find_shortest_ways_if_only_destinations_answer(name: str) -> 
             before = len(net.sent)
             net.send(source, destination, b"", 1)
             net.run(net.now + 3 * S)
-            took = [hop for _, _, hop in net.sent[before:] if decode(hop.packet).port == 5000]
+            took = [hop for _, _, hop in net.sent[before:] if decode(hop.packet).port == PAYLOAD_PORT]
             assert len(took) == nx.shortest_path_length(graph, source, destination)
     assert {fate[3] for fate in net.fates} == {Outcome.DELIVERED}
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rerr, Rrep, Rreq, decode_message, encode_message
-from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, decode, encode
+from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.machine import BROADCAST, Outcome
 from cosim.randomness import Draws
 from cosim.units import MS, S
@@ -54,7 +54,7 @@ def test_a_robot_that_starts_anew_waits_until_nobody_sends_over_it() -> None:
     )
     assert one.hops() == []
     assert one.wake_at() == 115 * S
-    one.receive(encode(Datagram(0, 5, 64, 5000, 1, b"")), 0, 110 * S)
+    one.receive(encode(Datagram(0, 5, 64, PAYLOAD_PORT, 1, b"")), 0, 110 * S)
     assert [decode_message(decode(hop.packet).data) for hop in one.hops()] == [Rerr(((5, 0),))]
     one.wake(115 * S)
     assert one.hops() == []

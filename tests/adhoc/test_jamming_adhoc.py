@@ -10,7 +10,6 @@ import pytest
 
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.errors import frame_log_success, noise_dbm
-from cosim.channels.adhoc.jamming import Source, source
 from cosim.channels.adhoc.mac import Form, Frame
 from cosim.channels.adhoc.phy import DSSS
 from cosim.channels.adhoc.reception import Levels, Limits, SinrReceiver
@@ -272,50 +271,6 @@ def test_frames_get_through_while_a_sweep_is_elsewhere() -> None:
     arrived = on_air(field.rows())
     assert 200 < len(arrived) <= 300
     assert all(begin % (79 * MS) >= 22 * MS and begin // (79 * MS) == (end - 1) // (79 * MS) for begin, end in arrived)
-
-
-def weight_at(jammer: Jammer, at: Time, channel: int, bandwidth_mhz: float) -> float:
-    """Return how many MHz of the band a jammer is on at an instant, by quarters of MHz: its definition."""
-    since = at - jammer.start
-    if not jammer.start <= at < jammer.end or (jammer.mode == PULSED and since % jammer.period >= jammer.on):
-        return 0.0
-    on = jammer.channels
-    if jammer.mode == SWEEPING:
-        on = (on[(since // jammer.dwell) % len(on)],)
-    middle = 2412 + 5 * (channel - 1)
-    quarters = [2402 + k - 0.5 + (part + 0.5) / 4 for k in on for part in range(4)]
-    return sum(abs(quarter - middle) < bandwidth_mhz / 2 for quarter in quarters) / 4
-
-
-@pytest.mark.parametrize("mode", [CONSTANT, SWEEPING, PULSED])
-def test_between_one_change_and_the_next_a_jammer_is_what_it_is_by_definition(mode: int) -> None:
-    draw = np.random.default_rng(mode)
-    for _ in range(200):
-        on, start = int(draw.integers(1, 6)), int(draw.integers(0, 12))
-        channels = tuple(draw.permutation(26)[: draw.integers(1, 9)].tolist())
-        times = {"dwell": int(draw.integers(1, 6)), "on": on, "period": on + int(draw.integers(0, 6))}
-        jammer = Jammer(0, 0, 0, channels, mode, **times, start=start, end=start + int(draw.integers(1, 60)))
-        heard = source(jammer, 1, 20e6)
-        if heard is None:
-            assert not any(weight_at(jammer, at, 1, 20.0) for at in range(80))
-            continue
-        following: Time | None = 0
-        for at in range(90):
-            expected = weight_at(jammer, at, 1, 20.0)
-            assert heard.weight(at) == expected
-            if at == following:
-                following = heard.next_change(at)
-                assert following is None or following > at
-            else:
-                assert expected == weight_at(jammer, at - 1, 1, 20.0), "a change that was not told of"
-        assert following is None
-
-
-def test_no_change_is_told_of_twice_in_a_part_of_a_sweep_that_is_all_in_the_band() -> None:
-    heard = source(sweeping(0, S, MS), 1, 22e6)
-    assert isinstance(heard, Source)
-    assert heard.next_change(0) == 21 * MS, "from whole channels to half of one"
-    assert heard.next_change(22 * MS) == 79 * MS
 
 
 def test_nothing_is_scheduled_while_nobody_has_anything_to_send() -> None:

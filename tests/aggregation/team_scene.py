@@ -40,13 +40,13 @@ SMALL: dict[str, Any] = {
     "long_m": LONG_M,
     "host_speed_mps": 1.0,
     "cell_m": 0.25,
-    "reconvene_s": 10.0,
+    "reconvene_s": 20.0,
     "sync_s": 20.0,
     "suspect_s": 4.0,
-    "timeout_s_per_m2": 0.05,
+    "timeout_s_per_m2": 0.12,
     "lost_s": 60.0,
 }
-"""Parameters for this floor: a time-out of 5 s with four targets."""
+"""Parameters for this floor: a time-out of 12 s with four targets; what is shorter than the way across the floor lets nobody get there."""
 
 
 # ---------------------------------------------------------------- whole runs
@@ -64,7 +64,7 @@ def scenario(
     searchers: int = 3,
     faults: Sequence[object] = (),
     channel: dict[str, Any] | None = None,
-    duration_s: float = 400.0,
+    duration_s: float = 1500.0,
     starts: Sequence[Point] | None = None,
     host_mps: float = 1.0,
     searcher_mps: float = 2.0,
@@ -131,14 +131,11 @@ class Run:
         metrics = self.outcome.metrics
         return metrics["completed"] == 1.0 and self.outcome.simulated_s < self.duration_s
 
-    def teams(self) -> list[list[int]]:
-        """Return in which hosts' lists each searcher is at the end; of living hosts only."""
-        last = max(machine.records.last_tick for machine in self.machines)
-        hosts = self.machines[: self.knowledge.hosts]
-        return [
-            [host.me for host in hosts if host.records.last_tick == last and searcher in host.team.roll.members]
-            for searcher in range(self.knowledge.hosts, self.knowledge.size)
-        ]
+    def teams(self, dead: Sequence[int] = ()) -> dict[int, list[int]]:
+        """Return in which hosts' lists each searcher is at the end, but for the *dead*."""
+        hosts = [host for host in self.machines[: self.knowledge.hosts] if host.me not in dead]
+        searchers = (robot for robot in range(self.knowledge.hosts, self.knowledge.size) if robot not in dead)
+        return {each: [host.me for host in hosts if each in host.team.roll.members] for each in searchers}
 
 
 def run(strategy: str = "mi", seed: int = 1, **options: Any) -> Run:

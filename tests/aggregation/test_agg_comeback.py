@@ -64,7 +64,7 @@ def test_a_host_that_was_down_until_it_has_counted_further_than_before_is_known_
 @pytest.mark.parametrize("strategy", [each for each in STRATEGIES if each != "random"])
 def test_a_host_that_has_booted_again_gives_its_searchers_work_to_the_end(strategy: str) -> None:
     """What it gives out bears numbers that its searchers have seen before."""
-    team = Team(STARTS_M, hosts=1, strategy=strategy, camera_m=3.0, targets=(HIDDEN_M,))
+    team = Team(STARTS_M, hosts=1, strategy=strategy, camera_m=3.0, targets=(HIDDEN_M,), reconvene_s=30.0)
     team.run(6.0)
     team.down |= {0, 2}  # a searcher is lost for good: its posts have to be given to others
     team.run(3.0)

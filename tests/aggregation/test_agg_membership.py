@@ -44,7 +44,6 @@ def hello(host: Alone, searcher: int, epoch: int, assignment: int = 0, plan: int
     return host.hears(searcher, Hello(epoch, 9.5, 10.4, assignment, plan))
 
 
-
 # ---------------------------------------------------------------- the searcher's side
 
 
@@ -236,9 +235,7 @@ def test_who_returns_to_its_host_after_another_has_listed_it_is_not_ignored() ->
     team = Team(STARTS_M, strategy="mito", timeout_s_per_m2=0.005, targets=((19.0, 19.0),))
     team.held |= {0, 1, 2, 3, 4}
     team.run(5.0)
-    team.lost = lambda flight: (
-        (flight.source, flight.receiver) == (0, 2) or isinstance(flight.message, Confirm)
-    )
+    team.lost = lambda flight: (flight.source, flight.receiver) == (0, 2) or isinstance(flight.message, Confirm)
     team.run(20.0, lambda: bool(team.said(Join, 2, 1)))
     team.run(0.5)
     assert team.said(Join, 2, 1) and 2 in team.members(1)

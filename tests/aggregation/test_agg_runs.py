@@ -25,9 +25,7 @@ def assert_all_found_and_stopped(search: Run) -> None:
         assert found == dict(enumerate(TARGETS_M))
     end_s = search.outcome.simulated_s
     for searcher in range(search.knowledge.hosts, search.knowledge.size):
-        (stopped_s,) = [
-            row["s"] for row in search.told("ErrandChanged", searcher) if row["errand"] == "stop"
-        ]
+        (stopped_s,) = [row["s"] for row in search.told("ErrandChanged", searcher) if row["errand"] == "stop"]
         assert search.machines[searcher].finished
         assert search.way_m(searcher, stopped_s, end_s) < 2.5  # it brakes from 2 m/s at 1 m/s^2
 
@@ -118,7 +116,7 @@ def test_with_a_static_host_whoever_finds_a_target_out_of_reach_goes_to_the_rall
 
 
 def test_only_finders_and_those_who_are_done_leave_their_tours_with_a_mobile_integrator() -> None:
-    search = plain("mi")
+    search = run("mi", camera_m=4.0)
     finders = 0
     for searcher in SEARCHERS:
         finds = [row["s"] for row in search.told("TargetFound", searcher)]
@@ -144,8 +142,8 @@ def test_the_integrators_host_is_slow_and_moves_all_the_time_that_its_searchers_
 
 
 def test_a_time_out_brings_a_searcher_to_its_host_and_back_to_work() -> None:
-    """5 s without having heard the host: the paper's fourth strategy; the third one knows no such reason."""
-    search = run("mito", camera_m=3.0)
+    """6 s without having heard the host: the paper's fourth strategy; the third one knows no such reason."""
+    search = run("mito", camera_m=3.0, timeout_s_per_m2=0.06)
     assert_all_found_and_stopped(search)
     due = [row for row in search.told("ErrandChanged") if row["why"] == "due"]
     assert due
@@ -161,25 +159,17 @@ def test_a_time_out_brings_a_searcher_to_its_host_and_back_to_work() -> None:
 # ---------------------------------------------------------------- random motion, and people
 
 
-def test_searchers_at_random_are_given_no_posts_and_report_like_those_of_an_integrator() -> None:
+def test_searchers_at_random_are_given_no_posts_and_leave_off_only_to_report() -> None:
     search = plain("random")
     assert search.told("Assigned") == []
     reasons = {(row["errand"], row["why"]) for row in search.told("ErrandChanged")}
     assert ("meet", "found") in reasons
-    assert reasons <= {(row["errand"], row["why"]) for row in plain("mi").told("ErrandChanged")} | {
-        ("meet", "alone"),
-        ("search", "told"),
-        ("search", "work"),
-        ("wait", "idle"),
-        ("meet", "joined"),
-        ("wait", "joined"),
-        ("search", "joined"),
-    }
+    assert not {"done", "due"} & {why for _, why in reasons}
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_person_takes_part(strategy: str) -> None:
-    search = run(strategy, humans=(3,), duration_s=600.0)
+    search = run(strategy, humans=(3,))
     assert_all_found_and_stopped(search)
     assert search.way_m(3) > 5.0
     if strategy != "random":

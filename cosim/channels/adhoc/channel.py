@@ -8,6 +8,7 @@ no such thing in 802.11; it lets protocols that manage links run here unchanged.
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
@@ -207,7 +208,8 @@ class AdhocChannel(IdealChannel):
         """Return whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
         if not self._on[source]:
             return ()
-        return tuple((address, power_mw) for address, power_mw in self._powers()[source] if self._on[address])
+        reached = self._powers()[source]
+        return reached if all(self._on) else tuple(each for each in reached if self._on[each[0]])
 
     def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
         if self._reached is None:
@@ -217,9 +219,10 @@ class AdhocChannel(IdealChannel):
                 np.fill_diagonal(power, 0.0)
             else:
                 power = mw(self._settings.power_dbm) * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
-            self._reached = [
-                tuple((other, each) for other, each in enumerate(row) if each > FAINT_MW) for row in power.tolist()
-            ]
+            one, other = np.nonzero(power > FAINT_MW)
+            heard = list(zip(other.tolist(), power[one, other].tolist(), strict=True))
+            ends = np.searchsorted(one, np.arange(self.size + 1)).tolist()
+            self._reached = [tuple(heard[begin:end]) for begin, end in pairwise(ends)]
         return self._reached
 
     # ------------------------------------------------------------ what stations tell

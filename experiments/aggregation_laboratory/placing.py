@@ -1,0 +1,44 @@
+"""The laboratory's runs: the same search again and again, but for where exactly people put the robots at the start.
+
+Searchers that know their tours and meet no chance on their ways do the same in every run. Real robots do not; of all that
+may differ between runs of one target distribution, the paper tells nothing. What is varied here is the place where each
+robot starts, by a few centimetres along x and y. All arms of a replicate have the same starts.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from cosim.documents import Assignment, parse_place
+from cosim.randomness import Streams
+from cosim.scenario import Scenario, build, dump
+from cosim.simulation import simulate
+from experiments.aggregation_search import searching
+from experiments.aggregation_search.searching import COLUMNS
+
+__all__ = ["COLUMNS", "Parameters", "measure"]
+
+
+class Parameters(searching.Parameters):
+    """A search, and how exactly its robots are put where ``team.starts`` says."""
+
+    placing_m: float = Field(default=0.0, ge=0, description="m, at most, that a robot is beside its place along x or y")
+
+    def placed(self, seed: int) -> Scenario:
+        """Return the scenario with the starts of the run with *seed*; as they are if there are none."""
+        scenario = self.chosen()
+        if scenario.team.starts is None:
+            return scenario
+        stream = Streams(seed)("placing")
+        off = stream.uniform(-self.placing_m, self.placing_m, (len(scenario.team.starts), 2)).tolist()
+        starts = [[x + dx, y + dy] for (x, y), (dx, dy) in zip(scenario.team.starts, off, strict=True)]
+        place = Assignment(parse_place("team.starts"), starts, "placing_m")
+        return build(dump(scenario), "scenario", Path(__file__).parent, [place])
+
+
+def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
+    """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
+    metrics = simulate(Parameters.model_validate(parameters).placed(seed), seed).metrics
+    return {column.name: metrics[column.name] for column in COLUMNS}

@@ -1,0 +1,64 @@
+"""The search of paper 002 on areas of several sizes, with several numbers of sub-teams.
+
+What has to grow with the area does: how long a run may last, how long a searcher may be silent, and, by the paper's rule of
+thumb for MRP (section III.B: reconvene in a quarter of the time that SRP would need), the time between reconvenings. All
+three are proportional to the area that a sub-team has to search, and those of aggregation_search where that is a third
+of 150 m x 150 m. A host waits for its searchers as long as they take for the side of the area.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import Field
+
+from cosim.documents import Assignment, parse_place
+from cosim.scenario import Scenario, build, dump
+from cosim.settings import Settings
+from cosim.simulation import simulate
+from experiments.aggregation_search.searching import COLUMNS
+
+__all__ = ["COLUMNS", "Parameters", "measure"]
+
+LEAST_S: Final = 30.0
+"""No period is shorter: a host has to tell its plan, and searchers to go somewhere."""
+
+
+class Parameters(Settings):
+    """A search, how large its area is, and how many sub-teams there are."""
+
+    scenario: Scenario = Field(description="the run, with the bodies of a host and of a searcher as its two groups")
+    side_m: int = Field(gt=0, description="m, side of the area: the floor rooms_SIDE.yaml")
+    sub_teams: int = Field(ge=1, description="hosts")
+    searchers: int = Field(default=2, ge=1, description="in each sub-team")
+    cap_s: float = Field(default=300.0, gt=0, description="s, longest run on no area")
+    cap_s_per_m2: float = Field(default=0.18, ge=0, description="s, so much longer by the square metre")
+    reconvene_s_per_m2: float = Field(default=0.02, gt=0, description="MRP: s, by the square metre of a sub-team")
+    lost_s_per_m2: float = Field(default=0.12, gt=0, description="s of silence, by the square metre of a sub-team")
+
+    def chosen(self) -> Scenario:
+        """Return the run."""
+        scenario = self.scenario
+        area_m2 = float(self.side_m**2)
+        share_m2 = area_m2 / self.sub_teams
+        groups = dump(scenario)["team"]["groups"]
+        own: dict[str, Any] = {
+            "duration_s": self.cap_s + self.cap_s_per_m2 * area_m2,
+            "floorplan.map": f"../floors/rooms_{self.side_m}.yaml",
+            "team.groups": [
+                {**groups[0], "size": self.sub_teams},
+                {**groups[1], "size": self.sub_teams * self.searchers},
+            ],
+            "protocol.parameters.hosts": self.sub_teams,
+            "protocol.parameters.reconvene_s": max(LEAST_S, self.reconvene_s_per_m2 * share_m2),
+            "protocol.parameters.sync_s": self.side_m / scenario.team.bodies[-1].speed_mps,
+            "protocol.parameters.lost_s": max(LEAST_S, self.lost_s_per_m2 * share_m2),
+        }
+        changes = [Assignment(parse_place(path), value, path) for path, value in own.items()]
+        return build(dump(scenario), "scenario", Path(__file__).parent, changes)
+
+
+def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
+    """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
+    metrics = simulate(Parameters.model_validate(parameters).chosen(), seed).metrics
+    return {column.name: metrics[column.name] for column in COLUMNS}
