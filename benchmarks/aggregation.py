@@ -1,4 +1,4 @@
-"""What searches of ``experiments/aggregation_search`` cost: whole runs, their ten first minutes, and a hundred robots."""
+"""What searches of ``experiments/aggregation_search`` cost: whole runs, their first ten minutes, a hundred robots."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,7 @@
 """The laboratory's runs: the same search again and again, but for where exactly people put the robots at the start.
 
-Searchers that know their tours and meet no chance on their ways do the same in every run. Real robots do not; of all that
-may differ between runs of one target distribution, the paper tells nothing. What is varied here is the place where each
+Searchers that know their tours and meet no chance on their ways do the same in every run. Real robots do not; the paper
+does not say what differed between its runs of one target distribution. What is varied here is the place where each
 robot starts, by a few centimetres along x and y. All arms of a replicate have the same starts.
 """
 
@@ -22,20 +22,21 @@ __all__ = ["COLUMNS", "Parameters", "measure"]
 
 
 class Parameters(searching.Parameters):
-    """A search, and how exactly its robots are put where ``team.starts`` says."""
+    """A search, where its targets are, and how exactly its robots are put where ``team.starts`` says."""
 
+    distribution: int = Field(default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is")
     placing_m: float = Field(default=0.0, ge=0, description="m, at most, that a robot is beside its place along x or y")
 
     def placed(self, seed: int) -> Scenario:
-        """Return the scenario with the starts of the run with *seed*; as they are if there are none."""
+        """Return the scenario with the targets, and with the starts of the run with *seed*, if it names any."""
         scenario = self.chosen()
-        if scenario.team.starts is None:
-            return scenario
-        stream = Streams(seed)("placing")
-        off = stream.uniform(-self.placing_m, self.placing_m, (len(scenario.team.starts), 2)).tolist()
-        starts = [[x + dx, y + dy] for (x, y), (dx, dy) in zip(scenario.team.starts, off, strict=True)]
-        place = Assignment(parse_place("team.starts"), starts, "placing_m")
-        return build(dump(scenario), "scenario", Path(__file__).parent, [place])
+        given = scenario.team.starts or ()
+        off = Streams(seed)("placing").uniform(-self.placing_m, self.placing_m, (len(given), 2)).tolist()
+        starts = [[x + dx, y + dy] for (x, y), (dx, dy) in zip(given, off, strict=True)] or None
+        targets = f"{getattr(scenario.protocol.parameters, 'target_place', None)}_{self.distribution}"
+        changes = {"team.starts": starts, "protocol.parameters.target_place": targets}
+        assignments = [Assignment(parse_place(path), value, path) for path, value in changes.items()]
+        return build(dump(scenario), "scenario", Path(__file__).parent, assignments)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

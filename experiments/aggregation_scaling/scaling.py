@@ -1,9 +1,9 @@
 """The search of paper 002 on areas of several sizes, with several numbers of sub-teams.
 
-What has to grow with the area does: how long a run may last, how long a searcher may be silent, and, by the paper's rule of
-thumb for MRP (section III.B: reconvene in a quarter of the time that SRP would need), the time between reconvenings. All
-three are proportional to the area that a sub-team has to search, and those of aggregation_search where that is a third
-of 150 m x 150 m. A host waits for its searchers as long as they take for the side of the area.
+What has to grow with the area does: how long a run may last; how long a searcher may be silent; and, by the paper's
+rule of thumb for MRP (section III.B: reconvene in a quarter of the time that SRP would need), the time between
+reconvenings. The last two are proportional to the area that a sub-team has to search, and those of aggregation_search
+where that is a third of 150 m x 150 m. A host waits for its searchers as long as these need for the side of the area.
 """
 
 from collections.abc import Mapping

@@ -171,6 +171,7 @@ class Host:
         """Tell everybody in reach of either radio that this host lives, and what has changed."""
         self._beat_at += self._period * (1 + (now - self._beat_at) // self._period)
         self.team.forget(now)
+        self._follow_searchers(now)
         if self.team.changed:
             self.team.changed, self._news_left = False, REPEATS
         ways = self._itinerary
@@ -186,6 +187,14 @@ class Host:
             if self._news_left:
                 self._news_left -= 1
                 self._speech.say(self._news(), radio=self.parameters.long_radio)
+
+    def _follow_searchers(self, now: Time) -> None:
+        """At the end of a mobile integrator's way go amid the searchers' new tours, if all of them can be told."""
+        ways, ends_at = self._itinerary, self._itinerary.course.ends_at()
+        over = ends_at is not None and now >= ends_at and not ways.astray
+        if over and ways.integrates and self.team.reassigned and self.team.gathered(now):
+            self.team.reassigned = False
+            ways.depart(self._here, self.team.tours, now)
 
     def _heartbeat(self, now: Time) -> Heartbeat:
         ways, known = self._itinerary, self.findings

@@ -38,6 +38,7 @@ class Itinerary:
         self._neighbours = neighbours
         self._events = events
         self._meets = parameters.strategy == "mrp"
+        self.integrates = parameters.strategy in ("mi", "mito", "random")
         self._static = parameters.strategy == "srp"
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._sync = from_seconds(parameters.sync_s)

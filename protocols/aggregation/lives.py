@@ -1,4 +1,4 @@
-"""Which life of a host a heartbeat is of: one that has been rebooted counts anew, and has forgotten what it was told."""
+"""Which life of a host a heartbeat is of: one that has been rebooted counts anew, and has forgotten all."""
 
 from cosim.units import MS, Time
 from protocols.aggregation.frames import CLOCK_MS

@@ -19,6 +19,8 @@ from protocols.aggregation.walking import Walker, WalkingParameters
 
 _ASK_TICKS: Final = 5
 """So often a pedestrian looks where to go."""
+_STRAIGHT_RAD: Final = 0.02
+_REACHED_M: Final = 0.05
 _STEP_M: Final = 0.01
 _NEAR_M: Final = 0.01
 
@@ -33,6 +35,7 @@ class Pedestrian(Walker):
         self._loops: Boundary = unpacked_boundary.py_func(*ground.loops)
         self._memory: Floats | None = None
         self._ask_at = 0
+        self._underway = False
         self._at_last = False
         """The goal itself is what the pedestrian heads for."""
 
@@ -52,21 +55,30 @@ class Pedestrian(Walker):
         if place_m is None:
             return None
         move = visbug_step(
-            self._loops,
-            here,
-            place_m,
-            self._memory,
-            vision_m=self._own.sight_m,
-            step_m=_STEP_M,
-            near_m=_NEAR_M,
+            self._loops, here, place_m, self._memory, vision_m=self._own.sight_m, step_m=_STEP_M, near_m=_NEAR_M
         )
-        self._memory = move.memory
         if move.status == Status.UNREACHABLE:
             self._memory = None
             return None
         place = target_of(self._loops, move.memory)
-        self._at_last = move.status == Status.ARRIVED or math.dist(place, place_m) <= _NEAR_M
+        if move.status == Status.ARRIVED:
+            place = place_m
+        if self._keeps_on(here, place):
+            return self._way
+        self._memory = move.memory
+        self._at_last = math.dist(place, place_m) <= _NEAR_M
         return [place_m if self._at_last else place]
+
+    def _keeps_on(self, here: Point, place: Point) -> bool:
+        """Return whether the next place lies elsewhere than the present one, which the pedestrian has not reached yet.
+
+        A body that turns away under way slides on, and may lose sight of where it was to go.
+        """
+        if not self._underway or not self._way or math.dist(here, self._way[0]) <= _REACHED_M:
+            return False
+        (x, y), (to_x, to_y), (new_x, new_y) = here, self._way[0], place
+        ax, ay, bx, by = to_x - x, to_y - y, new_x - x, new_y - y
+        return abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
 
     def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
         """Return None: who has no map plans no way around anything."""
@@ -79,5 +91,7 @@ class Pedestrian(Walker):
         here = observation.x_m, observation.y_m
         if self._way and not self.arrived and not self._evasion.scripted and self._ticks >= self._ask_at:
             self._ask_at = self._ticks + _ASK_TICKS
+            self._underway = True
             self._plan(here)
+            self._underway = False
         return super()._decide(observation)

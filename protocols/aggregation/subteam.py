@@ -43,6 +43,8 @@ class SubTeam:
         self.roll = Roll()
         self.changed = False
         """Whether the other hosts are to be told who is in it."""
+        self.reassigned = False
+        """Whether somebody has been given other work since the host's way was planned."""
         self._lost = from_seconds(parameters.lost_s)
         self._recent = from_seconds(RECENT_BEATS * parameters.heartbeat_s)
         self._work = work
@@ -59,6 +61,7 @@ class SubTeam:
             self.roll.add(searcher, 0, start)
             if not at_random:
                 self._give(searcher, self.roll.members[searcher], tours[searcher])
+        self.reassigned = False
         return tuple(tours.values())
 
     @property
@@ -70,6 +73,10 @@ class SubTeam:
     def tours(self) -> Tours:
         """What each member has been given, and is not known to have visited."""
         return tuple(member.left(self._findings.visited) for member in self.roll.members.values())
+
+    def gathered(self, now: Time) -> bool:
+        """Return whether all members are in contact: then nobody relies on a plan that is changed."""
+        return all(now - member.heard <= self._recent for member in self.roll.members.values())
 
     def missing(self) -> int:
         """Return how many members have not come to the present meeting."""
@@ -185,6 +192,7 @@ class SubTeam:
 
     def _give(self, searcher: Address, member: Member, posts: tuple[int, ...]) -> None:
         member.give(posts)
+        self.reassigned = True
         self._events.append(Assigned(searcher, member.number, len(posts)))
 
     def _waiting(self, searcher: Address) -> int:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.machine import BROADCAST, GoTo, Machine, Outgoing, Reception, Surroundings
+from cosim.machine import BROADCAST, Drive, GoTo, Machine, Outgoing, Reception, Surroundings
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
@@ -201,7 +201,7 @@ class Alone:
         self.machine: Any = made or SPEC.make(self.parameters, self.knowledge, me, stream, start)
         self.here: Point = starts_m[me]
         self.noted: list[Any] = []
-        self.orders: list[Any] = []
+        self.orders: list[Point] = []
         self.looks()
 
     def looks(self, here: Point | None = None, seen: Sequence[tuple[int, float, float]] = ()) -> list[Said]:
@@ -236,7 +236,7 @@ class Alone:
 
     def goal_m(self) -> Point | None:
         """Return where it was sent last."""
-        return None if not self.orders else (self.orders[-1][0], self.orders[-1][1])
+        return self.orders[-1] if self.orders else None
 
     def _next(self) -> Point:
         goal = self.goal_m() or self.here
@@ -244,8 +244,16 @@ class Alone:
 
     def _left(self) -> list[Said]:
         self.noted += self.machine.events()
-        self.orders += [order for order in self.machine.commands() if isinstance(order, GoTo)]
+        self.orders += [_order(command, self.here) for command in self.machine.commands()]
         return [Said(item.destination, item.radio, decode(item.payload)[1]) for item in self.machine.outbox()]
+
+
+def _order(command: GoTo | Drive, here: Point) -> Point:
+    """Return where a robot is sent: who is told to stand is sent to where it is."""
+    if isinstance(command, GoTo):
+        return command.x_m, command.y_m
+    assert command.speed_mps == 0.0  # nobody is in anybody's way here
+    return here
 
 
 def _toward(here: Point, goal: Point, step_m: float) -> Point:
@@ -359,8 +367,7 @@ class Team:
         for item in machine.outbox():
             self._send(robot, item)
         for command in machine.commands():
-            if isinstance(command, GoTo):
-                self._goals[robot] = (command.x_m, command.y_m)
+            self._goals[robot] = _order(command, self.places_m[robot])
 
     def _send(self, source: int, item: Outgoing) -> None:
         everybody = range(self.knowledge.hosts) if item.radio else range(self.knowledge.size)

@@ -73,7 +73,16 @@ def test_a_host_without_its_long_range_radio_goes_astray_and_is_taken_back(strat
     faults = [{"kind": "radio_off", "robot": 0, "radio": 1, "at_s": 7.0, "for_s": 20.0}]
     short_m = 3.0  # hosts that are close hear each other by the other radio
     channel = ideal_radios(short_m)
-    search = run(strategy, hosts=3, searchers=4, faults=faults, camera_m=3.0, channel=channel, short_m=short_m)
+    search = run(
+        strategy,
+        hosts=3,
+        searchers=4,
+        faults=faults,
+        camera_m=3.0,
+        channel=channel,
+        short_m=short_m,
+        timeout_s_per_m2=0.3,
+    )
     assert_all_is_well(search)
     astray = [row["s"] for row in search.told("Departed", 0) if row["astray"]]
     assert astray and 7.0 + 4.0 < astray[0] < 27.0
