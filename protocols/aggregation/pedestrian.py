@@ -39,12 +39,6 @@ class Pedestrian(Walker):
         self._at_last = False
         """The goal itself is what the pedestrian heads for."""
 
-    def head_for(self, goal_m: Point | None) -> None:
-        """Take a goal, and begin to look for a way there."""
-        if goal_m != self.goal_m:
-            self._memory = None
-        super().head_for(goal_m)
-
     def remaining_m(self, here: Point) -> float:
         """Return how far the goal is in metres, in a straight line: nothing else is known."""
         return 0.0 if self.goal_m is None else math.dist(here, self.goal_m)
@@ -64,7 +58,7 @@ class Pedestrian(Walker):
         if move.status == Status.ARRIVED:
             place = place_m
         if self._keeps_on(here, place):
-            return self._way
+            return None if self._track is None else self._track.points_m
         self._memory = move.memory
         self._at_last = math.dist(place, place_m) <= _NEAR_M
         return [place_m if self._at_last else place]
@@ -74,9 +68,9 @@ class Pedestrian(Walker):
 
         A body that turns away under way slides on, and may lose sight of where it was to go.
         """
-        if not self._underway or not self._way or math.dist(here, self._way[0]) <= _REACHED_M:
+        if not self._underway or self._track is None or math.dist(here, self._track.place) <= _REACHED_M:
             return False
-        (x, y), (to_x, to_y), (new_x, new_y) = here, self._way[0], place
+        (x, y), (to_x, to_y), (new_x, new_y) = here, self._track.place, place
         ax, ay, bx, by = to_x - x, to_y - y, new_x - x, new_y - y
         return abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
 
@@ -84,12 +78,12 @@ class Pedestrian(Walker):
         """Return None: who has no map plans no way around anything."""
         return None
 
-    def _is_at_goal(self, observation: Observation, here: Point) -> bool:
-        return self._at_last and super()._is_at_goal(observation, here)
+    def _is_at_goal(self, place: Point, observation: Observation, here: Point) -> bool:
+        return self._at_last and super()._is_at_goal(place, observation, here)
 
     def _decide(self, observation: Observation) -> Command | None:
         here = observation.x_m, observation.y_m
-        if self._way and not self.arrived and not self._evasion.scripted and self._ticks >= self._ask_at:
+        if self._track is not None and not self.arrived and not self._evasion.scripted and self._ticks >= self._ask_at:
             self._ask_at = self._ticks + _ASK_TICKS
             self._underway = True
             self._plan(here)

@@ -27,7 +27,7 @@ from protocols.aggregation.walking import Walker
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
-APART = 3.0
+APART = 6.0
 """Robots start so many radii apart."""
 ATTEMPTS = 10_000
 """So many places are tried for a robot, or for a target."""

@@ -16,6 +16,7 @@ from protocols.aggregation.ground import Ground
 from protocols.aggregation.stroller import Stroller
 from protocols.aggregation.walking_evasion import MOST_DOUBLINGS, STAND, Evasion
 from protocols.aggregation.walking_parameters import WalkingParameters
+from protocols.aggregation.walking_track import Track
 
 __all__ = ["Stroller", "Walker", "WalkingParameters"]
 
@@ -63,11 +64,10 @@ class Walker:
         self._is_news = True
         """The next order is to be given even if it is the last one: the body may have had others in between."""
         self._halt = False
-        self._way: list[Point] = []
-        self._rest: list[float] = []
-        self._from: Point = (0.0, 0.0)
+        self._track: Track | None = None
         self._look_at = 0
         self._least_m = math.inf
+        self._stuck_m = math.inf
         self._progress_at = 0
         self._attempts = 0
         self._plan_at: int | None = 0
@@ -84,7 +84,7 @@ class Walker:
             self._evasion.restart()
         self.goal_m = goal_m
         self.arrived = goal_m is None
-        self._way, self._rest = [], []
+        self._track = None
         self._look_at = 0
         self._plan_at = self._ticks
         self._is_news = True
@@ -98,8 +98,8 @@ class Walker:
         """Return how long the way to the goal is in metres, from *here*; 0 without a goal, inf without a way."""
         if self.goal_m is None:
             return 0.0
-        if self._way:
-            return math.dist(here, self._way[0]) + self._rest[0]
+        if self._track is not None:
+            return self._track.left_m(here)
         length = self._ground.length_m(here, self.goal_m)
         return math.inf if length is None else length
 
@@ -131,23 +131,21 @@ class Walker:
             return self._stand()
         if self._plan_at is not None and self._ticks >= self._plan_at:
             self._plan(here)
-        if not self._way:
-            return self._stand()
-        if self._evasion.scripted:
+        if self._evasion.scripted and self._track is not None:
             self._look_at = 0
             order = self._evasion.follow(observation, here, self._ticks)
             if order is not None:
                 return order
             self._progress_at = self._ticks
             self._resume(here)
-            if not self._way:
-                return self._stand()
-        self._advance(observation, here)
+        if self._track is None:
+            return self._stand()
+        self._advance(self._track, observation, here)
         if self.arrived:
-            return self._rest_here(observation, here)
-        if self._evasion.is_needed(observation, here, self._way[0], self._ticks):
+            return self._rest_here(self._track, observation, here)
+        if self._evasion.is_needed(observation, here, self._track.place, self._ticks):
             self._look_at = 0
-            return self._evade(observation, here)
+            return self._evade(self._track, observation, here)
         if self._evasion.ends:
             self._resume(here)
         if self._ticks - self._progress_at > self._patience:
@@ -161,22 +159,21 @@ class Walker:
             self._look_at = min(self._look_at, self._plan_at)
         return STAND
 
-    def _rest_here(self, observation: Observation, here: Point) -> Command:
+    def _rest_here(self, track: Track, observation: Observation, here: Point) -> Command:
         """Return the order for who has arrived: to the goal exactly, if nothing is there; look if it is carried off."""
         self._look_at = self._ticks + _LOOK_TICKS
-        if math.dist(here, self._way[-1]) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
+        if math.dist(here, track.end) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
             self.arrived = False
             self._plan(here)
-            return self._stand() if not self._way else GoTo(*self._way[0])
-        held = observation.blocked or self._evasion.is_ahead(observation, here, self._way[-1])
-        return self._stand() if held else GoTo(*self._way[-1])
+            return self._cruise(here)
+        held = observation.blocked or self._evasion.is_ahead(observation, here, track.end)
+        return self._stand() if held else GoTo(*track.end)
 
-    def _evade(self, observation: Observation, here: Point) -> Command:
+    def _evade(self, track: Track, observation: Observation, here: Point) -> Command:
         """Return the order for who has something in the way."""
-        while len(self._way) > 1 and self._ground.open(here, self._way[1]):
-            self._next_way_point(here)
-        place = self._way[0]
-        body = self._evasion.standing(observation, here, place, self._ticks)
+        while track.following is not None and self._ground.open(here, track.following):
+            self._go_on(track, here)
+        body = self._evasion.standing(observation, here, track.place, self._ticks)
         if body is not None or self._ticks - self._progress_at > self._patience:
             self._halt = True
         if self._halt:
@@ -185,12 +182,10 @@ class Walker:
             self._halt = False
             self._attempt(observation, here)
             if self._evasion.scripted:
-                order = self._evasion.follow(observation, here, self._ticks)
-                if order is not None:
-                    return order
-            if not self._way:
-                return self._stand()
-        return self._evasion.steer(observation, here, self._way[0], self._order, self._ticks)
+                return self._evasion.follow(observation, here, self._ticks) or STAND
+        if self._track is None:
+            return self._stand()
+        return self._evasion.steer(observation, here, self._track.place, self._order, self._ticks)
 
     # ---------------------------------------------------------------- ways
 
@@ -209,91 +204,76 @@ class Walker:
 
     def _take(self, here: Point, way: list[Point] | None) -> None:
         """Begin to follow a *way*; without one, stand for longer and longer."""
-        self._way = way or []
-        self._plan_at = None
         if not way:
+            self._track = None
             self._plan_at = self._ticks + (self._pause << min(self._attempts, MOST_DOUBLINGS))
             self._attempts += 1
             return
-        rest = [0.0]
-        for later, earlier in zip(way[:0:-1], way[-2::-1], strict=True):
-            rest.append(rest[-1] + math.dist(later, earlier))
-        self._rest = rest[::-1]
-        self._from = here
-        self._least_m = math.dist(here, way[0]) + self._rest[0]
-        self._evasion.goal_m = way[-1]
+        self._plan_at = None
+        self._track = Track(here, way)
+        self._least_m = self._track.left_m(here)
+        self._evasion.goal_m = self._track.end
 
     def _resume(self, here: Point) -> None:
         """Go back to the way, or to a new one if it is out of sight."""
-        self._from = here
-        if not self._ground.open(here, self._way[0]):
+        if self._track is None or not self._ground.open(here, self._track.place):
             self._plan(here)
+        else:
+            self._track.restart(here)
 
-    def _advance(self, observation: Observation, here: Point) -> None:
+    def _advance(self, track: Track, observation: Observation, here: Point) -> None:
         """Note progress, way points that have been passed, and whether the robot is at its goal."""
-        distance = math.dist(here, self._way[0])
-        while len(self._way) > 1 and distance <= self._own.pass_m:
-            if distance > _AT_WAY_POINT_M and not self._ground.open(here, self._way[1]):
+        distance = math.dist(here, track.place)
+        while track.following is not None and distance <= self._own.pass_m:
+            if distance > _AT_WAY_POINT_M and not self._ground.open(here, track.following):
                 break
-            self._next_way_point(here)
-            distance = math.dist(here, self._way[0])
-        left = distance + self._rest[0]
+            self._go_on(track, here)
+            distance = math.dist(here, track.place)
+        left = track.left_m(here)
         if left < self._least_m - self._nearer_m:
-            if left < self._least_m - _FREED_M or not self._attempts:
-                self._attempts = 0
             self._least_m = left
             self._progress_at = self._ticks
-        if not self.arrived and len(self._way) == 1 and self._is_at_goal(observation, here):
+            if self._attempts and self.remaining_m(here) < self._stuck_m - _FREED_M:
+                self._attempts = 0
+        if not self.arrived and track.following is None and self._is_at_goal(track.end, observation, here):
             self.arrived = True
             self._attempts = 0
             self._evasion.restart()
 
-    def _next_way_point(self, here: Point) -> None:
-        self._from = here
-        passed = self._rest[0]
-        del self._way[0], self._rest[0]
-        self._least_m = min(self._least_m, math.dist(here, self._way[0]) + passed)
+    def _go_on(self, track: Track, here: Point) -> None:
+        track.go_on(here)
+        self._least_m = min(self._least_m, track.left_m(here))
 
-    def _is_at_goal(self, observation: Observation, here: Point) -> bool:
+    def _is_at_goal(self, place: Point, observation: Observation, here: Point) -> bool:
         """Return whether the robot is at its goal, or before a robot that stands there."""
-        place, arrival_m = self._way[-1], self._own.arrival_m
-        distance = math.dist(here, place)
-        if distance <= arrival_m:
+        if math.dist(here, place) <= self._own.arrival_m:
             return True
-        room = self._contact_m + arrival_m
-        return distance <= room + arrival_m and any(
-            math.dist(place, (x, y)) < self._contact_m and math.dist(here, (x, y)) < room
-            for _, x, y in observation.sightings
-        )
+        return is_taken(place, here, observation, self._contact_m, self._own.arrival_m)
 
     def _cruise(self, here: Point) -> Command:
         """Return the order for the straight piece, and think when the next look is due."""
-        if self._off(here) > self._own.off_way_m:
+        if self._track is not None and self._track.off_m(here) > self._own.off_way_m:
             self._plan(here)
-            if not self._way:
-                return self._stand()
-        left = math.dist(here, self._way[0]) - self._own.pass_m
+        if self._track is None:
+            return self._stand()
+        left = math.dist(here, self._track.place) - self._own.pass_m
         self._look_at = self._ticks + max(1, min(_LOOK_TICKS, int(left / self._step_m)))
-        return GoTo(*self._way[0])
-
-    def _off(self, here: Point) -> float:
-        """Return how far the robot is off the straight piece that it follows."""
-        (x, y), place = self._from, self._way[0]
-        dx, dy, bx, by = place[0] - x, place[1] - y, here[0] - x, here[1] - y
-        square = dx * dx + dy * dy
-        part = min(max((bx * dx + by * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        return math.hypot(bx - part * dx, by - part * dy)
+        return GoTo(*self._track.place)
 
     def _attempt(self, observation: Observation, here: Point) -> None:
         """Try something else: to go round the nearest body, to make way for it, another way around all bodies near."""
         assert self.goal_m is not None
+        assert self._track is not None
         number, self._attempts = self._attempts, self._attempts + 1
         self._progress_at = self._ticks
+        self._stuck_m = self.remaining_m(here)
         self._is_news = True  # whatever has become of the last order
         bodies = self._evasion.bodies(observation, here)
         kind = number % _KINDS
         if bodies and kind < _KINDS - 1:
-            if kind != 2 and self._evasion.go_round(here, self._way[0], bodies[0], number, self._ticks, self._turn):
+            if kind != 2 and self._evasion.go_round(
+                here, self._track.place, bodies[0], number, self._ticks, self._turn
+            ):
                 return
             if kind != 0:
                 pause = self._pause << min(number // _KINDS, MOST_DOUBLINGS)
@@ -301,3 +281,11 @@ class Walker:
             return
         self.plans += 1
         self._take(here, self.detour(here, self.goal_m, bodies) or self.route(here, self.goal_m))
+
+
+def is_taken(place: Point, here: Point, observation: Observation, contact_m: float, slack_m: float) -> bool:
+    """Return whether a robot stands at *place*, so that one at *here*, before it, can come no nearer but by a slack."""
+    room = contact_m + slack_m
+    return math.dist(here, place) <= room + slack_m and any(
+        math.dist(place, (x, y)) < contact_m and math.dist(here, (x, y)) < room for _, x, y in observation.sightings
+    )

@@ -116,8 +116,8 @@ class Watched:
 def lost_reports(run: Watched) -> list[str]:
     """Return where a report was lost.
 
-    A target in a report that arrived at a host which never went down must be among that host's findings in the end. What
-    such a host knew ``TOLD_S`` before the end, all hosts must know that could exchange frames with it all that time.
+    A target in a report that arrived at a host which never went down must be among that host's findings in the end.
+    What it knew ``TOLD_S`` before the end, all hosts must know that could exchange frames with it all that time.
     """
     survivors = run.survivors
     wrong = [

@@ -117,7 +117,7 @@ def _groups(dice: Dice, hosts: int, searchers: int) -> list[Plain]:
     body = {"radius_m": 0.2, "acceleration_mps2": 2.0}
     return [
         {"size": hosts, "body": {**body, "speed_mps": dice.between(0.5, 2.0)}, "radios": [0, 1]},
-        {"size": searchers, "body": {**body, "speed_mps": dice.between(1.0, 3.0)}, "radios": [0]},
+        {"size": searchers, "body": {**body, "speed_mps": dice.between(0.4, 3.0)}, "radios": [0]},
     ]
 
 
@@ -134,7 +134,7 @@ def _radio(kind: str, reach_m: float, dice: Dice) -> Plain:
 
 def _parameters(dice: Dice, reach_m: Point) -> Plain:
     return {
-        "camera_m": dice.between(5.0, 8.0),
+        "camera_m": dice.between(4.0, 8.0),
         "vision_m": dice.one(0.0, 20.0),
         "short_m": reach_m[0],
         "long_m": reach_m[1],
@@ -170,7 +170,7 @@ def _faults(dice: Dice, hosts: int, searchers: int, drawn: Plain, fading: bool) 
     kinds = ["kill", "crash", "radio_off", "camera_off", "frozen", "moved", "clock_step", "battery"]
     kinds += ["wall", "jammer"] if fading else []
     for _ in range(dice.whole(0, 5)):
-        robot = dice.whole(0, hosts + searchers - 1)
+        robot = dice.whole(0, hosts - 1 if dice.chance(0.4) else hosts + searchers - 1)
         fault = _fault(dice, dice.one(*kinds), robot, hosts, drawn)
         if _possible(fault, faults):
             faults.append(fault)

@@ -146,7 +146,8 @@ def test_a_searcher_that_has_booted_again_is_given_what_it_was_given_before() ->
     team.reboot(3)
     team.run(4.0)
     later = team.said(Assign, 0, 3)[-1].message
-    assert isinstance(first, Assign) and isinstance(later, Assign)
+    assert isinstance(first, Assign)
+    assert isinstance(later, Assign)
     assert later.epoch > first.epoch
     assert set(later.posts) == set(first.posts)
 

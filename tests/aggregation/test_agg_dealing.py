@@ -1,7 +1,6 @@
 """How posts are dealt: no post to two, none forgotten, and those of silent hosts to exactly one of the others."""
 
 from functools import cache
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -12,7 +11,7 @@ from protocols.aggregation.leading import Work
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roll import Member, Roll
 from protocols.aggregation.strategies import Strategy
-from tests.aggregation.team_scene import Point, prepared
+from tests.aggregation.team_scene import prepared
 
 pytestmark = pytest.mark.slow
 

@@ -83,7 +83,8 @@ def test_it_asks_the_next_host_that_it_hears_again_and_again_with_one_epoch_unti
         (join,) = messages(searcher.hears(1, beat(number, searcher.now)), Join, to=1)
         epochs.append(join.epoch)
         searcher.passes(1.0)
-    assert len(set(epochs)) == 1 and epochs[0] > 0
+    assert len(set(epochs)) == 1
+    assert epochs[0] > 0
     searcher.hears(1, Confirm(epochs[0]))
     said = searcher.hears(1, beat(3, searcher.now))
     assert messages(said, Join) == []
@@ -99,7 +100,8 @@ def test_a_new_host_is_told_all_that_the_old_one_knew_already() -> None:
     (join,) = messages(searcher.hears(1, beat(0, searcher.now)), Join)
     searcher.hears(1, Confirm(join.epoch))
     (again,) = messages(searcher.hears(1, beat(1, searcher.now)), Report)
-    assert again.targets == report.targets and report.targets
+    assert again.targets == report.targets
+    assert report.targets
     assert again.epoch == join.epoch
 
 
@@ -171,7 +173,8 @@ def test_a_host_confirms_whom_it_takes_in_and_gives_it_work() -> None:
     hello(host, 2, 0)
     host.hears(2, Leave(0))  # its posts are free now
     (assign,) = messages(hello(host, 3, 5), Assign, to=3)
-    assert assign.epoch == 5 and assign.posts
+    assert assign.epoch == 5
+    assert assign.posts
 
 
 def test_a_lost_confirmation_is_repeated_when_the_searcher_asks_again() -> None:
@@ -238,7 +241,8 @@ def test_who_returns_to_its_host_after_another_has_listed_it_is_not_ignored() ->
     team.lost = lambda flight: (flight.source, flight.receiver) == (0, 2) or isinstance(flight.message, Confirm)
     team.run(60.0, lambda: bool(team.said(Join, 2, 1)))
     team.run(0.5)
-    assert team.said(Join, 2, 1) and 2 in team.members(1)
+    assert team.said(Join, 2, 1)
+    assert 2 in team.members(1)
     team.held.add(2)
     team.lost = lambda flight: False
     team.run(15.0)

@@ -85,10 +85,12 @@ def test_a_host_without_its_long_range_radio_goes_astray_and_is_taken_back(strat
     )
     assert_all_is_well(search)
     astray = [row["s"] for row in search.told("Departed", 0) if row["astray"]]
-    assert astray and 7.0 + 4.0 < astray[0] < 27.0
+    assert astray
+    assert 7.0 + 4.0 < astray[0] < 27.0
     assert not [row for host in (1, 2) for row in search.told("Departed", host) if row["astray"]]
     back = [row["s"] for row in search.told("Departed", 0) if row["s"] > astray[0] and not row["astray"]]
-    assert back and 27.0 <= back[0] < 27.0 + 2.0
+    assert back
+    assert 27.0 <= back[0] < 27.0 + 2.0
     suspected = {(row["source"], row["host"]) for row in search.told("HostSuspected")}
     assert suspected == {(0, 1), (0, 2), (1, 0), (2, 0)}
     trusted = {(row["source"], row["host"]) for row in search.told("HostTrusted") if row["s"] > 27.0}

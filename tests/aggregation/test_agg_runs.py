@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from itertools import pairwise
 
 import pytest
 
@@ -53,6 +54,25 @@ def test_the_search_ends_though_a_third_of_all_frames_is_lost(strategy: str) -> 
     assert_all_found_and_stopped(run(strategy, channel=ideal_radios(loss=0.3)))
 
 
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_the_search_ends_though_frames_overtake_each_other(strategy: str) -> None:
+    assert_all_found_and_stopped(run(strategy, channel=ideal_radios(jitter_s=0.5, loss=0.1)))
+
+
+@pytest.mark.parametrize("strategy", ["mrp", "mi", "mito"])
+def test_a_host_that_strays_out_of_reach_finds_back_to_the_others(strategy: str) -> None:
+    """The paper's second case: one host's way is not kept within reach, which here is 9 m."""
+    long_m = 9.0
+    channel = ideal_radios(3.0, long_m)
+    search = run(strategy, channel=channel, short_m=3.0, long_m=long_m, strays=(0,), camera_m=3.0, timeout_s_per_m2=0.3)
+    assert_all_found_and_stopped(search)
+    astray = [row["s"] for row in search.told("Departed", 0) if row["astray"]]
+    assert astray
+    assert [row["s"] for row in search.told("Departed", 0) if not row["astray"] and row["s"] > astray[0]]
+    orderly = run(strategy, channel=channel, short_m=3.0, long_m=long_m, camera_m=3.0, timeout_s_per_m2=0.3)
+    assert not [row for row in orderly.told("Departed") if row["astray"]]
+
+
 @pytest.mark.parametrize("strategy", ["mi", "mrp"])
 def test_the_search_ends_over_an_ad_hoc_network(strategy: str) -> None:
     radios = [{"kind": "adhoc", "range_m": reach} for reach in (SHORT_M, 60.0)]
@@ -88,7 +108,7 @@ def test_searchers_of_a_static_host_stop_where_the_radio_connects() -> None:
     met = 0
     for searcher in SEARCHERS:
         changes = search.told("ErrandChanged", searcher)
-        for before, after in zip(changes, changes[1:], strict=False):
+        for before, after in pairwise(changes):
             if (before["errand"], after["errand"]) != ("meet", "wait"):
                 continue
             host = search.machines[searcher].membership.host

@@ -85,7 +85,7 @@ def looks(
     short: tuple[frozenset[int], ...] = ALL_HEAR,
     long: tuple[frozenset[int], ...] = ALL_HEAR,
 ) -> list[Look]:
-    """Return what is seen from 20 s to 42 s after the last fault; the searcher's claim is the next of *claims* each s."""
+    """Return what is seen 20 s to 42 s after the last fault; each second the searcher claims the next of *claims*."""
     return [
         Look(k / 2, up, (short, long), {2: claims[k // 2 % len(claims)]}, lists, {0: frozenset(), 1: frozenset()})
         for k in range(40, 84)

@@ -67,7 +67,8 @@ def test_each_reconvening_point_lies_farther_along_the_way_to_the_far_end() -> N
                 ends.append(end)
         left = [team.knowledge.ground.length_m(end, far) or 0.0 for end in ends[:4]]
         rally = Strategy(team.parameters, team.knowledge, host).rally_m
-        assert len(left) == 4 and left[-1] < 0.5
+        assert len(left) == 4
+        assert left[-1] < 0.5
         to_rally = team.knowledge.ground.length_m(STARTS_M[host], rally) or 0.0
         onward = team.knowledge.ground.length_m(rally, far) or 0.0
         route = to_rally + onward
@@ -224,7 +225,7 @@ def test_it_stops_as_soon_as_it_hears_its_host_whatever_it_sees() -> None:
 
 
 def test_a_moving_host_is_met_ahead_and_not_where_it_is_now() -> None:
-    """It goes along y = 3 to the right; the searcher comes from the left: straight to where it is now would be a chase."""
+    """It goes along y = 3 to the right: to head for where it is now would be a chase."""
     now: Time = 3 * S
     plan = Plan(0, 1, stamp(now), 0.5, ((3.0, 3.0), (9.0, 3.0)))
     searcher = leaving(plan, suspect_s=100.0)

@@ -169,6 +169,10 @@ def test_who_stands_at_a_wall_goes_to_the_nearest_free_place_on_the_same_side():
         way = on.way((x, 6.0), (2.0, 2.0))
         assert way is not None
         assert way[0] == place
+    # beside this wall the nearest free centre of all lies on the other side
+    place = hall(16.0, 8.0, [(8.05, 0, 8.05, 3), (8.05, 5, 8.05, 8)]).stands((8.04, 6.5))
+    assert place is not None
+    assert place[0] < 8.05
     assert on.stands((2.0, 4.0)) == (2.0, 4.0)
     assert on.way((2.0, 4.0), (7.9, 7.0))[-1] == on.stands((7.9, 7.0))
 
@@ -200,6 +204,9 @@ def test_ways_around_bodies_keep_away_from_them():
     assert shapely.distance(line, shapely.MultiPoint(bodies)) > 1.2 - 0.5 * 0.25 * math.sqrt(2.0)
     assert any(5.0 < y < 7.0 for _, y in way), "by the other door"
     assert on.way_around(start, goal, [(8.0, 2.0), (8.0, 6.0)], 1.2) is None
+    beside = on.way_around((0.26, 2.0), goal, bodies, 1.2)
+    assert beside is not None
+    assert beside[0] == on.stands((0.26, 2.0)), "who stands at a wall leaves it first"
 
 
 def test_lengths_from_a_place_are_those_of_the_ways():

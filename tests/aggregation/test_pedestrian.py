@@ -62,6 +62,13 @@ def test_a_pedestrian_finds_out_that_no_way_leads_to_a_goal():
     own.head_for((12.0, 4.0))
     assert scene.run(60.0) is None
     assert own.stuck
+    plans, calm = own.plans, 0
+    for _ in range(300):
+        scene.tick()
+        calm, plans = (calm + 1 if own.plans == plans else 0), own.plans
+        if calm == 30:
+            break
+    assert calm == 30, "it has stopped looking for a while"
     own.head_for((15.2, 4.0))
     assert scene.run(60.0) is not None
     assert not own.stuck

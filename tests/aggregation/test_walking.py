@@ -119,12 +119,14 @@ def test_the_order_for_a_goal_is_given_again_after_others_have_moved_the_body():
     scene = stage(on, [(2.0, 4.0)], [(6.0, 4.0)])
     own = scene.walkers[0]
     scene.tick()
-    own.head_for(None)
-    scene.tick()
-    scene.fleet.apply([(0, GoTo(2.0, 7.0))])  # by somebody else
+    assert scene.orders[0] == [(1, GoTo(6.0, 4.0))]
+    scene.fleet.apply([(0, GoTo(2.0, 4.0))])  # by somebody else
     for _ in range(20):
         scene.fleet.step()
+    own.head_for(None)
     own.head_for((6.0, 4.0))
+    scene.tick()
+    assert scene.orders[0][1:] == [(2, GoTo(6.0, 4.0))]
     assert scene.run(20.0) is not None
 
 
@@ -224,10 +226,11 @@ def test_a_door_that_is_barred_for_good_leaves_the_robot_stuck_until_it_is_free(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("off_m", [0.0, 0.1])
 @pytest.mark.parametrize("speed_mps", [0.02, 0.1])
-def test_slow_robots_get_past_each_other_without_being_taken_for_stuck_on_the_way(speed_mps):
+def test_slow_robots_get_past_each_other_without_being_taken_for_stuck_on_the_way(speed_mps, off_m):
     on = two_rooms()
-    scene = stage(on, [(6.0, 4.0), (10.0, 4.1)], [(10.0, 4.0), (6.0, 4.0)], speed_mps=speed_mps)
+    scene = stage(on, [(6.0, 4.0), (10.0, 4.0 + off_m)], [(10.0, 4.0), (6.0, 4.0)], speed_mps=speed_mps)
     seen = set()
     for _ in range(int(30.0 / speed_mps)):
         scene.tick()
@@ -321,6 +324,19 @@ def test_a_robot_that_was_frozen_goes_on():
     scene.fleet.freeze(0, False)
     assert scene.run(60.0) is not None
     assert not scene.walkers[0].stuck
+
+
+def test_a_slow_robot_is_given_longer_before_it_counts_as_stuck():
+    on = two_rooms()
+    for speed_mps, patience_s in ((1.0, 4.0), (0.02, 25.0)):
+        scene = stage(on, [(2.0, 4.0)], [(14.0, 4.0)], speed_mps=speed_mps)
+        scene.fleet.freeze(0, True)
+        stuck = []
+        for _ in range(round(10 * patience_s) + 30):
+            scene.tick()
+            stuck.append(scene.walkers[0].stuck)
+        assert not any(stuck[: round(10 * patience_s) - 1])
+        assert stuck[-1]
 
 
 def test_a_robot_whose_order_was_lost_is_given_it_again():

@@ -89,6 +89,18 @@ def test_a_stroller_stands_when_told_and_goes_on_when_told():
     assert math.dist(scene.place(0), at) > 0.5
 
 
+def test_a_stroller_does_not_set_out_towards_a_robot_that_is_near():
+    on = hall(10.0, 10.0)
+    for seed in range(60):
+        scene = strolling(on, [(5.0, 5.0), (5.8, 5.0)], seed)
+        scene.walkers[1] = None
+        scene.tick()
+        (end,) = ends_of(scene)
+        for share in np.linspace(0.0, 1.0, 40):
+            there = 5.0 + share * (end[0] - 5.0), 5.0 + share * (end[1] - 5.0)
+            assert math.dist(there, (5.8, 5.0)) > 0.5
+
+
 def test_strollers_turn_away_from_each_other_and_keep_strolling():
     on = hall(8.0, 5.0)
     scene = strolling(on, [(1.0, 1.0), (7.0, 1.0), (1.0, 4.0), (7.0, 4.0), (4.0, 2.5)])

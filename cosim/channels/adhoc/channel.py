@@ -150,6 +150,7 @@ class AdhocChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
+        self._reached = None
         self._stations[address].power(on)
         self._held[address] = 0
         self._handover.forget(address)
@@ -206,10 +207,7 @@ class AdhocChannel(IdealChannel):
 
     def _reaches(self, source: Address) -> Sequence[tuple[Address, float]]:
         """Return whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
-        if not self._on[source]:
-            return ()
-        reached = self._powers()[source]
-        return reached if all(self._on) else tuple(each for each in reached if self._on[each[0]])
+        return self._powers()[source]
 
     def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
         if self._reached is None:
@@ -219,7 +217,8 @@ class AdhocChannel(IdealChannel):
                 np.fill_diagonal(power, 0.0)
             else:
                 power = mw(self._settings.power_dbm) * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
-            one, other = np.nonzero(power > FAINT_MW)
+            on = np.array(self._on)
+            one, other = np.nonzero((power > FAINT_MW) & on & on[:, None])
             heard = list(zip(other.tolist(), power[one, other].tolist(), strict=True))
             ends = np.searchsorted(one, np.arange(self.size + 1)).tolist()
             self._reached = [tuple(heard[begin:end]) for begin, end in pairwise(ends)]
