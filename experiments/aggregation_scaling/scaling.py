@@ -47,7 +47,7 @@ class Parameters(Settings):
             "floorplan.map": f"../floors/rooms_{self.side_m}.yaml",
             "team.groups": [
                 {**groups[0], "size": self.sub_teams},
-                {**groups[1], "size": self.sub_teams + self.searchers},
+                {**groups[1], "size": self.sub_teams * self.searchers},
             ],
             "protocol.parameters.hosts": self.sub_teams,
             "protocol.parameters.reconvene_s": max(LEAST_S, self.reconvene_s_per_m2 * share_m2),

@@ -201,7 +201,7 @@ class Host:
         number, self._beats = self._beats, (self._beats + 1) % (1 << 32)
         counts = ways.round % COUNTS, ways.version, len(known.targets), len(known.visited)
         flags = self.over, ways.syncing, ways.astray
-        return Heartbeat(number, stamp(now), *self._here, *counts, *flags, self.neighbours.silent)
+        return Heartbeat(number, stamp(now), *self._here, *counts, *flags, self.neighbours.leaderless)
 
     def _plans(self) -> Plans:
         return Plans((self._itinerary.plan, *self.neighbours.plans()))

@@ -57,7 +57,7 @@ class Heartbeat(NamedTuple):
     astray: bool
     """The host hears no other host, and heads for them."""
     silent: tuple[Address, ...]
-    """Hosts that this one holds for failed or out of reach."""
+    """Hosts that this one holds for failed or out of reach, or that have forgotten their searchers in a reboot."""
 
 
 class Plans(NamedTuple):

@@ -230,6 +230,18 @@ def test_who_is_not_heard_for_long_is_struck_off_and_its_posts_are_given_to_othe
     assert not set(first.posts) & set(second.posts)
 
 
+def test_who_comes_back_after_it_was_struck_off_is_given_something_new() -> None:
+    """The number of what it was given last is that which the host begins with: it may not be taken for the same."""
+    host = leader(lost_s=20.0, hosts=1)
+    (first,) = messages(hello(host, 2, 0), Assign)
+    host.passes(25.0)
+    assert MemberRemoved(2, "lost") in host.noted
+    said = hello(host, 2, 0, assignment=first.number)
+    (again,) = messages(said, Assign)
+    assert again.number != first.number
+    assert messages(hello(host, 2, 0, assignment=again.number), Assign) == []
+
+
 # ---------------------------------------------------------------- what may not happen
 
 
