@@ -201,7 +201,7 @@ class Host:
         number, self._beats = self._beats, (self._beats + 1) % (1 << 32)
         counts = ways.round % COUNTS, ways.version, len(known.targets), len(known.visited)
         flags = self.over, ways.syncing, ways.astray
-        return Heartbeat(number, stamp(now), *self._here, *counts, *flags, self.neighbours.leaderless)
+        return Heartbeat(number, stamp(now), *self._here, *counts, *flags, self.neighbours.silent)
 
     def _plans(self) -> Plans:
         return Plans((self._itinerary.plan, *self.neighbours.plans()))
@@ -231,16 +231,20 @@ class Host:
         match message:
             case Heartbeat():
                 self._hear_heartbeat(host, message, now)
-            case News(targets=targets, visited=visited, members=members):
-                if self.neighbours.told(host, message):
-                    self._itinerary.renew()
-                self.team.claimed(members)
+            case News(targets=targets, visited=visited, members=members, plan=plan):
+                if plan.host == self.me:
+                    self.team.recall(members, now)
+                elif plan.host == host:
+                    if self.neighbours.told(host, message):
+                        self._itinerary.renew()
+                    self.team.claimed(members)
                 self._learn(host, targets, visited, now)
 
     def _hear_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
         if self.neighbours.heard(host, beat, now):
             self._events.append(HostTrusted(host))
             self._news_left = REPEATS
+            self._remind(host)
         silent_at = self.neighbours.hosts[host].detector.suspects_at()
         if silent_at is not None and silent_at < self._deadline:  # later ones are looked for at the next deadline
             self._deadline = max(silent_at, now)
@@ -248,6 +252,14 @@ class Host:
             self._news_left = max(self._news_left, 1)
         if self._itinerary.astray and not self.neighbours.alone():
             self._itinerary.found_back(self._here, self.team.tours, now)
+
+    def _remind(self, host: Address) -> None:
+        """Tell a host that may have been rebooted whom it led, as far as it has told."""
+        one = self.neighbours.hosts[host]
+        if one.plan is not None and one.members:
+            visited = bitmap(self.findings.visited, self._posts)
+            news = News(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
+            self._speech.say(news, host, self.parameters.long_radio)
 
     def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
         """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""

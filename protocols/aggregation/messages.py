@@ -57,7 +57,7 @@ class Heartbeat(NamedTuple):
     astray: bool
     """The host hears no other host, and heads for them."""
     silent: tuple[Address, ...]
-    """Hosts that this one holds for failed or out of reach, or that have forgotten their searchers in a reboot."""
+    """Hosts that this one holds for failed or out of reach."""
 
 
 class Plans(NamedTuple):
@@ -67,7 +67,10 @@ class Plans(NamedTuple):
 
 
 class News(NamedTuple):
-    """A host tells the others its map, its members and its way."""
+    """A host tells the others its map, its members and its way; or one that was rebooted what its own last were.
+
+    Whose members and way they are says the plan.
+    """
 
     targets: tuple[Finding, ...]
     visited: bytes

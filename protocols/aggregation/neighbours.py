@@ -19,8 +19,6 @@ class Neighbour:
         self.number = -1
         """Its last heartbeat."""
         self.suspected = False
-        self.forgot = False
-        """It has been rebooted, and has named no members since."""
         self.place_m: Point | None = None
         self.plan: Plan | None = None
         self.beat: Heartbeat | None = None
@@ -46,7 +44,7 @@ class Neighbours:
         one = self.hosts[host]
         anew = one.life.anew(beat)
         if anew:
-            one.detector, one.number, one.forgot = self._make(now), -1, True
+            one.detector, one.number = self._make(now), -1
         first = one.number < 0
         one.detector.heartbeat(beat.number, now)
         one.number = max(one.number, beat.number)
@@ -59,7 +57,6 @@ class Neighbours:
         """Take a host's news; return whether it goes a new way: the version counts more than that."""
         one = self.hosts[host]
         one.members = dict(news.members)
-        one.forgot = one.forgot and not news.members
         changed = one.plan is None or one.plan[2:] != news.plan[2:]
         one.plan = news.plan
         return changed
@@ -82,11 +79,6 @@ class Neighbours:
     def silent(self) -> tuple[Address, ...]:
         """The hosts that are suspected."""
         return tuple(host for host, one in self.hosts.items() if one.suspected)
-
-    @property
-    def leaderless(self) -> tuple[Address, ...]:
-        """The hosts whose searchers had better join another, if they are out of contact with it."""
-        return tuple(host for host, one in self.hosts.items() if one.suspected or one.forgot)
 
     @property
     def idle(self) -> tuple[Address, ...]:

@@ -142,6 +142,12 @@ class SubTeam:
             if member is not None and epoch > member.epoch:
                 self.leave(searcher, member.epoch, "joined another")
 
+    def recall(self, members: tuple[tuple[Address, int], ...], now: Time) -> None:
+        """Take in those whom this host led before a reboot, but for those who are in other sub-teams now."""
+        for searcher, epoch in members:
+            if searcher not in self.roll.members and self._neighbours.newer_epoch(searcher) <= epoch:
+                self._add(searcher, epoch, now)
+
     def forget(self, now: Time) -> None:
         """Strike off those who have not been heard for long: their posts are to be visited by others."""
         for searcher in self.roll.forgotten(now - self._lost):

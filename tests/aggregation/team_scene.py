@@ -99,7 +99,7 @@ class Run:
 
         simulation._sense = watched  # type: ignore[method-assign]
         self.outcome: Outcome = simulation.run()
-        self.machines: list[Any] = simulation.machines
+        self.machines: list[Any] = [*simulation.machines]
         self.knowledge: Knowledge = self.machines[0].knowledge
         self.duration_s = what.duration_s
         columns = self.outcome.trace.columns("events")

@@ -4,9 +4,10 @@ from typing import Any
 
 import pytest
 
+from cosim.scenario import Scenario
 from protocols.aggregation.host import Host
 from tests.aggregation.fault_judge import Look, Watched, lost_reports, outsiders
-from tests.aggregation.fault_schedules import schedule
+from tests.aggregation.fault_schedules import HIDDEN_M, USE, Schedule, schedule
 from tests.oracles.campaign import soak_count
 
 BLOCKS = 10
@@ -57,19 +58,52 @@ def test_in_two_hundred_schedules_that_can_end_no_report_is_lost() -> None:
     assert {number: wrong for number in numbers if (wrong := wrongs(number, open_=True))} == {}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("down_s", [2.0, 20.0])
+def test_searchers_whom_a_rebooted_host_has_forgotten_and_does_not_hear_are_in_a_sub_team(down_s: float) -> None:
+    """Host 1 boots in a far corner; searcher 3 is with it, 5 with host 0, and nobody moves."""
+    body = {"radius_m": 0.2, "speed_mps": 1.0}
+    stand = [{"kind": "frozen", "robot": robot, "at_s": 4.0} for robot in range(6)]
+    away = [{"kind": "moved", "robot": robot, "at_s": 6.0, "to_m": at} for robot, at in ((1, (38, 38)), (3, (36, 36)))]
+    plain = {
+        "duration_s": 102.0,
+        "floorplan": {"map": "walls", "bounds_m": [0, 0, 40, 40]},
+        "team": {"groups": [{"size": 2, "body": body, "radios": [0, 1]}, {"size": 4, "body": body, "radios": [0]}]},
+        "channel": {"kind": "radios", "radios": [{"kind": "ideal", "range_m": 10.0}, {"kind": "ideal"}]},
+        "faults": [*stand, *away, {"kind": "crash", "robot": 1, "at_s": 60.0 - down_s, "for_s": down_s}],
+        "protocol": {"use": USE, "parameters": {"strategy": "mi", "hosts": 2, "targets": [HIDDEN_M], "short_m": 10.0}},
+    }
+    run = Watched(Schedule(1, Scenario.model_validate(plain), quiet_s=60.0))
+    last = run.looks[-1]
+    assert not last.mutual(0, 1, 5)
+    assert last.mutual(0, 0, 5)
+    assert last.lists[1][3] == last.claims[3][1]
+    assert outsiders(run.looks, run.hosts, run.schedule.quiet_s) == []
+
+
 # ---------------------------------------------------------------- the judge
 
 
+def seen(text: str) -> bool:
+    """Return whether the judge says *text* of one of the first schedules."""
+    return any(text in wrong for number in range(12) for wrong in lost_reports(Watched(schedule(number))))
+
+
+@pytest.mark.slow
 def test_the_judge_misses_reports_that_a_host_does_not_take(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Host, "_learn", lambda *given: 0)
-    assert any("was reported to host" in wrong for wrong in lost_reports(Watched(schedule(3))))
+    assert seen("was reported to host")
 
 
+@pytest.mark.slow
 def test_the_judge_misses_what_hosts_do_not_tell_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    learn: Any = Host._learn
-    own: Any = lambda host, source, *rest: learn(host, source, *rest) if source >= host.knowledge.hosts else 0  # noqa: E731
-    monkeypatch.setattr(Host, "_learn", own)
-    assert any("has not been told of" in wrong for wrong in lost_reports(Watched(schedule(3))))
+    learn = Host._learn
+
+    def of_searchers(host: Host, source: int, *heard: Any) -> int:
+        return learn(host, source, *heard) if source >= host.knowledge.hosts else 0
+
+    monkeypatch.setattr(Host, "_learn", of_searchers)
+    assert seen("has not been told of")
 
 
 HERE = frozenset({0, 1, 2})
