@@ -288,6 +288,8 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
     """Yield the lines of *settings* as YAML, with the description of each as a comment."""
     plain = dump(settings)
     for name, field in type(settings).model_fields.items():
+        if name not in plain:  # it follows from others, and is not to be given beside them
+            continue
         start = f"{'  ' * indent}{name}:"
         value = getattr(settings, name)
         comment = f"  # {field.description}" if field.description else ""

@@ -365,6 +365,15 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
     assert read_yaml(tmp_path / "again.yaml")["team"]["starts"] == [[1.0, 1.0], [2.0, 1.0]]
 
 
+def test_validate_prints_a_mixed_team_without_the_size_that_follows(cosim: Any):
+    depot(team={"groups": [{"size": 1}, {"size": 2, "radios": [0]}]})
+    ended = cosim("validate", "depot.yaml")
+    assert (ended.code, ended.err) == (0, "")
+    assert "size" not in yaml.safe_load(ended.out)["team"]
+    Path("again.yaml").write_text(ended.out)
+    assert cosim("validate", "again.yaml").out == ended.out
+
+
 def test_validate_prints_an_experiment(cosim: Any):
     plain = yaml.safe_load(cosim("validate", "sweep.yaml").out)
     assert plain["sweep"]["size"] == {"path": "size", "values": [2, 3]}

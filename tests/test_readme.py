@@ -39,11 +39,13 @@ def test_the_examples_are_as_short_as_promised() -> None:
 
 
 def test_the_lines_on_radio_and_faults_are_a_scenario() -> None:
-    (lines,) = re.findall(r"```\n(channel:.*?)```", README, re.DOTALL)
-    given = yaml.safe_load(block("yaml")) | yaml.safe_load(lines)
+    one_radio, two_radios = re.findall(r"```\n(channel:.*?)```", README, re.DOTALL)
+    given = yaml.safe_load(block("yaml")) | yaml.safe_load(one_radio)
     made = Scenario.model_validate(given)
     assert [fault.kind for fault in made.faults] == ["kill", "jammer"]
     assert made.model_dump()["channel"]["propagation"]["exponent"] == 3.0
+    made = Scenario.model_validate(yaml.safe_load(block("yaml")) | yaml.safe_load(two_radios))
+    assert made.team.carried == ((0, 1),) * 3 + ((0,),) * 6
 
 
 def test_every_experiment_is_in_the_table() -> None:

@@ -16,8 +16,6 @@ from protocols.aggregation.parameters import Parameters
 
 REPLAN_S = 5.0
 """After so long the meeting with a moving host is foretold anew."""
-PATIENCE_S = 300.0
-"""Who has not even got close to where a host must be takes it for failed after so long."""
 
 
 class Meeting:
@@ -30,6 +28,7 @@ class Meeting:
         self._vision_m = parameters.vision_m
         self._close_m = parameters.close_share * parameters.short_m
         self._patience = from_seconds(parameters.suspect_s)
+        self._longest = from_seconds(parameters.meet_s)
         self._rounds = parameters.interception_rounds
         self._since = now
         self._close_since: Time | None = None
@@ -71,7 +70,7 @@ class Meeting:
         here = observation.x_m, observation.y_m
         if expected is not None and math.dist(expected, here) > self._close_m:
             self._close_since = None
-            return now - self._since >= from_seconds(PATIENCE_S)
+            return now - self._since >= self._longest
         if self._close_since is None:
             self._close_since = now
         return now - self._close_since >= self._patience

@@ -81,6 +81,9 @@ class Parameters(Settings):
         gt=0,
         description="s without a heartbeat close by, after which a searcher gives its host up",
     )
+    meet_s: float = Field(
+        default=300.0, gt=0, description="s without a heartbeat on the way to it, after which it does so as well"
+    )
     close_share: float = Field(
         default=0.5, gt=0, le=1, description="close by is who is nearer to a host's place than this share of short_m"
     )
