@@ -218,8 +218,9 @@ class Host:
             case Hello():
                 self.team.hello(searcher, message, self.over, self._plans, now)
             case Report():
-                if self.team.report(searcher, message, now):
-                    self.records.reported += self._learn(searcher, message.targets, message.visited, now)
+                ours = self.team.report(searcher, message, now)
+                new = self._learn(searcher, message.targets, message.visited, now)  # whosever member it is
+                self.records.reported += new if ours else 0
             case Join():
                 self.team.join(searcher, message, self.over, now)
             case Leave(epoch=epoch):

@@ -1,7 +1,8 @@
 """A searcher's side of a sub-team: whose it is, whom it has asked to be taken in, which plans of hosts it knows.
 
 Memberships are told apart by an epoch, which the searcher chooses: greater than any before, and the time in seconds at
-least, so that one that has been rebooted and remembers nothing outdoes what it was before.
+least, so that one that has been rebooted and remembers nothing outdoes what it was before. (Who joins, is rebooted, and
+joins another host within a second is in two lists until one of them forgets it.)
 """
 
 from cosim.machine import Address

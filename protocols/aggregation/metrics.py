@@ -1,7 +1,8 @@
 """The metrics of aggregation: how long the search took, what it cost, and how long it went on after its end.
 
 The task ends when every host that lives to see the end of the run knows all targets. A search that has not ended counts
-as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way.
+as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. Of a robot that
+has been rebooted its last life counts; its host's reboot, if others notice it, is a false suspicion.
 """
 
 import math
@@ -31,9 +32,7 @@ METRICS = (
     Metric("targets_reported", "1", "targets that hosts heard of first from their own searchers"),
     Metric("share_visited", "1", "share of the posts that some living host knows as visited"),
     Metric("detection_time_s", "s", "from a host's death until another host suspects it, mean; NaN if none died"),
-    Metric(
-        "rejoin_time_s", "s", "from a host's death until one of its searchers was in another team, mean; or NaN"
-    ),
+    Metric("rejoin_time_s", "s", "from a host's death until one of its searchers was in another team, mean; or NaN"),
     Metric("false_suspicions", "1", "times that a host suspected another that lived"),
     Metric("hosts_alive", "1", "hosts that no fault has killed"),
 )

@@ -106,7 +106,7 @@ class SubTeam:
             self._speech.say(plans(), searcher)
 
     def report(self, searcher: Address, report: Report, now: Time) -> bool:
-        """Give a receipt for a report; return whether it counts: that of another's member is left to its hello."""
+        """Give a member a receipt for its report; return whether it is one. Another's member goes on telling."""
         if self._member(searcher, report.epoch, now) is None:
             return False
         self._speech.say(Receipt(report.number), searcher)

@@ -7,6 +7,8 @@ from protocols.aggregation.journal import HostTrusted
 from protocols.aggregation.messages import Assign, Heartbeat, Join, Report, Stop
 from tests.aggregation.team_scene import STRATEGIES, TARGETS_M, Point, Team
 
+pytestmark = pytest.mark.slow
+
 STARTS_M = [(9.5, 9.0), (10.5, 9.0), (9.5, 10.4), (10.0, 10.4), (10.5, 10.4), (10.0, 11.0)]
 """Two hosts; 2 and 4 are led by host 0, 3 and 5 by host 1."""
 HIDDEN_M: Point = (-500.0, -500.0)

@@ -5,8 +5,9 @@ from functools import cache
 from itertools import pairwise
 
 import pytest
+from shapely import LineString
 
-from tests.aggregation.team_scene import SHORT_M, STRATEGIES, TARGETS_M, Run, ideal_radios, run
+from tests.aggregation.team_scene import SHORT_M, STRATEGIES, TARGETS_M, WALLS_M, Run, ideal_radios, run
 
 pytestmark = pytest.mark.slow
 
@@ -47,6 +48,18 @@ def test_every_target_was_found_by_a_camera_before_a_host_knew_it(strategy: str)
         assert min(row["s"] for row in known) > seen
         first = min(known, key=lambda row: row["s"])
         assert first["teller"] in SEARCHERS
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("camera_m", [6.0, 12.0])
+def test_targets_are_found_from_where_they_are_in_range_and_in_sight(strategy: str, camera_m: float) -> None:
+    """With 12 m walls are in between."""
+    search = run(strategy, camera_m=camera_m)
+    walls = [LineString([(a, b), (c, d)]) for a, b, c, d in WALLS_M]
+    for row in search.told("TargetFound"):
+        here, there = search.place_m(row["source"], row["s"]), TARGETS_M[row["target"]]
+        assert math.dist(here, there) <= camera_m + 1e-6
+        assert not any(LineString([here, there]).crosses(wall) for wall in walls)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -118,7 +131,11 @@ def test_searchers_of_a_static_host_stop_where_the_radio_connects() -> None:
             ]
             if apart_m[0] <= SHORT_M:
                 continue
+            later_s = [row["s"] for row in changes if row["s"] > end_s]
+            if min([*later_s, search.outcome.simulated_s]) < end_s + 4.0:
+                continue
             met += 1
+            assert search.way_m(searcher, end_s + 1.0, end_s + 4.0) < 0.1
             rests_m = math.dist(search.place_m(searcher, end_s + 1.0), search.place_m(host, end_s + 1.0))
             assert SHORT_M - 1.0 - 0.5 - 0.3 < rests_m <= SHORT_M
     assert met
