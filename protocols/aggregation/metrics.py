@@ -1,8 +1,9 @@
 """The metrics of aggregation: how long the search took, what it cost, and how long it went on after its end.
 
 The task ends when every host that lives to see the end of the run knows all targets. A search that has not ended counts
-as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. Of a robot that
-has been rebooted its last life counts; its host's reboot, if others notice it, is a false suspicion.
+as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. Of a robot
+that has been rebooted its last life counts; a reboot of a host that others notice is a false suspicion. Instants are
+told by the robots' own clocks: with a fault that steps one of them the metrics of time mean nothing.
 """
 
 import math

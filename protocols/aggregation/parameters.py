@@ -65,7 +65,9 @@ class Parameters(Settings):
         '(section III.A), or only when the "area" is done (as section VII.B reads)',
     )
     timeout_s_per_m2: float = Field(
-        default=0.04, gt=0, description="MITO: time-out in s, per square metre of the floor, over the number of targets"
+        default=0.04,
+        gt=0,
+        description="MITO: time-out in s, per square metre of the floor, over the number of targets; long enough for the ways",
     )
     interception_rounds: int = Field(
         default=1, ge=0, description="how often the meeting with a moving host is foretold anew; 0: go where it is now"
