@@ -67,7 +67,7 @@ class Parameters(Settings):
     timeout_s_per_m2: float = Field(
         default=0.04,
         gt=0,
-        description="MITO: time-out in s, per square metre of the floor, over the number of targets; long enough for the ways",
+        description="MITO: time-out, s a square metre of floor over the number of targets; ways there and back fit in",
     )
     interception_rounds: int = Field(
         default=1, ge=0, description="how often the meeting with a moving host is foretold anew; 0: go where it is now"
