@@ -63,6 +63,7 @@ class Searcher:
         self._hosts = knowledge.hosts
         self._pursuit = Pursuit(parameters, self.membership, legs, knowledge.speeds_mps[me])
         self._fresh = from_seconds(parameters.fresh_s)
+        self._lost = from_seconds(parameters.lost_s)
         self._muster = start + from_seconds(parameters.muster_s)
         self._timeout = from_seconds(parameters.timeout_s_per_m2 * knowledge.area_m2 / max(len(knowledge.targets_m), 1))
         self._reconvene = from_seconds(parameters.reconvene_s)
@@ -176,7 +177,8 @@ class Searcher:
             return
         if ours.leaves(host):
             self._speech.say(Leave(ours.epoch), host)
-        orphaned = ours.host is None or (ours.host in beat.silent and not self._in_contact(now))
+        forgotten = now - self._heard > self._lost  # for so long that its host has struck it off
+        orphaned = ours.host is None or forgotten or (ours.host in beat.silent and not self._in_contact(now))
         if not self._over and (self.errand is Errand.CHANGE or orphaned or beat.over):
             self._speech.say(Join(ours.ask(host, now), *self._place()), host)
 
