@@ -146,6 +146,7 @@ def _parameters(dice: Dice, reach_m: Point) -> Plain:
         "suspect_s": dice.between(4.0, 10.0),
         "strays": dice.one((), (), (0,)),
         "detector": dice.one({"kind": "fixed", "timeout_s": 5.0}, {"kind": "nfd_e"}, {"kind": "phi_akka"}),
+        "lost_s": dice.one(900.0, 900.0, 45.0),
     }
 
 
