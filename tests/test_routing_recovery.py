@@ -8,12 +8,13 @@ import networkx as nx
 import pandas as pd
 import pytest
 
+from cosim.channels.adhoc.mac import Frame
 from cosim.experiment import load_experiment
-from cosim.machine import Outcome
+from cosim.machine import BROADCAST, Address, Outcome
 from cosim.report import report
 from cosim.sweep import run_sweep
 from cosim.units import S
-from experiments.routing_recovery import figures
+from experiments.routing_recovery import figures, recovery
 from experiments.routing_recovery.omniscient import Omniscient, reach
 from experiments.routing_recovery.recovery import COLUMNS, SHAPES, Course, Parameters, measure, steady_s
 
@@ -87,6 +88,17 @@ def test_with_feedback_of_the_mac_one_payload_is_enough() -> None:
     assert row["noticed_s"] < row["recovery_s"] < 0.3
 
 
+@pytest.mark.parametrize("seed", [46, 97, 99])
+def test_a_payload_that_the_death_finds_in_the_station_is_one_that_the_dead_relay_was_sent(seed: int) -> None:
+    course = Course(Parameters.model_validate(given(AODV | {"use_hello": False}, "ring", **SHORT)), seed)
+    course.kernel.run(course.death - 1)
+    (relay,) = {course.channel.last_relay} - {None}
+    link = course.channel.sender_over[relay], relay
+    assert course.channel.sent_to[link] == course.channel.done_with[link] + 1  # as this case wants it
+    course.kernel.run(course.end)
+    assert (course.relay, course.tries, course.channel.sent_to[link]) == (relay, 1, course.channel.done_with[link])
+
+
 @pytest.mark.slow
 def test_without_it_two_seconds_of_silence_are_needed() -> None:
     for seed in range(3):
@@ -108,6 +120,38 @@ def test_a_second_interruption_is_seen_and_goes_if_tcs_tell_of_all_neighbours() 
     full = measure(given(olsr | {"tc_redundancy": 2}, "ladder"), 1)
     assert full["steady_s"] == 0.0
     assert full["lost"] < 5
+
+
+class Lossless(recovery.Observed):
+    """A channel on which frames to all are received by all in reach, even if they collide."""
+
+    def _note(self, frame: Frame, address: Address, received: bool) -> None:
+        super()._note(frame, address, received)
+        if not received and frame.destination == BROADCAST and self._on[address]:
+            self.received(address, frame)
+
+
+FAST_MAC = {"kind": "olsr", "hello_interval_s": 0.5, "refresh_interval_s": 0.5, "tc_interval_s": 2}
+FAST_MAC |= {"use_mac_feedback": True}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "seed"), [("ring", 23), ("ladder", 29)])
+def test_olsr_keeps_its_bound_if_no_hello_and_no_tc_collides(
+    shape: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the full sweep these two break it, after 25.4 s and 20.9 s: three TCs, or HELLOs, in a row collide."""
+    monkeypatch.setattr(recovery, "Observed", Lossless)
+    assert measure(given(FAST_MAC, shape), seed)["steady_s"] <= 1.5 + 0.5 + 2.0 + 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [19, 26])
+def test_the_source_learns_within_a_tc_interval_if_no_tc_collides(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the full sweep these two take longer, 7.05 s and 7.38 s."""
+    monkeypatch.setattr(recovery, "Observed", Lossless)
+    row = measure(given({"kind": "olsr"}, "ring"), seed)
+    assert row["recovery_s"] - row["noticed_s"] <= figures.TC_S
 
 
 def test_payloads_come_steadily_when_the_last_long_gap_has_ended() -> None:

@@ -39,7 +39,7 @@ COLUMNS: Final = (
     Column("steady_s", "float", "s", "from the death to the end of the last gap of more than half a second, if any"),
     Column("noticed_s", "float", "s", "from the death until who sent over the dead relay does so no more, to 10 ms"),
     Column("silence_s", "float", "s", "until then from the last sign of life that its router had of the relay"),
-    Column("tries", "float", "1", "payloads that it sent to the dead relay"),
+    Column("tries", "float", "1", "payloads that it sent to the dead relay, with what the death found in its station"),
     Column("lost", "float", "1", "payloads, sent from a second before the death on, that never arrived"),
     Column("control_octets_per_s", "float", "octet/s", "of all routers, with IPv4 and UDP headers"),
     Column("frames_per_payload", "float", "1", "on the air, with ACKs and all that routers say"),
@@ -90,7 +90,9 @@ class Observed(AdhocChannel):
         self.sender_over: dict[Address, Address] = {}
         """Who has sent the last payload over each relay."""
         self.sent_to: dict[tuple[Address, Address], int] = {}
-        """How many payloads each has sent to each neighbour."""
+        """How many payloads each has handed to its station for each neighbour."""
+        self.done_with: dict[tuple[Address, Address], int] = {}
+        """How many of them the station is done with: acknowledged, or tried often enough."""
         self.heard_at: dict[tuple[Address, Address], Time] = {}
         """When each router has last had a sign of life of each neighbour."""
         super().__init__(given.radio, kernel, Trace(()), len(places_m), streams)
@@ -138,6 +140,13 @@ class Observed(AdhocChannel):
             self.sender_over[packet.destination] = address
             self.sent_to[link] = self.sent_to.get(link, 0) + 1
         super().transmit(address, packet)
+
+    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
+        """Note what becomes of a payload."""
+        if packet.destination != BROADCAST and decode(packet.payload).port == PAYLOAD_PORT:
+            link = address, packet.destination
+            self.done_with[link] = self.done_with.get(link, 0) + 1
+        super().done(address, packet, acknowledged)
 
 
 class Listener:
@@ -200,7 +209,7 @@ class Course:
         self.channel.power(self.relay, False)
         self.sender = self.channel.sender_over.get(self.relay)
         if self.sender is not None and self._next_hop() is not None:
-            self.tries = -self.channel.sent_to[self.sender, self.relay]
+            self.tries = -self.channel.done_with.get((self.sender, self.relay), 0)
             self._look()
 
     def _next_hop(self) -> Address | None:

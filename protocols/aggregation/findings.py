@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 from cosim.observation import Observation
-from protocols.aggregation.frames import Finding
 from protocols.aggregation.knowledge import Point
+from protocols.aggregation.messages import Finding
 
 
 class Findings:

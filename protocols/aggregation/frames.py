@@ -36,33 +36,6 @@ from protocols.aggregation.messages import (
     Stopped,
 )
 
-__all__ = [
-    "CLOCK_MS",
-    "FAR_M",
-    "Assign",
-    "Confirm",
-    "Finding",
-    "Heartbeat",
-    "Hello",
-    "Join",
-    "Leave",
-    "Message",
-    "News",
-    "Plan",
-    "Plans",
-    "Point",
-    "Receipt",
-    "Report",
-    "Stop",
-    "Stopped",
-    "bitmap",
-    "decode",
-    "encode",
-    "instant",
-    "posts_of",
-    "stamp",
-]
-
 MAGIC: Final = 0x41
 FAR_M: Final = 1e6
 """No coordinate on the wire, and no speed in m/s, is greater than this."""

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cosim.geometry.boundary import PackedBoundary, boundary, inflated, packed_boundary
-from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, wall_planning_grid
+from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, cost_to_go, wall_planning_grid
 from cosim.geometry.roadmap import Roadmap, line_is_free, roadmap
 from cosim.geometry.segments import SegmentGrid, in_sight, segment_grid, swept_clearance
 from cosim.jit import njit
@@ -111,12 +111,7 @@ class Ground:
         posts = np.array(self.posts_m, np.float64).reshape(-1, 2)
         if self.roadmap is not None:
             return self.roadmap.lengths_m(posts)
-        lengths = np.zeros((len(posts), len(posts)))
-        for at, a in enumerate(self.posts_m):
-            for other, b in enumerate(self.posts_m[:at]):
-                way = self.length_m(a, b)
-                lengths[at, other] = lengths[other, at] = math.inf if way is None else way
-        return lengths
+        return np.array([self._wavefront_m(post) for post in self.posts_m]).reshape(len(posts), -1)
 
     def lengths_from_m(self, start_m: Point) -> Floats:
         """Return the lengths of the ways from *start_m* to all posts in metres, shape (P,), inf where there is none."""
@@ -126,8 +121,15 @@ class Ground:
         if self.roadmap is not None:
             found = self.roadmap.lengths_from_m(start, np.array(self.posts_m), self._sights)
             return found + math.dist(start, start_m)
-        ways = [self.length_m(start_m, place) for place in self.posts_m]
-        return np.array([math.inf if way is None else way for way in ways], np.float64)
+        return self._wavefront_m(start) + math.dist(start, start_m)
+
+    def _wavefront_m(self, start: Point) -> Floats:
+        """Return the lengths from a free cell to all posts, from cell to cell: some longer than straightened ways."""
+        grid = self.grid
+        cells = [grid.cell_at(*post) for post in self.posts_m]
+        cost = cost_to_go(grid.free, [grid.cell_at(*start)])
+        found: Floats = cost.ravel()[cells] * grid.cell_m
+        return found
 
     @cached_property
     def _sights(self) -> Floats:

@@ -1,7 +1,9 @@
 """A host: leads its sub-team, gathers what the searchers report, and shares it with the other hosts.
 
 It lives on two deadlines: its next heartbeat, and the instant at which the next of the other hosts will have been
-silent for too long.
+silent for too long. News among hosts are not acknowledged: they are said with a few heartbeats after each change, and
+again whenever a heartbeat shows that its sender knows less. A host that has been rebooted remembers nothing (paper 002
+does not speak of that): the others tell it whom it led, and its searchers tell it all they know.
 """
 
 import math
@@ -9,11 +11,12 @@ import math
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.detectors import Detector, make_detector
 from protocols.aggregation.driving import Driver
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.frames import bitmap, posts_of, stamp
-from protocols.aggregation.itinerary import COUNTS, Itinerary
+from protocols.aggregation.itinerary import Itinerary
 from protocols.aggregation.journal import AllKnown, HostSuspected, HostTrusted, TargetKnown
 from protocols.aggregation.knowledge import Knowledge, Point
 from protocols.aggregation.leading import Work

@@ -2,6 +2,7 @@
 
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
+from protocols.aggregation.counts import following
 from protocols.aggregation.course import Course, plan_of
 from protocols.aggregation.journal import Departed, Reconvened
 from protocols.aggregation.knowledge import Point, Tours
@@ -9,8 +10,6 @@ from protocols.aggregation.messages import Plan
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.strategies import Strategy
-
-COUNTS = 1 << 16
 
 
 class Itinerary:
@@ -50,7 +49,7 @@ class Itinerary:
 
     def renew(self) -> None:
         """Count a change of what the searchers are to be told."""
-        self.version = self.version % (COUNTS - 1) + 1
+        self.version = following(self.version)
 
     def depart(self, here_m: Point, tours: Tours, now: Time) -> None:
         """Leave *here_m* at *now*, as the strategy says, while the searchers are on their *tours*."""

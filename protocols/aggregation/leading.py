@@ -1,8 +1,9 @@
 """How a host divides its sub-team's work: which posts are its to see to, and which of them it gives to whom.
 
-A searcher that has nothing left is given a part of what nobody has been given yet; if there is nothing, half of what
-another has left that can be told so. The region of a host that has fallen
-silent, or leads nobody, falls to the one whose rally point is nearest: all who hear each other agree who that is.
+The paper (002, section VI.A) asks for "dynamic task allocation" and does not say which. Chosen: a searcher that has
+nothing left is given a part of what nobody has been given yet; if there is nothing, half of what the busiest of those
+in contact has left. The region of a host that has fallen silent, or leads nobody, falls to the one whose rally point is
+nearest: all who hear each other agree who that is.
 """
 
 import math

@@ -6,15 +6,16 @@ Radio when in reach; else the camera, if it sees the host; else the place that t
 
 import math
 from collections.abc import Callable
+from typing import Final
 
 from cosim.machine import Address
 from cosim.observation import Observation
-from cosim.units import Time, from_seconds
+from cosim.units import S, Time, from_seconds
 from protocols.aggregation.course import Course, interception
 from protocols.aggregation.knowledge import Point
 from protocols.aggregation.parameters import Parameters
 
-REPLAN_S = 5.0
+REPLAN: Final[Time] = 5 * S
 """After so long the meeting with a moving host is foretold anew."""
 
 
@@ -58,7 +59,7 @@ class Meeting:
             return seen
         if self.course is None:
             return None
-        if self._planned is None or now - self._planned >= from_seconds(REPLAN_S):
+        if self._planned is None or now - self._planned >= REPLAN:
             here = observation.x_m, observation.y_m
             self._planned = now
             self._goal_m = interception(self.course, now, here, speed_mps, way_m, self._rounds)

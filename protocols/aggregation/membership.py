@@ -7,10 +7,9 @@ joins another host within a second is in two lists until one of them forgets it.
 
 from cosim.machine import Address
 from cosim.units import S, Time
+from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.course import Course, course_of
 from protocols.aggregation.messages import Plans
-
-EPOCHS = 1 << 16
 
 
 class Membership:
@@ -34,7 +33,7 @@ class Membership:
         """Return the epoch with which to ask *host*, the same until another is asked."""
         if self.asked != host:
             self.asked = host
-            self._asked_epoch = min(max(self._asked_epoch + 1, now // S), EPOCHS - 1)
+            self._asked_epoch = min(max(self._asked_epoch + 1, now // S), COUNTS - 1)
         return self._asked_epoch
 
     def confirmed(self, host: Address, epoch: int) -> bool:

@@ -53,7 +53,7 @@ class Heartbeat(NamedTuple):
     over: bool
     """The task is done."""
     syncing: bool
-    """The host stands and synchronises with the other hosts."""
+    """MRP: the host stands, and waits until all its searchers have reported."""
     astray: bool
     """The host hears no other host, and heads for them."""
     silent: tuple[Address, ...]

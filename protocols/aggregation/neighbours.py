@@ -21,7 +21,6 @@ class Neighbour:
         self.suspected = False
         self.place_m: Point | None = None
         self.plan: Plan | None = None
-        self.beat: Heartbeat | None = None
         self.members: dict[Address, int] = {}
         """Searcher -> epoch, as it told last."""
 
@@ -48,7 +47,7 @@ class Neighbours:
         first = one.number < 0
         one.detector.heartbeat(beat.number, now)
         one.number = max(one.number, beat.number)
-        one.place_m, one.beat = (beat.x_m, beat.y_m), beat
+        one.place_m = beat.x_m, beat.y_m
         back = one.suspected and not one.detector.suspects(now)
         one.suspected = one.suspected and not back
         return back or first or anew

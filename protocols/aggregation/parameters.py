@@ -48,6 +48,11 @@ class Parameters(Settings):
     cell_m: float = Field(
         default=0.5, gt=0, description="m, cells of the planner's grid; doors are wider than two radii and 2.42 cells"
     )
+    planner: Literal["roadmap", "wavefront"] = Field(
+        default="roadmap",
+        description="what finds ways over the grid: a wavefront, as in the paper, or a roadmap of the corners of its "
+        "free cells: its ways are as short, at a hundredth of the cost",
+    )
     walking: WalkingParameters = WalkingParameters()
 
     muster_s: float = Field(

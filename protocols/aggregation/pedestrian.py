@@ -15,7 +15,8 @@ from cosim.navigation.visbug import target_of, visbug_step
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.walking import Walker, WalkingParameters
+from protocols.aggregation.walking import Walker
+from protocols.aggregation.walking_parameters import WalkingParameters
 
 _ASK_TICKS: Final = 5
 """So often a pedestrian looks where to go."""

@@ -4,11 +4,10 @@ A report holds all that the searcher knows, so a lost one needs no repetition of
 heartbeat that is heard, says the same and more.
 """
 
+from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.frames import bitmap
 from protocols.aggregation.messages import Report
-
-NUMBERS = 1 << 16
 
 
 class Reports:
@@ -42,7 +41,7 @@ class Reports:
 
     def make(self, epoch: int) -> Report:
         """Return a report of all that is known."""
-        self._number = (self._number + 1) % NUMBERS
+        self._number = (self._number + 1) % COUNTS
         known = self._findings
         self._sent[self._number] = known.changes, len(known.targets)
         return Report(self._number, epoch, known.all_targets(), bitmap(known.visited, self._posts))

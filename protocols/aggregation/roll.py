@@ -4,9 +4,8 @@ from collections.abc import Collection
 
 from cosim.machine import Address
 from cosim.units import Time
+from protocols.aggregation.counts import following
 from protocols.aggregation.knowledge import Point
-
-NUMBERS = 1 << 16
 
 
 class Member:
@@ -26,7 +25,7 @@ class Member:
     def give(self, posts: tuple[int, ...]) -> None:
         """Note a new assignment."""
         self.posts = posts
-        self.number = self.number % (NUMBERS - 1) + 1
+        self.number = following(self.number)
 
     def left(self, visited: Collection[int]) -> tuple[int, ...]:
         """Return its posts that are not *visited*."""

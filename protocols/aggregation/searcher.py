@@ -1,7 +1,12 @@
 """A searcher: visits the posts that its host has given it, and sees to it that its host learns what it finds.
 
-At each tick it looks around, decides what it is about (see ``errands``), and walks. In contact with its host it answers
-heartbeats: with what the host does not know yet, and with what it has itself, so that the host sends what it lacks.
+At each tick it looks around, decides what it is about (see ``errands``), and walks. In contact with its host, which is
+for ``fresh_s`` after each of its heartbeats, it answers them: with what the host does not know yet, and with what it
+has itself, so that the host sends what it lacks. One that lacks nothing says only now and then that it lives.
+
+Paper 002 contradicts itself on SRP: by section III.A a searcher goes to the rally point with its first find, by VII.B
+finds wait for "the static integration time"; ``report`` chooses. Either way it stops where the radio connects, and goes
+on with what is left of its tour once it has a receipt; only who has nothing left waits there.
 """
 
 import math

@@ -9,7 +9,7 @@ from cosim.errors import UserError
 from cosim.machine import Address, Machine, ProtocolSpec, Surroundings
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
-from protocols.aggregation.ground import Ground, ground
+from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
 from protocols.aggregation.journal import EVENTS
 from protocols.aggregation.knowledge import Knowledge, Point
@@ -65,6 +65,7 @@ def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
         parameters.camera_m,
         parameters.cell_m,
         surroundings.forbidden,
+        MOST_CORNERS if parameters.planner == "roadmap" else 0,
     )
 
 

@@ -4,8 +4,9 @@ from typing import Final
 
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
-from protocols.aggregation.frames import Message, decode, encode
+from protocols.aggregation.frames import decode, encode
 from protocols.aggregation.journal import BadBytes
+from protocols.aggregation.messages import Message
 from protocols.aggregation.records import BROADCAST_J, HEAR_J, RECEIVE_J, SEND_J, Records
 
 SHORT: Final = 0

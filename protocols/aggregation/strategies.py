@@ -3,6 +3,10 @@
 Hosts are to stay in reach of each other. Each keeps within half the long range of where all have started, so that any
 two are; one that is said to stray heads for the far end of its region instead, whatever the strategy. (Paper 002,
 sections III.A to III.D; how ways are found is left open.)
+
+MRP's host goes "to the next synch point on the way to the exit". The paper's floor has no exit, and the robots start in
+its middle, so that the way leads to the far end of the region, or to the exit of a floor that names one; there the host
+turns back, as searchers with posts near the start would otherwise be due again before they had reached them.
 """
 
 import math

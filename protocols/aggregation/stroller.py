@@ -6,14 +6,14 @@ import numpy as np
 
 from cosim.geometry.planning import Point
 from cosim.geometry.segments import free_fraction
-from cosim.machine import Command, Drive, GoTo
+from cosim.machine import Command, GoTo
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import TOUCH_M, Ground
 from protocols.aggregation.walking_aside import in_the_way
+from protocols.aggregation.walking_evasion import STAND
 from protocols.aggregation.walking_parameters import WalkingParameters
 
-STAND = Drive(0.0, 0.0)
 _TRIES = 16
 """So many directions are drawn until one leads farther than to a robot that is near; else the farthest is taken."""
 _THERE_M = 0.05

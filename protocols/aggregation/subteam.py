@@ -8,23 +8,20 @@ from collections.abc import Callable
 
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
+from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.itinerary import Itinerary
 from protocols.aggregation.journal import Assigned, MemberAdded, MemberRemoved
 from protocols.aggregation.knowledge import Point, Tours
 from protocols.aggregation.leading import Work
-from protocols.aggregation.messages import Assign, Confirm, Hello, Join, Leave, Plans, Receipt, Report, Stop, Stopped
+from protocols.aggregation.messages import Assign, Confirm, Hello, Join, Leave, Plans, Receipt, Report, Stop
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roll import Member, Roll
 from protocols.aggregation.speech import Speech
 
-ANY_EPOCH = 1 << 16
-"""Greater than any."""
 RECENT_BEATS = 6
 """Who has been heard in the time of so many heartbeats is taken to be in contact."""
-
-FromSearcher = Hello | Report | Join | Leave | Stopped
 
 
 class SubTeam:
@@ -151,7 +148,7 @@ class SubTeam:
     def forget(self, now: Time) -> None:
         """Strike off those who have not been heard for long: their posts are to be visited by others."""
         for searcher in self.roll.forgotten(now - self._lost):
-            self.leave(searcher, ANY_EPOCH, "lost")
+            self.leave(searcher, COUNTS, "lost")
 
     def _member(self, searcher: Address, epoch: int, now: Time) -> Member | None:
         """Return the member that *searcher* is, taken in if it takes itself for one; None if another host has it."""

@@ -1,4 +1,4 @@
-"""How a searcher moves: from post to post of its tour, to where it is to meet somebody, at random, or not at all."""
+"""What takes robots to goals, and how a searcher moves: by posts, to where it is to meet somebody, at random, or not."""
 
 from collections.abc import Sequence
 from typing import Protocol

@@ -13,12 +13,9 @@ from cosim.machine import Command, GoTo
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.stroller import Stroller
 from protocols.aggregation.walking_evasion import MOST_DOUBLINGS, STAND, Evasion
 from protocols.aggregation.walking_parameters import WalkingParameters
 from protocols.aggregation.walking_track import Track
-
-__all__ = ["Stroller", "Walker", "WalkingParameters"]
 
 _LOOK_TICKS: Final = 10
 """So many ticks at most an undisturbed robot does not ask itself where it is."""

@@ -38,6 +38,12 @@ def test_every_strategy_finds_all_targets_and_stops_everybody(strategy: str, see
     assert_all_found_and_stopped(plain(strategy, seed))
 
 
+def test_ways_of_a_wavefront_do_as_well() -> None:
+    search = run("mi", planner="wavefront")
+    assert search.knowledge.ground.roadmap is None
+    assert_all_found_and_stopped(search)
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_target_was_found_by_a_camera_before_a_host_knew_it(strategy: str) -> None:
     search = plain(strategy)
