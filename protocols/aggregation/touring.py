@@ -1,4 +1,4 @@
-"""What takes robots to goals, and how a searcher moves: by posts, to where it is to meet somebody, at random, or not."""
+"""What takes robots to goals, and how a searcher moves: by posts, to a meeting, at random, or not at all."""
 
 from collections.abc import Sequence
 from typing import Protocol
