@@ -35,7 +35,7 @@ from protocols.aggregation.messages import (
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.records import Records
-from protocols.aggregation.speech import Speech
+from protocols.aggregation.speech import SHORT, Speech
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam
 from protocols.aggregation.touring import Feet
@@ -164,9 +164,9 @@ class Host:
         silence = self.neighbours.next_silence()
         self._deadline = self._beat_at if silence is None else min(self._beat_at, silence)
 
-    def _watching(self, now: Time) -> Detector:
-        """Return what watches another host from *now* on, where its count of heartbeats is taken to have begun."""
-        return make_detector(self.parameters.detector, self._period, now, now)
+    def _watching(self, now: Time, began: Time) -> Detector:
+        """Return what watches another host from *now* on, whose count of heartbeats began at *began*."""
+        return make_detector(self.parameters.detector, self._period, now, began)
 
     # ------------------------------------------------------------ what it says
 
@@ -186,7 +186,8 @@ class Host:
             self._plans_left -= 1
             self._speech.say(self._plans())
         if self.knowledge.hosts > 1:
-            self._speech.say(beat, radio=self.parameters.long_radio)
+            if self.parameters.long_radio != SHORT:  # robots with one radio have said it already
+                self._speech.say(beat, radio=self.parameters.long_radio)
             if self._news_left:
                 self._news_left -= 1
                 self._speech.say(self._news(), radio=self.parameters.long_radio)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.detectors import Detector
+from protocols.aggregation.frames import instant
 from protocols.aggregation.knowledge import Point
 from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat, News, Plan
@@ -28,13 +29,16 @@ class Neighbour:
 class Neighbours:
     """All other hosts, as one host knows them."""
 
-    def __init__(self, others: Iterable[Address], period: Time, make: Callable[[Time], Detector], start: Time) -> None:
+    def __init__(
+        self, others: Iterable[Address], period: Time, make: Callable[[Time, Time], Detector], start: Time
+    ) -> None:
         """Watch *others*, with heartbeats *period* apart, from *start* on as if they had been heard then."""
         self._make = make
+        self._period = period
         self.hosts = {host: Neighbour(self._watching(start), period) for host in others}
 
     def _watching(self, now: Time) -> Detector:
-        detector = self._make(now)
+        detector = self._make(now, now)
         detector.heartbeat(-1, now)
         return detector
 
@@ -42,9 +46,10 @@ class Neighbours:
         """Take a heartbeat; return whether the host had been suspected, is heard first, or has begun anew."""
         one = self.hosts[host]
         anew = one.life.anew(beat)
-        if anew:
-            one.detector, one.number = self._make(now), -1
         first = one.number < 0
+        if anew or first:  # only now it is known when its count began
+            began = instant(beat.stamp_ms, now) - beat.number * self._period
+            one.detector, one.number = self._make(now, began), -1
         one.detector.heartbeat(beat.number, now)
         one.number = max(one.number, beat.number)
         one.place_m = beat.x_m, beat.y_m

@@ -48,6 +48,7 @@ class Pursuit:
 
     def heard(self, now: Time) -> None:
         """Begin to wait anew: the own host has been heard."""
+        self._tried.clear()
         if self._meeting is not None:
             self._meeting.heard(now)
 

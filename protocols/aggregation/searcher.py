@@ -171,6 +171,8 @@ class Searcher:
 
     def _answer(self, host: Address, beat: Heartbeat, now: Time) -> None:
         """Answer a heartbeat: the own host's with what is new, another's if it is wanted, or was left."""
+        if self._here is None:  # just booted: it does not know where it is
+            return
         ours = self.membership
         if host == ours.host:
             if self._reports.pending and not self._over:
@@ -178,14 +180,14 @@ class Searcher:
             lacks = self._legs.done or beat.plan != ours.plans or beat.syncing or beat.over
             if lacks or now - self._greeted >= self._greeting:
                 self._greeted = now
-                self._speech.say(Hello(ours.epoch, *self._place(), self._assignment, ours.plans), host)
+                self._speech.say(Hello(ours.epoch, *self._here, self._assignment, ours.plans), host)
             return
         if ours.leaves(host):
             self._speech.say(Leave(ours.epoch), host)
         forgotten = now - self._heard > self._lost  # for so long that its host has struck it off
         orphaned = ours.host is None or forgotten or (ours.host in beat.silent and not self._in_contact(now))
         if not self._over and (self.errand is Errand.CHANGE or orphaned or beat.over):
-            self._speech.say(Join(ours.ask(host, now), *self._place()), host)
+            self._speech.say(Join(ours.ask(host, now), *self._here), host)
 
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
@@ -210,9 +212,6 @@ class Searcher:
             self._over = True
             self.records.stopped_at = now
             self._hear_news(News.OVER, now)
-
-    def _place(self) -> Point:
-        return self._here or (0.0, 0.0)
 
     # ------------------------------------------------------------ deciding
 

@@ -70,7 +70,7 @@ def run(case: Case, channel: str, monkeypatch: pytest.MonkeyPatch, loss: float =
         monkeypatch.setattr(
             cosim.simulation,
             "_channel",
-            lambda scenario, kernel, trace, *_: LinkAir(kernel, trace, scenario.team.size, case.seed, loss),
+            lambda settings, team, kernel, trace, *_: LinkAir(kernel, trace, team.size, case.seed, loss),
         )
     simulation = Simulation(scenario, case.seed, (POSES,))
     return simulation, simulation.run()

@@ -1,0 +1,34 @@
+"""Hosts watch each other rightly also if they begin in the midst of a count, whatever the period."""
+
+import pytest
+
+from cosim.units import MS, S, Time
+from protocols.aggregation.chen import NfdESettings, NfdSSettings
+from protocols.aggregation.detectors import Detector, make_detector
+from protocols.aggregation.lives import Life
+from protocols.aggregation.messages import Heartbeat
+from protocols.aggregation.neighbours import Neighbours
+
+
+def beat(number: int, at: Time) -> Heartbeat:
+    return Heartbeat(number, at // MS, 1.0, 1.0, 0, 1, 0, 0, False, False, False, ())
+
+
+@pytest.mark.parametrize("settings", [NfdSSettings(), NfdESettings()])
+def test_who_boots_late_misses_another_as_soon_as_others_do(settings: NfdSSettings | NfdESettings) -> None:
+    def make(now: Time, began: Time) -> Detector:
+        return make_detector(settings, S, now, began)
+
+    late = Neighbours([1], S, make, 300 * S)
+    for number in range(300, 310):
+        late.heard(1, beat(number, number * S), number * S + 5 * MS)
+    assert late.fall_silent(309 * S + 500 * MS) == []
+    assert late.fall_silent(320 * S) == [1]
+
+
+def test_a_gap_in_the_count_is_no_reboot_whatever_the_period() -> None:
+    period = 33_350_000
+    life = Life(period)
+    assert not life.anew(beat(0, 0))
+    assert not life.anew(beat(1000, 1000 * period))
+    assert life.anew(beat(0, 1001 * period))
