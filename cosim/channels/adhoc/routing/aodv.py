@@ -17,7 +17,7 @@ from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rreq, decode_message
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.routing.flooding import Seen
-from cosim.channels.adhoc.routing.ip import AODV_PORT, HEADER_OCTETS, PAYLOAD_PORT, Datagram, decode, encode
+from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
@@ -27,7 +27,6 @@ __all__ = ["Aodv", "AodvSettings"]
 
 DATA_TTL = 64
 """Of payloads to one robot; RFC 1700's default of IP."""
-_MOST_OCTETS = 0xFFFF - HEADER_OCTETS
 
 
 class Aodv(Control):
@@ -49,15 +48,11 @@ class Aodv(Control):
         routes or the station has no room, TOO_LONG if no IP packet holds it.
         """
         self.table.age(now)
-        ttl = self.settings.net_diameter if destination == BROADCAST else DATA_TTL
-        if len(payload) > _MOST_OCTETS:
-            self._tell(token, Outcome.TOO_LONG)
+        if self._settled(destination, payload, token):
             return
+        ttl = self.settings.net_diameter if destination == BROADCAST else DATA_TTL
         carried = Carried(self._datagram(destination, ttl, PAYLOAD_PORT, payload), None, token)
-        if destination == self.address:
-            self._deliveries.append(Delivery(destination, payload, False))
-            self._tell(token, Outcome.DELIVERED)
-        elif destination == BROADCAST:
+        if destination == BROADCAST:
             watch = None if token is None else Watch(BROADCAST, carried, False)
             self._put(BROADCAST, encode(carried.datagram), now, watch)
         else:

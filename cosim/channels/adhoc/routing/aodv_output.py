@@ -6,9 +6,10 @@ from typing import NamedTuple
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
-from cosim.machine import BROADCAST, Address, Outcome
+from cosim.channels.adhoc.routing.queues import Queues
+from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
 
@@ -35,10 +36,11 @@ class Watch(NamedTuple):
     """Whether it is a route reply."""
 
 
-class Output:
+class Output(Queues):
     """The packets, payloads and fates of one robot's router."""
 
     def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time) -> None:
+        super().__init__(address)
         self.address = address
         self.settings = settings
         self.times = settings.times()
@@ -46,34 +48,12 @@ class Output:
         self._draws = draws
         self._drawn = 0
         self._identification, self._request_id, *_ = draws.words(now, address, _FIRST)
-        self._out: list[Hop] = []
-        self._deliveries: list[Delivery] = []
-        self._fates: list[tuple[int, Outcome]] = []
         self._held: list[tuple[Time, int, Hop]] = []
         """Broadcasts that wait for their jitter to pass."""
         self._watched: dict[int, Watch] = {}
         self._tokens = 0
         self._hello_at: Time | None = None
         """When the next hello is due."""
-
-    def hops(self) -> list[Hop]:
-        """Drain packets for the station."""
-        out, self._out = self._out, []
-        return out
-
-    def deliveries(self) -> list[Delivery]:
-        """Drain payloads for the host."""
-        deliveries, self._deliveries = self._deliveries, []
-        return deliveries
-
-    def fates(self) -> list[tuple[int, Outcome]]:
-        """Drain what has become of payloads."""
-        fates, self._fates = self._fates, []
-        return fates
-
-    def _tell(self, token: int | None, outcome: Outcome) -> None:
-        if token is not None:
-            self._fates.append((token, outcome))
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
@@ -101,7 +81,7 @@ class Output:
         if after:
             heappush(self._held, (now + after, self._drawn, hop))
         else:
-            self._out.append(hop)
+            self._hops.append(hop)
         if neighbour == BROADCAST and self._hello_at is not None:
             self._hello_at = self._next_hello(now + after)
 
@@ -118,4 +98,4 @@ class Output:
 
     def _release(self, now: Time) -> None:
         while self._held and self._held[0][0] <= now:
-            self._out.append(heappop(self._held)[2])
+            self._hops.append(heappop(self._held)[2])
