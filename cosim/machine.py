@@ -398,6 +398,9 @@ class ProtocolSpec:
     """The event types, frozen dataclasses, that the machines emit."""
     team_limit: int | None = None
     """The largest team that the protocol can address."""
+    succeed: Callable[[Any, Any, Time], None] | None = None
+    """(a machine whose host has crashed, the one that boots in its place, the true time): hand over what is counted for
+    the metrics, and nothing that a robot could know."""
     needs_sight: bool = False
     """Observations name the robots in sight."""
     needs_view: bool = False

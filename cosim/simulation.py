@@ -97,8 +97,11 @@ class Simulation:
 
         def boot(robot: Address, boots: int, now: Time) -> Machine:
             stream = streams("machine", robot, "boot", boots)
-            self.machines[robot] = self.spec.make(parameters, knowledge, robot, stream, now)
-            return self.machines[robot]
+            before, machine = self.machines[robot], self.spec.make(parameters, knowledge, robot, stream, now)
+            if self.spec.succeed is not None:
+                self.spec.succeed(before, machine, self.kernel.now)
+            self.machines[robot] = machine
+            return machine
 
         victims = Victims(self.nodes, self.channel, self.fleet, self.senses, self.floorplan, boot)
         self.faults = Faults(scenario.faults, self.kernel, victims, self.trace, streams)

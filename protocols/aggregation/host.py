@@ -61,7 +61,7 @@ class Host:
     ) -> None:
         """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
         self.me = me
-        self.records = Records()
+        self.records = Records(knowledge.tick)
         self.findings = Findings()
         self.over = False
         self.parameters = parameters
@@ -129,7 +129,7 @@ class Host:
         """Send a heartbeat if it is time; note who has been silent for too long."""
         silent = self.neighbours.fall_silent(now)
         for host in silent:
-            self.records.failures.append((host, now))
+            self.records.failures.append((host, self.records.told(now)))
             self._events.append(HostSuspected(host))
         if silent:
             self._news_left = REPEATS
@@ -276,6 +276,6 @@ class Host:
         self._events += [TargetKnown(finding.number, source) for finding in new]
         if not self.over and len(self.findings.targets) == wanted:
             self.over = True
-            self.records.known_at = now
+            self.records.known_at = self.records.told(now)
             self._events.append(AllKnown(wanted))
         return len(new)

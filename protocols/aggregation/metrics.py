@@ -1,9 +1,9 @@
 """The metrics of aggregation: how long the search took, what it cost, and how long it went on after its end.
 
 The task ends when every host that lives to see the end of the run knows all targets. A search that has not ended counts
-as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. Of a robot
-that has been rebooted its last life counts; a reboot of a host that others notice is a false suspicion. Instants are
-told by the robots' own clocks: with a fault that steps one of them the metrics of time mean nothing.
+as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. All lives of
+a robot that has been rebooted count; a suspicion of a host that was down is neither false nor the detection of a death.
+Instants are told by ticks, so that a clock that a fault steps does not matter.
 """
 
 import math
@@ -13,6 +13,7 @@ from typing import TypeAlias
 from cosim.machine import Metric
 from cosim.units import Time, to_seconds
 from protocols.aggregation.host import Host
+from protocols.aggregation.records import Records
 from protocols.aggregation.searcher import Searcher
 
 Team: TypeAlias = Sequence[Host | Searcher]
@@ -35,6 +36,7 @@ METRICS = (
     Metric("detection_time_s", "s", "from a host's death until another host suspects it, mean; NaN if none died"),
     Metric("rejoin_time_s", "s", "from a host's death until one of its searchers was in another team, mean; or NaN"),
     Metric("false_suspicions", "1", "times that a host suspected another that lived"),
+    Metric("false_failures", "1", "times that a searcher took a host for failed that lived"),
     Metric("hosts_alive", "1", "hosts that no fault has killed"),
 )
 
@@ -48,7 +50,7 @@ def measure(machines: Team) -> dict[str, float]:
     known = [host.records.known_at for host in hosts]
     stopped = [searcher.records.stopped_at for searcher in searchers]
     task_end = _last(known, end)
-    records = [machine.records for machine in machines]
+    records = [life for machine in machines for life in machine.records.lives()]
     way_m = sum(record.ways_m[-1] for record in records if record.ways_m)
     joules_a_metre = machines[0].parameters.motion_j_per_m
     radio_j = sum(record.radio_j for record in records)
@@ -59,7 +61,7 @@ def measure(machines: Team) -> dict[str, float]:
         "first_known_min": to_seconds(min((at for at in known if at is not None), default=end)) / 60.0,
         "completed": float(bool(hosts) and None not in known),
         "stop_time_min": to_seconds(_last(stopped, end)) / 60.0,
-        "distance_after_m": sum(_way_after(machine, task_end) for machine in machines),
+        "distance_after_m": sum(_way_after(record, task_end) for record in records),
         "frames": float(sum(record.frames for record in records)),
         "payload_bytes": float(sum(record.payload_bytes for record in records)),
         "motion_j": joules_a_metre * way_m,
@@ -79,12 +81,12 @@ def _last(instants: Sequence[Time | None], end: Time) -> Time:
     return max((end if at is None else at for at in instants), default=end)
 
 
-def _way_after(machine: Host | Searcher, task_end: Time) -> float:
-    """Return how far a robot has gone since the first tick after *task_end*."""
-    ways_m = machine.records.ways_m
+def _way_after(record: Records, task_end: Time) -> float:
+    """Return how far a robot has gone, in one of its lives, since the first tick after *task_end*."""
+    ways_m = record.ways_m
     if not ways_m:
         return 0.0
-    after = max(machine.records.last_tick - task_end, 0) // machine.knowledge.tick
+    after = max(record.last_tick - task_end, 0) // record.tick
     return ways_m[-1] - ways_m[max(len(ways_m) - 1 - after, 0)]
 
 
@@ -94,21 +96,26 @@ def _rejoin_time_s(machines: Team, end: Time) -> float:
     for machine in machines:
         if isinstance(machine, Searcher):
             death = machines[machine.knowledge.host_of(machine.me)].records.last_tick
-            after = [at - death for at in machine.records.joins if death < end and at >= death]
+            joins = [at for life in machine.records.lives() for at in life.joins]
+            after = [at - death for at in joins if death < end and at >= death]
             delays += [to_seconds(min(after))] if after else []
     return sum(delays) / len(delays) if delays else math.nan
 
 
 def _suspicions(machines: Team, end: Time) -> dict[str, float]:
-    """Return how long hosts took to miss the dead among them, and how often they missed the living."""
-    delays, wrong = [], 0
-    hosts = [machine for machine in machines if isinstance(machine, Host)]
-    for host in hosts:
-        for other, at in host.records.failures:
-            death = hosts[other].records.last_tick
-            if death == end or at < death:
-                wrong += 1
-            else:
-                delays.append(to_seconds(at - death))
+    """Return how long hosts took to miss the dead among them, and how often who missed the living."""
+    delays: list[float] = []
+    wrong = {Host: 0, Searcher: 0}
+    for machine in machines:
+        for host, at in (failure for life in machine.records.lives() for failure in life.failures):
+            watched = machines[host].records
+            if any(life.begun <= at < life.last_tick + life.tick for life in watched.lives()):
+                wrong[type(machine)] += 1
+            elif watched.last_tick < end and at >= watched.last_tick and isinstance(machine, Host):
+                delays.append(to_seconds(at - watched.last_tick))
     mean = sum(delays) / len(delays) if delays else math.nan
-    return {"detection_time_s": mean, "false_suspicions": float(wrong)}
+    return {
+        "detection_time_s": mean,
+        "false_suspicions": float(wrong[Host]),
+        "false_failures": float(wrong[Searcher]),
+    }

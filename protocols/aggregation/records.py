@@ -5,6 +5,7 @@ energy consumption of a wireless network interface in an ad hoc networking envir
 in the payload's bytes, with a constant that holds the MAC's own frames. Idling is left out.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -20,8 +21,11 @@ HEAR_J: Final = (56e-6, 0.5e-6)
 
 @dataclass(slots=True)
 class Records:
-    """Counts of one robot."""
+    """Counts of one life of a robot. Instants are told by ticks, which all robots have in common: see ``told``."""
 
+    tick: Time
+    before: "Records | None" = None
+    """Those of the robot's life before a reboot."""
     frames: int = 0
     payload_bytes: int = 0
     radio_j: float = 0.0
@@ -39,8 +43,12 @@ class Records:
     """When a searcher heard that it is over."""
     ways_m: list[float] = field(default_factory=list)
     """The way driven up to each tick."""
+    begun: Time = 0
+    """When it observed first."""
     last_tick: Time = 0
     """When it observed last: a dead one's death."""
+    ahead: Time = 0
+    """By how much faults have set the robot's clock forward since it began, as the last tick showed."""
 
     def spend(self, cost: tuple[float, float], octets: int) -> None:
         """Count the energy of a frame with *octets* of payload."""
@@ -48,5 +56,24 @@ class Records:
 
     def moved(self, way_m: float, now: Time) -> None:
         """Count the way of one tick."""
+        if not self.ways_m:
+            self.begun = now if self.before is None else self.begun
+        self.last_tick = self.begun + len(self.ways_m) * self.tick
+        self.ahead = now - self.last_tick
         self.ways_m.append((self.ways_m[-1] if self.ways_m else 0.0) + way_m)
-        self.last_tick = now
+
+    def follow(self, before: "Records", now: Time) -> None:
+        """Be those of the robot's next life, which begins with the first tick not before *now*, the true time."""
+        self.before = before
+        self.begun = self.last_tick = -(-now // self.tick) * self.tick
+
+    def lives(self) -> "Iterator[Records]":
+        """Yield these records, and those of the lives before."""
+        life: Records | None = self
+        while life is not None:
+            yield life
+            life = life.before
+
+    def told(self, now: Time) -> Time:
+        """Return the instant *now* as a clock tells it that no fault has stepped (right but in the tick of a step)."""
+        return now - self.ahead

@@ -52,7 +52,7 @@ class Searcher:
     ) -> None:
         """Begin in the sub-team that everybody knows, or, having *booted* again, in none."""
         self.me = me
-        self.records = Records()
+        self.records = Records(knowledge.tick)
         self.findings = Findings()
         self.parameters = parameters
         self.knowledge = knowledge
@@ -135,8 +135,11 @@ class Searcher:
         self._here = here
         for finding in self.findings.add(self._camera.look(observation, self.findings)):
             self._events.append(TargetFound(*finding))
-        if self._legs.reached is not None and self.findings.visit((self._legs.reached,)):
-            self._legs.next()
+        if self._legs.reached is not None:
+            (seen,) = observation.sees([here])  # not if a fault has switched the camera off
+            if seen:
+                self.findings.visit((self._legs.reached,))
+            self._legs.next(seen)
         if not self._over:
             self._decide(observation, now)
         command = self._walk(observation, now)
@@ -192,7 +195,7 @@ class Searcher:
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
             return
-        self.records.joins.append(now)
+        self.records.joins.append(self.records.told(now))
         self._events.append(Joined(host, epoch))
         self._heard, self._life = now, Life(from_seconds(self.parameters.heartbeat_s))
         self._tell_anew()
@@ -210,7 +213,7 @@ class Searcher:
         self._speech.say(Stopped(), host)
         if not self._over:
             self._over = True
-            self.records.stopped_at = now
+            self.records.stopped_at = self.records.told(now)
             self._hear_news(News.OVER, now)
 
     # ------------------------------------------------------------ deciding
@@ -271,7 +274,7 @@ class Searcher:
     def _hear_news(self, news: News, now: Time) -> None:
         """Change the errand, and begin what it demands."""
         if news is News.FAILED and self._pursuit.host is not None:
-            self.records.failures.append((self._pursuit.host, now))
+            self.records.failures.append((self._pursuit.host, self.records.told(now)))
             self._events.append(HostFailed(self._pursuit.host))
         before, self.errand = self.errand, next_errand(self.errand, news)
         if self.errand is not before or news is News.FAILED:

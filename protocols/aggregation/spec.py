@@ -151,6 +151,11 @@ def make(
     )
 
 
+def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:
+    """Keep the counts of a machine for the metrics when another takes its place."""
+    after.records.follow(before.records, now)
+
+
 def referee(parameters: Parameters, knowledge: Knowledge) -> SearchReferee:
     """Return the judge of the search."""
     return SearchReferee(knowledge)
@@ -167,6 +172,7 @@ SPEC = ProtocolSpec(
     measure=measure,
     events=EVENTS,
     team_limit=TEAM_LIMIT,
+    succeed=succeed,
     needs_sight=True,
     needs_view=True,
 )

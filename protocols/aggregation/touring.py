@@ -56,9 +56,11 @@ class Legs:
         self._posts = list(posts)
         self._touring = False
 
-    def next(self) -> None:
-        """Go on to the next post."""
-        del self._posts[0]
+    def next(self, seen: bool) -> None:
+        """Go on to the next post; come back to this one at the end of the tour if it has not been *seen*."""
+        post = self._posts.pop(0)
+        if not seen:
+            self._posts.append(post)
         self._touring = False
 
     def search(self, observation: Observation) -> Command | None:

@@ -113,9 +113,11 @@ def test_suspicions_of_the_dead_are_timed_and_those_of_the_living_counted() -> N
     walked(team.machines[2], [0.0] * 31)  # dies at 3 s
     team.machines[0].records.failures += [(1, 2 * S), (2, 1 * S), (2, 5 * S + 500 * MS)]
     team.machines[1].records.failures += [(2, 7 * S)]
+    team.machines[3].records.failures += [(0, 3 * S), (2, 2 * S), (2, 6 * S)]  # a searcher
     metrics = measured(team)
     assert metrics["detection_time_s"] == pytest.approx((2.5 + 4.0) / 2.0)
     assert metrics["false_suspicions"] == 2.0
+    assert metrics["false_failures"] == 2.0
     team.machines[0].records.failures.clear()
     team.machines[1].records.failures.clear()
     assert math.isnan(measured(team)["detection_time_s"])
@@ -220,3 +222,52 @@ def test_the_time_to_detect_a_dead_host_is_what_the_trace_says(timeout_s: float)
     assert metrics["detection_time_s"] == pytest.approx(suspected_s - 9.0, abs=1e-6)  # its last tick
     assert timeout_s - 1.0 < metrics["detection_time_s"] <= timeout_s + 0.1
     assert metrics["false_suspicions"] == 0.0
+
+
+# ---------------------------------------------------------------- faults that touch the counting
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [1, 3])
+@pytest.mark.parametrize("by_s", [-4.0, 500.0])
+def test_the_metrics_do_not_go_by_a_clock_that_has_been_set(robot: int, by_s: float) -> None:
+    """The trace tells true instants."""
+    search = run("mi", camera_m=4.0, faults=[{"kind": "clock_step", "robot": robot, "at_s": 6.0, "by_s": by_s}])
+    metrics = search.outcome.metrics
+    known_s = [search.times_s("AllKnown", host)[0] for host in (0, 1)]
+    stops_s = [row["s"] for row in search.told("ErrandChanged") if row["errand"] == "stop"]
+    assert min(*known_s, *stops_s) > 6.0
+    assert metrics["completed"] == 1.0
+    assert metrics["share_visited"] > 0.0
+    assert metrics["search_time_min"] * 60.0 == pytest.approx(max(known_s), abs=TICK / S)
+    assert metrics["stop_time_min"] * 60.0 == pytest.approx(max(stops_s), abs=TICK / S)
+    assert metrics["distance_after_m"] == pytest.approx(after_m(search, metrics["search_time_min"] * 60.0), abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [0, 2])
+def test_what_a_robot_did_before_a_reboot_counts(robot: int) -> None:
+    search = run("mi", camera_m=4.0, faults=[{"kind": "crash", "robot": robot, "at_s": 7.0, "for_s": 9.0}])
+    metrics = search.outcome.metrics
+    assert metrics["frames"] == metrics["frames_sent"]
+    assert metrics["payload_bytes"] == metrics["radio_0_payload_bytes"] + metrics["radio_1_payload_bytes"]
+    down_m = search.way_m(robot, 6.9, 16.0)  # nobody counts from the last tick before the crash to the first after it
+    assert metrics["motion_j"] == pytest.approx(20.0 * (metrics["distance_m"] - down_m), rel=1e-6)
+    assert down_m < 0.01 * metrics["distance_m"]
+
+
+@pytest.mark.slow
+def test_a_host_that_was_down_was_suspected_with_right() -> None:
+    """It is down for longer than the time-out of 5 s, and boots again: no death, and no mistake."""
+    search = run("mi", camera_m=4.0, faults=[{"kind": "crash", "robot": 0, "at_s": 7.0, "for_s": 9.0}])
+    ((suspected_s),) = search.times_s("HostSuspected", 1)
+    assert 7.0 < suspected_s < 16.0
+    assert search.outcome.metrics["false_suspicions"] == 0.0
+    assert math.isnan(search.outcome.metrics["detection_time_s"])
+
+
+@pytest.mark.slow
+def test_a_host_that_could_not_speak_for_a_while_was_suspected_wrongly() -> None:
+    search = run("mi", camera_m=4.0, faults=[{"kind": "radio_off", "robot": 0, "at_s": 7.0, "for_s": 9.0}])
+    assert search.told("HostSuspected", 1)
+    assert search.outcome.metrics["false_suspicions"] == len(search.told("HostSuspected"))

@@ -115,6 +115,23 @@ def test_blind_robots_are_led_by_plans_and_radios() -> None:
     assert_all_is_well(run("mrp", faults=faults, camera_m=4.0))
 
 
+def test_what_a_blind_searcher_passes_it_searches_again() -> None:
+    """It sees nothing while it would come past the target."""
+    alone = {"hosts": 1, "searchers": 1, "camera_m": 4.0, "targets": ((17.0, 17.0),)}
+    ((found_s),) = run("mi", **alone).times_s("TargetFound", 1)
+    assert 4.0 < found_s < 44.0
+    search = run("mi", **alone, faults=[{"kind": "camera_off", "robot": 1, "at_s": 4.0, "for_s": 40.0}])
+    assert_all_is_well(search)
+    assert search.times_s("TargetFound", 1)[0] > 44.0
+
+
+def test_others_search_what_a_blind_searcher_has_left() -> None:
+    blind = [{"kind": "camera_off", "robot": 1, "at_s": 4.0}]
+    search = run("mi", hosts=1, searchers=2, camera_m=4.0, faults=blind)
+    assert_all_is_well(search)
+    assert {row["source"] for row in search.told("TargetFound")} <= {2}
+
+
 def test_clocks_that_are_set_do_not_stop_a_search() -> None:
     faults = [
         {"kind": "clock_step", "robot": 0, "at_s": 6.0, "by_s": 2.0},
