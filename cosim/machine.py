@@ -399,8 +399,7 @@ class ProtocolSpec:
     team_limit: int | None = None
     """The largest team that the protocol can address."""
     succeed: Callable[[Any, Any, Time], None] | None = None
-    """(a machine whose host has crashed, the one that boots in its place, the true time): hand over what is counted for
-    the metrics, and nothing that a robot could know."""
+    """(a crashed host's machine, the one that boots in its place, the true time): hand over what the metrics count."""
     needs_sight: bool = False
     """Observations name the robots in sight."""
     needs_view: bool = False

@@ -13,7 +13,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -31,7 +31,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
-from cosim.channels.radios import RadiosSettings
+from cosim.channels.radios import OneRadio, RadiosSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
@@ -97,6 +97,8 @@ class GroupSettings(Settings):
     body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
     power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
     radios: RadioNumbers | None = Field(default=None, description="which radios they have; the team's if not given")
+    power_dbm: float | None = Field(default=None, description="dBm, of their radios; the team's if not given")
+    reach_m: float | None = Field(default=None, gt=0, description="m, of their radios; the team's if not given")
 
 
 class TeamSettings(Settings):
@@ -109,6 +111,15 @@ class TeamSettings(Settings):
     )
     radios: RadioNumbers = Field(
         default=(0,), description="which radios a robot has, where the channel is of the kind radios"
+    )
+    power_dbm: float | None = Field(
+        default=None, description="dBm, transmit power of adhoc radios with propagation; the channel's if not given"
+    )
+    reach_m: float | None = Field(
+        default=None,
+        gt=0,
+        description="m, how far others hear a robot by adhoc radios without propagation and by ideal ones, however far "
+        "they reach themselves; the channel's range_m if not given",
     )
     groups: tuple[GroupSettings, ...] | None = Field(
         default=None, min_length=1, description="what a mixed team consists of; all robots are alike if not given"
@@ -132,6 +143,16 @@ class TeamSettings(Settings):
     def power_classes(self) -> tuple[int | None, ...]:
         """The power class of each robot's radio; None where the channel decides."""
         return tuple(group.power_class or self.power_class for group in self._members())
+
+    @property
+    def powers_dbm(self) -> tuple[float | None, ...]:
+        """The transmit power of each robot's adhoc radios, where signals fade; None where the channel decides."""
+        return tuple(self.power_dbm if group.power_dbm is None else group.power_dbm for group in self._members())
+
+    @property
+    def reaches_m(self) -> tuple[float | None, ...]:
+        """How far each robot is heard by radios whose signals do not fade; None where the channel decides."""
+        return tuple(group.reach_m or self.reach_m for group in self._members())
 
     @property
     def carried(self) -> tuple[tuple[int, ...], ...]:
@@ -230,8 +251,8 @@ class Scenario(Settings):
         return from_seconds(self.duration_s)
 
     @property
-    def _radio_count(self) -> int:
-        return len(self.channel.radios) if isinstance(self.channel, RadiosSettings) else 1
+    def _radios(self) -> tuple[OneRadio, ...]:
+        return self.channel.radios if isinstance(self.channel, RadiosSettings) else (self.channel,)
 
     def map_digests(self) -> list[str]:
         """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
@@ -267,7 +288,7 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _radios_exist(self) -> Self:
-        count = self._radio_count
+        count = len(self._radios)
         named: list[tuple[tuple[str | int, ...], tuple[int, ...]]] = [(("radios",), self.team.radios)]
         named += [
             (("groups", n, "radios"), group.radios) for n, group in enumerate(self.team.groups or ()) if group.radios
@@ -276,6 +297,21 @@ class Scenario(Settings):
             if max(radios) >= count:
                 expected = f"names radio {max(radios)}, which is none of the channel's radios 0 to {count - 1}"
                 raise _misplaced(("team", *place), list(radios), expected)
+        return self
+
+    @model_validator(mode="after")
+    def _powers_and_reaches_matter(self) -> Self:
+        """Refuse a power or a reach of robots that have no radio which makes use of it."""
+        team = self.team
+        given: list[tuple[tuple[str | int, ...], TeamSettings | GroupSettings, set[int]]]
+        given = [((), team, {radio for radios in team.carried for radio in radios})]
+        given += [(("groups", n), group, {*(group.radios or team.radios)}) for n, group in enumerate(team.groups or ())]
+        for place, robots, radios in given:
+            uses = {_strength_of(self._radios[radio]) for radio in radios}
+            for field, which in _STRENGTHS.items():
+                value = getattr(robots, field)
+                if value is not None and field not in uses:
+                    raise _misplaced(("team", *place, field), value, f"is given, but their radios are not {which}")
         return self
 
     @model_validator(mode="after")
@@ -290,7 +326,7 @@ class Scenario(Settings):
     def _faults_name_radios_that_exist(self) -> Self:
         for number, fault in enumerate(self.faults):
             radio = getattr(fault, "radio", None)
-            whose, known = "the channel", tuple(range(self._radio_count))
+            whose, known = "the channel", tuple(range(len(self._radios)))
             if isinstance(fault, RadioOffSettings):
                 whose, known = f"robot {fault.robot}", self.team.carried[fault.robot]
             if radio is not None and radio not in known:
@@ -303,6 +339,17 @@ def _misplaced(place: tuple[str | int, ...], value: Any, expected: str) -> Valid
     """Return an error at *place* below the model that raises it: one that concerns several fields has no other way."""
     kind = PydanticCustomError("value_error", "{error}", {"error": expected})
     return ValidationError.from_exception_data("Scenario", [InitErrorDetails(type=kind, loc=place, input=value)])
+
+
+_STRENGTHS: Final = {"power_dbm": "adhoc with propagation", "reach_m": "ideal, or adhoc without propagation"}
+"""What a team can say of its radios' strength, and of which radios."""
+
+
+def _strength_of(radio: OneRadio) -> str | None:
+    """Return which of them *radio* makes use of."""
+    if isinstance(radio, AdhocSettings) and radio.propagation is not None:
+        return "power_dbm"
+    return "reach_m" if isinstance(radio, IdealSettings | AdhocSettings) else None
 
 
 @cache  # every arm of a sweep asks for the same few maps

@@ -253,11 +253,12 @@ def _channel(
     walls = floor.grid, floor.wall_loss_db
     match settings:
         case IdealSettings():
-            return IdealChannel(settings, kernel, trace, team.size, streams)
+            return IdealChannel(settings, kernel, trace, team.size, streams, team.reaches_m)
         case OpticalSettings():
             return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
         case AdhocSettings():
-            return AdhocChannel(settings, kernel, trace, team.size, streams, walls)
+            strengths = team.reaches_m if settings.propagation is None else team.powers_dbm
+            return AdhocChannel(settings, kernel, trace, team.size, streams, walls, strengths)
         case BluetoothSettings():
             return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)
         case RadiosSettings(radios=radios):

@@ -7,6 +7,9 @@ manages links runs here unchanged.
 Three flaws can be asked for, each by itself and independent of all else, which no radio's are: a range, a share of
 payloads that are lost, and a random delay. With a random delay payloads overtake each other, also those from one robot
 to one other; without it they never do.
+
+Robots may have ranges of their own. That of the sender decides who gets a payload, not that of the receiver; whether
+the sender learns that it has arrived, and whether there is a link, depends on both.
 """
 
 import math
@@ -81,7 +84,9 @@ class IdealSettings(Settings):
     kind: Literal["ideal"] = "ideal"
     delay_s: float = Field(default=1e-6, gt=0, description="from sending to arrival, for every payload")
     range_m: float | None = Field(
-        default=None, gt=0, description="m, between robots farther apart nothing arrives; by default all are in reach"
+        default=None,
+        gt=0,
+        description="m, farther than that nothing arrives, unless the team says otherwise; by default all are in reach",
     )
     loss: float = Field(
         default=0.0, ge=0, le=1, description="probability that a payload does not arrive, for each receiver by itself"
@@ -93,15 +98,29 @@ class IdealSettings(Settings):
     )
 
 
+def of_each(own: Sequence[float | None], common: float, size: int) -> list[float]:
+    """Return what each of *size* robots' radios has *own*, or else *common*; nothing is own if *own* is empty."""
+    return [common if one is None else one for one in own or (None,) * size]
+
+
 class IdealChannel(Channel):
     """Instant links between all devices that are switched on and in range, and a fixed delay without loss."""
 
     metrics: ClassVar[tuple[Metric, ...]] = (Metric("frames_sent", "1", "payloads sent"),)
 
     def __init__(
-        self, settings: IdealSettings, kernel: Kernel, trace: Trace, size: int, streams: Streams | None = None
+        self,
+        settings: IdealSettings,
+        kernel: Kernel,
+        trace: Trace,
+        size: int,
+        streams: Streams | None = None,
+        reaches_m: Sequence[float | None] = (),
     ) -> None:
-        """*streams* are those of the run; raise LocalProtocolError if there are none, but losses or jitter."""
+        """Take the run's *streams*, and for each robot what it has instead of ``range_m``, if not None.
+
+        Raise LocalProtocolError if there are no *streams*, but losses or jitter.
+        """
         super().__init__(kernel, trace, size)
         self.delay: Time = max(1, from_seconds(settings.delay_s))
         self.sent = 0
@@ -114,8 +133,13 @@ class IdealChannel(Channel):
         self._numbers = [0] * size
         """Payloads that each device has sent: what the draws count by."""
         self._places_m: Positions = np.zeros((size, 2))
+        reaches_m = of_each(reaches_m, settings.range_m or math.inf, size)
+        self._reach_m = np.array(reaches_m)[:, None]
+        self._limited = min(reaches_m) < math.inf
+        self._alike = len(set(reaches_m)) == 1
+        """Who is heard by another hears it as well."""
         self._in_range: list[list[bool]] | None = None
-        """Who is in range of whom, once somebody has asked since they have moved."""
+        """Whom each robot has in its range, once somebody has asked since they have moved."""
         self._on = [True] * size
         self._on_since: list[Time] = [0] * size
         self._scanning = [True] * size
@@ -128,8 +152,9 @@ class IdealChannel(Channel):
         """Deliver after the delay to whoever is in reach then, unless it is lost.
 
         The fate is SENT for a broadcast, after the fixed delay; for others it comes when the payload would arrive:
-        DELIVERED, NO_LINK if the receiver is not in reach (any more), UNACKNOWLEDGED if the payload is lost: it is
-        tried once. To who is not in reach now it is NO_LINK at once. A device that is switched off sends nothing.
+        DELIVERED, NO_LINK if the receiver is not in reach (any more), UNACKNOWLEDGED if the payload is lost (it is
+        tried once) or the receiver does not reach the sender. To who is not in reach now it is NO_LINK at once. A
+        device that is switched off sends nothing.
         """
         if not self._on[source]:
             return
@@ -176,9 +201,10 @@ class IdealChannel(Channel):
             return
         match command:
             case Inquire(enough=enough):
-                found = tuple(a for a in self.in_reach(source) if self._scanning[a])[:enough]
+                there = self.in_reach(source) if self._alike else (a for a in range(self.size) if self._meet(source, a))
+                found = tuple(a for a in there if self._scanning[a])[:enough]
                 self._tell(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
-            case Page(peer=peer) if self._hears(source, peer) and self._scanning[peer]:
+            case Page(peer=peer) if self._meet(source, peer) and self._scanning[peer]:
                 self._paged.discard((peer, source))
                 self._paged.add((source, peer))
                 self._tell((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
@@ -186,13 +212,13 @@ class IdealChannel(Channel):
                 self._tell((source, PageFailed(peer)))
             case Scan(enabled=enabled):
                 self._scanning[source] = enabled
-            case Disconnect(peer=peer) if self._hears(source, peer):
+            case Disconnect(peer=peer) if self._meet(source, peer):
                 self._paged -= {(source, peer), (peer, source)}
                 self._tell((source, Lost(peer)), (peer, Lost(source)))
             case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
-                mode = Mode.ACTIVE if self._hears(source, peer) else Mode.NONE  # links are never at rest
+                mode = Mode.ACTIVE if self._meet(source, peer) else Mode.NONE  # links are never at rest
                 self._tell((source, ModeChanged(peer, mode)))
-            case SwitchRole(peer=peer) if self._hears(source, peer):
+            case SwitchRole(peer=peer) if self._meet(source, peer):
                 self._switch(source, peer)
             case SwitchRole(peer=peer):
                 self._tell((source, ModeChanged(peer, Mode.NONE)))
@@ -211,12 +237,12 @@ class IdealChannel(Channel):
         self._tell((source, RoleChanged(peer, Role.PEER)))
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
-        """Return all other devices in range that are switched on, if this one is."""
+        """Return all other devices in its range that are switched on, if this one is."""
         return tuple(a for a in range(self.size) if self._hears(address, a))
 
     def moved(self, positions_m: Positions) -> None:
         """Note who may be in range of whom now; links between robots that are not any more are lost."""
-        if self._flaws.range_m is not None:
+        if self._limited:
             self._places_m = positions_m
             self._in_range = None
             self._lose_links()
@@ -234,17 +260,21 @@ class IdealChannel(Channel):
         """Return the number of payloads sent."""
         return {"frames_sent": float(self.sent)}
 
+    def _meet(self, one: Address, other: Address) -> bool:
+        """Return whether each hears the other, as links need it."""
+        return self._hears(one, other) and (self._alike or self._hears(other, one))
+
     def _hears(self, one: Address, other: Address) -> bool:
+        """Return whether what *one* sends now reaches *other*."""
         there = one != other and 0 <= other < self.size and self._on[one] and self._on[other]
         return there and self._is_in_range(one, other)
 
     def _is_in_range(self, one: Address, other: Address) -> bool:
-        range_m = self._flaws.range_m
-        if range_m is None:
+        if not self._limited:
             return True
         if self._in_range is None:
             apart_m = np.linalg.norm(self._places_m[:, None] - self._places_m[None], axis=-1)
-            self._in_range = (apart_m <= range_m).tolist()
+            self._in_range = (apart_m <= self._reach_m).tolist()
         return self._in_range[one][other]
 
     def _knows_of(self, source: Address, begin: Time) -> bool:
@@ -254,7 +284,7 @@ class IdealChannel(Channel):
     def _lose_links(self) -> None:
         """Tell both ends of each link between devices that no longer hear each other; for channels with a reach."""
         for pair in sorted(self._paged):
-            if not self._hears(*pair):
+            if not self._meet(*pair):
                 self._paged.discard(pair)
                 self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
 
@@ -271,8 +301,12 @@ class IdealChannel(Channel):
             arrivals += [(address, outgoing.payload, reception) for address in heard]
             self._record(flight, there, heard)
             if flight.told and outgoing.token is not None and self._knows_of(source, flight.begin):
-                missed = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
-                fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else missed
+                if to_all:
+                    fate = Outcome.SENT
+                elif heard and (self._alike or self._is_in_range(outgoing.destination, source)):
+                    fate = Outcome.DELIVERED
+                else:
+                    fate = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
                 news.append((source, Fate(outgoing.token, fate)))
         self.deliver(arrivals, news)
 
@@ -290,8 +324,7 @@ class IdealChannel(Channel):
 
     def _record(self, flight: _Flight, there: Sequence[Address], heard: Sequence[Address]) -> None:
         """Write a row for *flight*; one for every receiver if not all get the same."""
-        flaws = self._flaws
-        if flaws.range_m is None and self._chance is None:
+        if not self._limited and self._chance is None:
             self._write(flight, flight.outgoing.destination, "received" if heard else "out_of_range")
             return
         for address in flight.receivers:

@@ -12,14 +12,16 @@ Durations are rounded to whole ns: at the end of a way of 255 points at 1 m/s th
 """
 
 from collections.abc import Callable
-from math import atan2, hypot
+from math import atan2, dist
 from typing import Final, NamedTuple
 
 from cosim.errors import LocalProtocolError
+from cosim.geometry.planning import Point
+from cosim.geometry.polylines import length_m
 from cosim.machine import Address
 from cosim.units import S, Time, from_seconds
 from protocols.aggregation.frames import instant, stamp
-from protocols.aggregation.messages import Plan, Point
+from protocols.aggregation.messages import Plan
 
 FOREVER: Final[Time] = 1 << 62
 """A way that takes longer than this, 146 years, has no end."""
@@ -37,8 +39,7 @@ class Course(NamedTuple):
     @property
     def length_m(self) -> float:
         """The length of the way, metres."""
-        way_m = self.way_m
-        return sum(hypot(way_m[i + 1][0] - x, way_m[i + 1][1] - y) for i, (x, y) in enumerate(way_m[:-1]))
+        return length_m(self.way_m)
 
     def place(self, at: Time) -> Point:
         """Return where the host is at the instant *at*; paper 002, equations 1 to 3, see above."""
@@ -75,12 +76,11 @@ class Course(NamedTuple):
 
     def _takes(self, leg: int) -> Time:
         """Return how long a leg takes (equation 1)."""
-        (x, y), (to_x, to_y) = self.way_m[leg : leg + 2]
-        length_m = hypot(to_x - x, to_y - y)
-        if not length_m:
+        leg_m = dist(*self.way_m[leg : leg + 2])
+        if not leg_m:
             return 0
         # a quotient of FOREVER and more, infinity included, must not reach round()
-        return round(length_m / self.speed_mps * S) if length_m * S < self.speed_mps * FOREVER else FOREVER
+        return round(leg_m / self.speed_mps * S) if leg_m * S < self.speed_mps * FOREVER else FOREVER
 
 
 def interception(
@@ -104,23 +104,22 @@ def interception(
         raise LocalProtocolError(f"nobody is met at {speed_mps} m/s")
     point = course.place(now)
     for _ in range(rounds):
-        length_m = way_m(point)
-        if length_m is None:
-            length_m = hypot(point[0] - here_m[0], point[1] - here_m[1])
-        point = course.place(now + from_seconds(length_m / speed_mps))
+        planned_m = way_m(point)
+        gone_m = dist(here_m, point) if planned_m is None else planned_m
+        point = course.place(now + from_seconds(gone_m / speed_mps))
     return point
 
 
-def course_of(plan: Plan, now: Time, start: Time = 0) -> Course:
-    """Return the course that *plan* tells; its stamp, in ms since *start*, means the instant nearest to *now*."""
-    return Course(instant(plan.departed_ms, now, start), plan.speed_mps, plan.way_m)
+def course_of(plan: Plan, now: Time) -> Course:
+    """Return the course that *plan* tells; its stamp means the instant nearest to *now*."""
+    return Course(instant(plan.departed_ms, now), plan.speed_mps, plan.way_m)
 
 
-def plan_of(course: Course, host: Address, version: int, start: Time = 0) -> Plan:
+def plan_of(course: Course, host: Address, version: int) -> Plan:
     """Return the plan that tells *course* of *host*, at most 255 points.
 
     What ``course_of`` makes of it departs up to 1 ms earlier, since stamps are whole ms, and its numbers have been
     through the single floats of the wire: on ways of 12 points within 250 m that moves the host by at most 0.05 mm
     (measured over 200 ways). Whoever has to know just what the others believe keeps ``course_of`` of the plan.
     """
-    return Plan(host, version, stamp(course.departed, start), course.speed_mps, course.way_m)
+    return Plan(host, version, stamp(course.departed), course.speed_mps, course.way_m)

@@ -1,6 +1,6 @@
-"""What a searcher is about, as a table: (errand, news) -> next errand. The table is the strategies' common protocol.
+"""What a searcher is about, as a table: (errand, turn) -> next errand. The table is the strategies' common protocol.
 
-Which news there are depends on the strategy: only a finder of the mobile integrator meets its host, the mobile rally
+Which turns things take depends on the strategy: only a finder of the mobile integrator meets its host, the mobile rally
 point calls all of them when its period is over, a time-out calls those that have been alone for long.
 """
 
@@ -26,8 +26,8 @@ class Errand(StrEnum):
     """The task is over."""
 
 
-class News(StrEnum):
-    """What makes a searcher do something else."""
+class Turn(StrEnum):
+    """What happens to a searcher that makes it do something else."""
 
     FOUND = "found"
     """It has found a target that its host does not know, and is to tell it at once."""
@@ -57,26 +57,26 @@ _S, _M, _W, _C = Errand.SEARCH, Errand.MEET, Errand.WAIT, Errand.CHANGE
 
 TABLE: Final = MappingProxyType(
     {
-        (_S, News.FOUND): (None, _M),
-        (_S, News.DONE): (None, _M),
-        (_S, News.DUE): (None, _M),
-        (_S, News.JOINED): (None, _S),
-        (_M, News.TOLD): (None, _S),
-        (_M, News.IDLE): (None, _W),
-        (_M, News.FAILED): (None, _C),
-        (_M, News.JOINED): (None, _M),
-        (_W, News.WORK): (None, _S),
-        (_W, News.ALONE): (None, _M),
-        (_W, News.JOINED): (None, _W),
-        (_C, News.JOINED): (None, _M),
-        (_C, News.HEARD): (None, _M),
-        (_C, News.FAILED): (None, _C),
-        **{(errand, News.OVER): (None, Errand.STOP) for errand in Errand},
+        (_S, Turn.FOUND): (None, _M),
+        (_S, Turn.DONE): (None, _M),
+        (_S, Turn.DUE): (None, _M),
+        (_S, Turn.JOINED): (None, _S),
+        (_M, Turn.TOLD): (None, _S),
+        (_M, Turn.IDLE): (None, _W),
+        (_M, Turn.FAILED): (None, _C),
+        (_M, Turn.JOINED): (None, _M),
+        (_W, Turn.WORK): (None, _S),
+        (_W, Turn.ALONE): (None, _M),
+        (_W, Turn.JOINED): (None, _W),
+        (_C, Turn.JOINED): (None, _M),
+        (_C, Turn.HEARD): (None, _M),
+        (_C, Turn.FAILED): (None, _C),
+        **{(errand, Turn.OVER): (None, Errand.STOP) for errand in Errand},
     }
 )
 
 
-def next_errand(errand: Errand, news: News) -> Errand:
-    """Return what a searcher does after *news*; raise LocalProtocolError for news that cannot come then."""
-    following: Errand = next_state(TABLE, errand, news)[1]
+def next_errand(errand: Errand, turn: Turn) -> Errand:
+    """Return what a searcher does after a *turn*; raise LocalProtocolError for one that things cannot take then."""
+    following: Errand = next_state(TABLE, errand, turn)[1]
     return following

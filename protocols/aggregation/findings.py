@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from cosim.geometry.planning import Point
 from cosim.observation import Observation
-from protocols.aggregation.knowledge import Point
 from protocols.aggregation.messages import Finding
 
 

@@ -15,6 +15,7 @@ from struct import Struct
 from typing import Any, Final
 
 from cosim.errors import LocalProtocolError, WireError
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import MS, Time
 from protocols.aggregation.messages import (
@@ -29,7 +30,6 @@ from protocols.aggregation.messages import (
     News,
     Plan,
     Plans,
-    Point,
     Receipt,
     Report,
     Stop,
@@ -64,15 +64,15 @@ _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a thi
 # ---------------------------------------------------------------- stamps and bitmaps
 
 
-def stamp(at: Time, start: Time = 0) -> int:
-    """Return the stamp of the instant *at*: whole ms since *start*, mod 2**32; never later than *at*."""
-    return (at - start) // MS % CLOCK_MS
+def stamp(at: Time) -> int:
+    """Return the stamp of the instant *at*: whole ms, mod 2**32; never later than *at*."""
+    return at // MS % CLOCK_MS
 
 
-def instant(stamp_ms: int, now: Time, start: Time = 0) -> Time:
+def instant(stamp_ms: int, now: Time) -> Time:
     """Return the instant nearest to *now* with the stamp *stamp_ms*: right for 24 days to either side."""
-    now_ms = (now - start) // MS
-    return start + (now_ms + (stamp_ms - now_ms + CLOCK_MS // 2) % CLOCK_MS - CLOCK_MS // 2) * MS
+    now_ms = now // MS
+    return (now_ms + (stamp_ms - now_ms + CLOCK_MS // 2) % CLOCK_MS - CLOCK_MS // 2) * MS
 
 
 def bitmap(posts: Iterable[int], count: int) -> bytes:
@@ -86,7 +86,7 @@ def bitmap(posts: Iterable[int], count: int) -> bytes:
 
 
 @lru_cache(maxsize=REMEMBERED)
-def posts_of(data: bytes) -> frozenset[int]:
+def posts_in(data: bytes) -> frozenset[int]:
     """Return the posts in a :func:`bitmap`; one from the wire may be of any length, so they may be any numbers."""
     return frozenset(8 * at + bit for at, byte in enumerate(data) if byte for bit in range(8) if byte >> bit & 1)
 

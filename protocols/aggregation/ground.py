@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from cosim.geometry.boundary import PackedBoundary, boundary, inflated, packed_boundary
 from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, cost_to_go, wall_planning_grid
+from cosim.geometry.polylines import length_m
 from cosim.geometry.roadmap import Roadmap, line_is_free, roadmap
 from cosim.geometry.segments import SegmentGrid, in_sight, segment_grid, swept_clearance
 from cosim.jit import njit
@@ -103,7 +104,7 @@ class Ground:
         points = self._between(start, goal)
         if points is None:
             return None
-        return ends + sum(math.dist(a, b) for a, b in zip([start, *points], points, strict=False))
+        return ends + length_m([start, *points])
 
     @cached_property
     def lengths_m(self) -> Floats:

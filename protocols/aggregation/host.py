@@ -8,6 +8,7 @@ does not speak of that): the others tell it whom it led, and its searchers tell 
 
 import math
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
@@ -15,10 +16,10 @@ from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.detectors import Detector, make_detector
 from protocols.aggregation.driving import Driver
 from protocols.aggregation.findings import Findings
-from protocols.aggregation.frames import bitmap, posts_of, stamp
+from protocols.aggregation.frames import bitmap, posts_in, stamp
 from protocols.aggregation.itinerary import Itinerary
 from protocols.aggregation.journal import AllKnown, HostSuspected, HostTrusted, TargetKnown
-from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import (
     Finding,
@@ -270,7 +271,7 @@ class Host:
         """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""
         wanted = len(self.knowledge.targets_m)
         new = self.findings.add(finding for finding in targets if finding.number < wanted)
-        grown = self.findings.visit(post for post in posts_of(visited) if post < self._posts)
+        grown = self.findings.visit(post for post in posts_in(visited) if post < self._posts)
         if new or grown:
             self._news_left = REPEATS
         self._events += [TargetKnown(finding.number, source) for finding in new]

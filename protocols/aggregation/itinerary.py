@@ -1,11 +1,12 @@
 """A host's ways, one after the other: which it has told, when it stands and waits, how it finds back to the others."""
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counts import following
 from protocols.aggregation.course import Course, plan_of
 from protocols.aggregation.journal import Departed, Reconvened
-from protocols.aggregation.knowledge import Point, Tours
+from protocols.aggregation.knowledge import Tours
 from protocols.aggregation.messages import Plan
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters

@@ -6,11 +6,11 @@ Where the targets are serves a robot's camera alone, which has to be asked about
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.ground import Ground
 
-Point: TypeAlias = tuple[float, float]
 Tours: TypeAlias = tuple[tuple[int, ...], ...]
 """The posts that each of several searchers is to visit, in order."""
 

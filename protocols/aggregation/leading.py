@@ -9,8 +9,9 @@ nearest: all who hear each other agree who that is.
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address
-from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.roll import Roll
 from protocols.aggregation.tours import tours
 

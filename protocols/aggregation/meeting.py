@@ -8,11 +8,11 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.observation import Observation
 from cosim.units import S, Time, from_seconds
 from protocols.aggregation.course import Course, interception
-from protocols.aggregation.knowledge import Point
 from protocols.aggregation.parameters import Parameters
 
 REPLAN: Final[Time] = 5 * S

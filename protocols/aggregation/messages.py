@@ -9,10 +9,8 @@ Equal tuples may be messages of different kinds, and one without fields is false
 
 from typing import NamedTuple, TypeAlias
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address
-
-Point: TypeAlias = tuple[float, float]
-"""A place in the frame of the world, metres."""
 
 
 class Finding(NamedTuple):

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable, Sequence
 
+from cosim.geometry.planning import Point
+from cosim.geometry.polylines import middle
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.detectors import Detector
 from protocols.aggregation.frames import instant
-from protocols.aggregation.knowledge import Point
 from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat, News, Plan
 
@@ -97,8 +98,7 @@ class Neighbours:
 
     def centroid(self, here_m: Point) -> Point:
         """Return the middle of all hosts, where they have been last; that of *here_m* is the asking one's (VI.B)."""
-        places = [here_m, *(one.place_m for one in self.hosts.values() if one.place_m is not None)]
-        return sum(x for x, _ in places) / len(places), sum(y for _, y in places) / len(places)
+        return middle([here_m, *(one.place_m for one in self.hosts.values() if one.place_m is not None)])
 
     def newer_epoch(self, searcher: Address) -> int:
         """Return the newest epoch with which another host that can be heard has *searcher*, or -1."""

@@ -1,15 +1,15 @@
 """Parameters of aggregation (Meng, Nickerson and Gan, paper 002); what the paper leaves open is chosen, and said so."""
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from cosim.geometry.planning import Point
 from cosim.settings import Settings
 from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.aggregation.walking_parameters import WalkingParameters
 
-Strategy = Literal["srp", "mrp", "mi", "mito", "random"]
-Place = tuple[float, float]
+StrategyName: TypeAlias = Literal["srp", "mrp", "mi", "mito", "random"]
 
 
 class Parameters(Settings):
@@ -18,7 +18,7 @@ class Parameters(Settings):
     The first *hosts* robots are hosts, the others searchers: searcher k begins in the sub-team of host k mod hosts.
     """
 
-    strategy: Strategy = Field(
+    strategy: StrategyName = Field(
         default="mi", description="static or mobile rally point, mobile integrator without or with time-out, or random"
     )
     hosts: int = Field(default=1, ge=1, description="the first so many robots lead a sub-team each")
@@ -30,7 +30,7 @@ class Parameters(Settings):
     )
 
     target_count: int = Field(default=3, ge=1, le=255, description="targets, if they are drawn")
-    targets: tuple[Place, ...] | None = Field(
+    targets: tuple[Point, ...] | None = Field(
         default=None, min_length=1, max_length=255, description="m, where they are; drawn in rooms if not given"
     )
     target_place: str | None = Field(
@@ -39,6 +39,12 @@ class Parameters(Settings):
 
     camera_m: float = Field(default=8.0, gt=0, description="m, how far a camera recognises a target")
     vision_m: float = Field(default=20.0, ge=0, description="m, how far it recognises a host; 0: radio only")
+    human_camera_m: float | None = Field(
+        default=None, gt=0, description="m, how far a person recognises a target; as a camera does if not given"
+    )
+    human_vision_m: float | None = Field(
+        default=None, ge=0, description="m, how far a person recognises a host; as robots do if not given"
+    )
     short_m: float = Field(default=20.0, gt=0, description="m, nominal reach of the radio within a sub-team")
     long_m: float = Field(default=100.0, gt=0, description="m, nominal reach of the radio between hosts")
     long_radio: int = Field(
@@ -103,3 +109,22 @@ class Parameters(Settings):
         if not self.fresh_s > self.heartbeat_s:
             raise ValueError(f"fresh_s {self.fresh_s} is not > heartbeat_s {self.heartbeat_s}: contact would not last")
         return self
+
+    @field_validator("human_camera_m", "human_vision_m")
+    @classmethod
+    def _sight_is_of_people(cls, sight_m: float | None, info: ValidationInfo) -> float | None:
+        if sight_m is not None and info.data.get("humans") == ():  # it is missing if it is wrong itself
+            raise ValueError("is nobody's, expected a searcher in humans")
+        return sight_m
+
+    @property
+    def least_camera_m(self) -> float:
+        """How far all members recognise a target, metres."""
+        return min(self.camera_m, self.human_camera_m or self.camera_m)
+
+    def of(self, robot: int) -> "Parameters":
+        """Return what holds for one robot: as ``camera_m`` and ``vision_m`` a person has those of people."""
+        if robot not in self.humans:
+            return self
+        sight = {"camera_m": self.human_camera_m, "vision_m": self.human_vision_m}
+        return self.model_copy(update={name: reach_m for name, reach_m in sight.items() if reach_m is not None})

@@ -2,10 +2,10 @@
 
 from collections.abc import Collection
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.counts import following
-from protocols.aggregation.knowledge import Point
 
 
 class Member:

@@ -11,13 +11,14 @@ on with what is left of its tour once it has a receipt; only who has nothing lef
 
 import math
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.aggregation.errands import Errand, News, next_errand
+from protocols.aggregation.errands import Errand, Turn, next_errand
 from protocols.aggregation.findings import Camera, Findings
 from protocols.aggregation.journal import ErrandChanged, HostFailed, Joined, TargetFound
-from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.lives import Life
 from protocols.aggregation.membership import Membership
 from protocols.aggregation.messages import (
@@ -201,7 +202,7 @@ class Searcher:
         self._tell_anew()
         self._pursuit.joined()
         if not self._over:
-            self._hear_news(News.JOINED, now)
+            self._follow(Turn.JOINED, now)
 
     def _tell_anew(self) -> None:
         """Tell the host everything, and have it tell everything."""
@@ -214,7 +215,7 @@ class Searcher:
         if not self._over:
             self._over = True
             self.records.stopped_at = self.records.told(now)
-            self._hear_news(News.OVER, now)
+            self._follow(Turn.OVER, now)
 
     # ------------------------------------------------------------ deciding
 
@@ -235,50 +236,50 @@ class Searcher:
         """Find out whether something has happened that makes the robot do something else."""
         match self.errand:
             case Errand.SEARCH:
-                news = self._news_of_search(now)
+                turn = self._turn_of_search(now)
             case Errand.MEET:
-                news = self._news_of_meeting(observation, now)
+                turn = self._turn_of_meeting(observation, now)
             case Errand.WAIT:
-                news = self._news_of_waiting(now)
+                turn = self._turn_of_waiting(now)
             case _:
-                news = self._news_of_change(observation, now)
-        if news is not None:
-            self._hear_news(news, now)
+                turn = self._turn_of_change(observation, now)
+        if turn is not None:
+            self._follow(turn, now)
 
-    def _news_of_search(self, now: Time) -> News | None:
+    def _turn_of_search(self, now: Time) -> Turn | None:
         if self._due(now):
-            return News.DUE
+            return Turn.DUE
         strategy = self.parameters.strategy
         tells = strategy in ("mi", "mito", "random") or (strategy == "srp" and self.parameters.report == "first")
         if tells and self._reports.finds and not self._in_contact(now):
-            return News.FOUND
-        return News.DONE if self._legs.done else None
+            return Turn.FOUND
+        return Turn.DONE if self._legs.done else None
 
-    def _news_of_meeting(self, observation: Observation, now: Time) -> News | None:
+    def _turn_of_meeting(self, observation: Observation, now: Time) -> Turn | None:
         if self._in_contact(now):
             if self._reports.pending:
                 return None
-            return News.IDLE if self._legs.done or self._due(now) else News.TOLD
-        return News.FAILED if self._pursuit.failed(observation, now) else None
+            return Turn.IDLE if self._legs.done or self._due(now) else Turn.TOLD
+        return Turn.FAILED if self._pursuit.failed(observation, now) else None
 
-    def _news_of_waiting(self, now: Time) -> News | None:
+    def _turn_of_waiting(self, now: Time) -> Turn | None:
         if not self._in_contact(now):
-            return News.ALONE
-        return None if self._legs.done or self._due(now) or now < self._muster else News.WORK
+            return Turn.ALONE
+        return None if self._legs.done or self._due(now) or now < self._muster else Turn.WORK
 
-    def _news_of_change(self, observation: Observation, now: Time) -> News | None:
+    def _turn_of_change(self, observation: Observation, now: Time) -> Turn | None:
         if self._in_contact(now):
-            return News.HEARD
-        return News.FAILED if self._pursuit.failed(observation, now) else None
+            return Turn.HEARD
+        return Turn.FAILED if self._pursuit.failed(observation, now) else None
 
-    def _hear_news(self, news: News, now: Time) -> None:
+    def _follow(self, turn: Turn, now: Time) -> None:
         """Change the errand, and begin what it demands."""
-        if news is News.FAILED and self._pursuit.host is not None:
+        if turn is Turn.FAILED and self._pursuit.host is not None:
             self.records.failures.append((self._pursuit.host, self.records.told(now)))
             self._events.append(HostFailed(self._pursuit.host))
-        before, self.errand = self.errand, next_errand(self.errand, news)
-        if self.errand is not before or news is News.FAILED:
-            self._events.append(ErrandChanged(self.errand.value, news.value))
+        before, self.errand = self.errand, next_errand(self.errand, turn)
+        if self.errand is not before or turn is Turn.FAILED:
+            self._events.append(ErrandChanged(self.errand.value, turn.value))
         if self.errand is Errand.MEET:
             self._pursuit.to_own_host(now)
         elif self.errand is Errand.CHANGE:

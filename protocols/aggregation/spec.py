@@ -6,13 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.errors import UserError
+from cosim.geometry.planning import Point
+from cosim.geometry.polylines import middle
 from cosim.machine import Address, Machine, ProtocolSpec, Surroundings
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
 from protocols.aggregation.journal import EVENTS
-from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.leading import Work
 from protocols.aggregation.metrics import METRICS, measure
 from protocols.aggregation.parameters import Parameters
@@ -39,21 +41,21 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     if len(named) >= size:
         return list(named[:size])
     x_min, y_min, x_max, y_max = surroundings.bounds_m
-    middle = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
+    centre = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
     floor = _ground(parameters, surroundings)
     step_m = APART * surroundings.radius_m
     reach = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
     offsets = [step_m * k for k in range(-reach, reach + 1)]
-    lattice = [(middle[0] + dx, middle[1] + dy) for dx in offsets for dy in offsets]
-    lattice.sort(key=lambda point: (math.dist(point, middle), point))
+    lattice = [(centre[0] + dx, centre[1] + dy) for dx in offsets for dy in offsets]
+    lattice.sort(key=lambda point: (math.dist(point, centre), point))
     starts: list[Point] = []
     for point in lattice:
         inside = x_min < point[0] < x_max and y_min < point[1] < y_max
-        if inside and floor.stands(point) == point and floor.length_m(middle, point) is not None:
+        if inside and floor.stands(point) == point and floor.length_m(centre, point) is not None:
             starts.append(point)
             if len(starts) == size:
                 return starts
-    raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {middle}; give starts")
+    raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {centre}; give starts")
 
 
 def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
@@ -62,7 +64,7 @@ def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
         surroundings.bounds_m,
         surroundings.places_m,
         surroundings.radius_m,
-        parameters.camera_m,
+        parameters.least_camera_m,
         parameters.cell_m,
         surroundings.forbidden,
         MOST_CORNERS if parameters.planner == "roadmap" else 0,
@@ -76,13 +78,12 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
-    middle = sum(x for x, _ in starts) / size, sum(y for _, y in starts) / size
     return Knowledge(
         size=size,
         hosts=parameters.hosts,
         tick=surroundings.tick,
         ground=floor,
-        regions=regions(floor, parameters.hosts, middle),
+        regions=regions(floor, parameters.hosts, middle(starts)),
         starts_m=tuple(starts),
         radii_m=surroundings.radii_m or (surroundings.radius_m,) * size,
         speeds_mps=surroundings.speeds_mps or (surroundings.speed_mps,) * size,
@@ -139,10 +140,12 @@ def make(
     at_random = parameters.strategy == "random"
     body = knowledge.ground, knowledge.radii_m[me], knowledge.speeds_mps[me], knowledge.tick, parameters.walking
     if me >= knowledge.hosts:
-        feet = Pedestrian(*body) if me in parameters.humans else Walker(*body)
+        human = me in parameters.humans
+        feet = Pedestrian(*body) if human else Walker(*body)
+        length_m = math.dist if human else knowledge.ground.length_m  # who has no planner knows only the straight line
         stroll = Stroller(knowledge.ground, parameters.walking, knowledge.tick, stream)
-        legs = Legs(knowledge.ground, feet, stroll, stream, at_random)
-        return Searcher(parameters, knowledge, me, legs, start, booted)
+        legs = Legs(knowledge.ground, feet, stroll, length_m, stream, at_random)
+        return Searcher(parameters.of(me), knowledge, me, legs, start, booted)
     rallies = [Strategy(parameters, knowledge, host).rally_m for host in range(knowledge.hosts)]
     work = Work(knowledge, me, rallies, at_random)
     phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))

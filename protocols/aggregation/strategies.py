@@ -11,13 +11,14 @@ turns back, as searchers with posts near the start would otherwise be due again 
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Final
 
+from cosim.geometry.planning import Point
+from cosim.geometry.polylines import cut, length_m, middle
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.course import Course
-from protocols.aggregation.knowledge import Knowledge, Point
+from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.parameters import Parameters
 
 REACH_SHARE: Final = 0.95
@@ -37,7 +38,7 @@ class Strategy:
         self._ground = knowledge.ground
         self._start_m = knowledge.starts_m[host]
         starts = knowledge.starts_m[: knowledge.hosts]
-        self._centre_m = _middle(starts)
+        self._centre_m = middle(starts)
         self._strays = host in parameters.strays
         self._reach_m = math.inf
         if knowledge.hosts > 1 and not self._strays:
@@ -55,7 +56,7 @@ class Strategy:
         """The middle of the region, in reach of the other hosts; a stray's is its far end."""
         if self._strays:
             return self.far_m
-        return self._standing(_middle(self._region) if self._region else self._start_m)
+        return self._standing(middle(self._region) if self._region else self._start_m)
 
     @property
     def far_m(self) -> Point:
@@ -90,26 +91,23 @@ class Strategy:
         route += self._ground.way(route[-1], self.far_m) or []
         turns, legs = round_ + 1, self._parameters.rounds
         share = 1.0 - abs(1.0 - turns % (2 * legs) / legs)
-        point = _along(route, share * _length(route))
-        whole = self.to(point, here_m, now)
-        most_m = self._speed_mps * self._parameters.reconvene_s
-        return whole._replace(way_m=_cut(whole.way_m, most_m))
+        whole = self.to(cut(route, share * length_m(route))[-1], here_m, now)
+        return whole._replace(way_m=cut(whole.way_m, self._speed_mps * self._parameters.reconvene_s))
 
     def _amid(self, here_m: Point, tours: Sequence[Sequence[int]], now: Time) -> Course:
         """Return a slow way through the middle of where the searchers will be, as long as the longest tour takes."""
         if self._strays:
             return self.to(self.far_m, here_m, now)
-        walks = [_Walk([here_m, *(self._ground.posts_m[post] for post in tour)]) for tour in tours if tour]
+        walks = [[here_m, *(self._ground.posts_m[post] for post in tour)] for tour in tours if tour]
         if not walks:
             return self.to(self.rally_m, here_m, now)
         pace = min(self._knowledge.speeds_mps[self._knowledge.hosts :], default=self._speed_mps)
-        takes_s = max(walk.length_m for walk in walks) / pace
+        takes_s = max(map(length_m, walks)) / pace
         way = [here_m]
         for part in range(1, SAMPLES + 1):
-            middle = self._standing(_middle([walk.at(pace * takes_s * part / SAMPLES) for walk in walks]))
-            way += self._ground.way(way[-1], middle) or []
-        length_m = _length(way)
-        speed = min(self._speed_mps, max(length_m / takes_s, 1e-3)) if takes_s > 0.0 else self._speed_mps
+            amid = middle([cut(walk, pace * takes_s * part / SAMPLES)[-1] for walk in walks])
+            way += self._ground.way(way[-1], self._standing(amid)) or []
+        speed = min(self._speed_mps, max(length_m(way) / takes_s, 1e-3)) if takes_s > 0.0 else self._speed_mps
         return Course(now, speed, tuple(way)[:WAY_POINTS])
 
     def _standing(self, point_m: Point) -> Point:
@@ -121,42 +119,3 @@ class Strategy:
             point_m = cx + share * (point_m[0] - cx), cy + share * (point_m[1] - cy)
         near = [post for post in self._ground.posts_m if math.dist(post, self._centre_m) <= self._reach_m]
         return min(near, key=lambda post: math.dist(post, point_m), default=self._start_m)
-
-
-class _Walk:
-    """A tour, straight from post to post."""
-
-    def __init__(self, points: Sequence[Point]) -> None:
-        self._points = points
-        self.length_m = _length(points)
-
-    def at(self, way_m: float) -> Point:
-        return _along(self._points, way_m)
-
-
-def _middle(points: Sequence[Point]) -> Point:
-    return sum(x for x, _ in points) / len(points), sum(y for _, y in points) / len(points)
-
-
-def _length(points: Sequence[Point]) -> float:
-    return sum(math.dist(a, b) for a, b in pairwise(points))
-
-
-def _along(points: Sequence[Point], way_m: float) -> Point:
-    """Return the point *way_m* metres along a line, or its end."""
-    return _cut(points, way_m)[-1]
-
-
-def _cut(points: Sequence[Point], way_m: float) -> tuple[Point, ...]:
-    """Return the first *way_m* metres of a line."""
-    kept = [points[0]]
-    for a, b in pairwise(points):
-        length = math.dist(a, b)
-        if length >= way_m:
-            if length > 0.0:
-                share = way_m / length
-                kept.append((a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])))
-            break
-        kept.append(b)
-        way_m -= length
-    return tuple(kept)

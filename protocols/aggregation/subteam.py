@@ -6,13 +6,14 @@ tells (see ``membership``). One that says hello is sent what it lacks: so nothin
 
 from collections.abc import Callable
 
+from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.itinerary import Itinerary
 from protocols.aggregation.journal import Assigned, MemberAdded, MemberRemoved
-from protocols.aggregation.knowledge import Point, Tours
+from protocols.aggregation.knowledge import Tours
 from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import Assign, Confirm, Hello, Join, Leave, Plans, Receipt, Report, Stop
 from protocols.aggregation.neighbours import Neighbours

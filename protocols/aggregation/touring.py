@@ -1,14 +1,17 @@
 """What takes robots to goals, and how a searcher moves: by posts, to a meeting, at random, or not at all."""
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.geometry.planning import Point
 from cosim.machine import Command
 from cosim.observation import Observation
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.knowledge import Point
+
+Measure: TypeAlias = Callable[[Point, Point], float | None]
+"""Returns how far a searcher takes it to be from one place to another, m; None if it knows that no way leads there."""
 
 
 class Feet(Protocol):
@@ -28,11 +31,20 @@ class Feet(Protocol):
 class Legs:
     """The ways of one searcher."""
 
-    def __init__(self, ground: Ground, feet: Feet, stroll: Feet, stream: np.random.Generator, at_random: bool) -> None:
+    def __init__(
+        self,
+        ground: Ground,
+        feet: Feet,
+        stroll: Feet,
+        length_m: Measure,
+        stream: np.random.Generator,
+        at_random: bool,
+    ) -> None:
         """Search by posts, or, *at_random*, without any; draw from *stream* where to wander."""
         self._ground = ground
         self._feet = feet
         self._stroll = stroll
+        self._length_m = length_m
         self._random = at_random
         self._stream = stream
         self._wandering_to: Point | None = None
@@ -103,8 +115,8 @@ class Legs:
         return self._stroll.step(observation)
 
     def way_m(self, point_m: Point) -> float | None:
-        """Return how far it is to a place, along the planned way; None if none leads there."""
-        return None if self._here is None else self._ground.length_m(self._here, point_m)
+        """Return how far the robot takes it to be to a place; None if no way leads there."""
+        return None if self._here is None else self._length_m(self._here, point_m)
 
     def _step(self, observation: Observation) -> Command | None:
         self._here = observation.x_m, observation.y_m

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.optimize
 
 from cosim.geometry.planning import Floats, Point
+from cosim.geometry.polylines import middle
 from cosim.jit import njit
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.ground_posts import Ints
@@ -30,29 +31,19 @@ FAR: Final = 1e6
 """Metres that stand for a way that there is not."""
 
 
-def regions(
-    ground: Ground, count: int, start_m: Point, hosts_m: Sequence[Point] | None = None
-) -> tuple[frozenset[int], ...]:
+def regions(ground: Ground, count: int, start_m: Point) -> tuple[frozenset[int], ...]:
     """Divide all posts into *count* regions of about equally many posts, sectors about *start_m*; no room is cut.
 
-    With *hosts_m*, *count* places, region k is the one for the host at place k: together they have the shortest ways.
-    Without, they are in order of their directions. Raise ValueError for a count that is not positive.
+    They are in order of their directions. Raise ValueError for a count that is not positive.
     """
     if count < 1:
         raise ValueError(f"{count} regions")
     units = _units(ground)
-    centres = [_centre(ground, unit) for unit in units]
+    centres = [middle([ground.posts_m[post] for post in unit]) for unit in units]
     angle = [math.atan2(y - start_m[1], x - start_m[0]) for x, y in centres]
     order = sorted(range(len(units)), key=lambda unit: (angle[unit], unit))
     sizes = np.array([len(units[unit]) for unit in order], np.int64)
-    parts = [[unit for at in arc for unit in [order[at]]] for arc in _arcs(sizes, count)]
-    found = [frozenset(post for unit in part for post in units[unit]) for part in parts]
-    if hosts_m is None:
-        return tuple(found)
-    middles = [_centre(ground, sorted(region)) if region else start_m for region in found]
-    ways = np.array([[math.dist(host, middle) for middle in middles] for host in hosts_m])
-    _, chosen = scipy.optimize.linear_sum_assignment(ways)
-    return tuple(found[region] for region in chosen.tolist())
+    return tuple(frozenset(post for at in arc for post in units[order[at]]) for arc in _arcs(sizes, count))
 
 
 def tours(ground: Ground, posts: Collection[int], starts_m: Sequence[Point]) -> tuple[tuple[int, ...], ...]:
@@ -91,11 +82,6 @@ def _units(ground: Ground) -> list[list[int]]:
         else:
             rooms.setdefault(room, []).append(post)
     return [*rooms.values(), *alone]
-
-
-def _centre(ground: Ground, posts: Sequence[int]) -> Point:
-    xs, ys = zip(*(ground.posts_m[post] for post in posts), strict=True)
-    return sum(xs) / len(xs), sum(ys) / len(ys)
 
 
 def _arcs(sizes: Ints, count: int) -> list[list[int]]:

@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 from cosim.geometry.planning import Point
+from cosim.geometry.polylines import length_m, off_m
 from protocols.aggregation.ground import Ground
 
 SLACKS_M: Final = (0.3, 0.2, 0.12, 0.06, 0.02)
@@ -29,8 +30,7 @@ def way_round(ground: Ground, here: Point, place: Point, body: Point, right: boo
         sides = (_past(ground, here, place, body, slack, 1.0), _past(ground, here, place, body, slack, -1.0))
         first, second = sides if right else sides[::-1]
         if first and second:
-            ways = [sum(math.dist(a, b) for a, b in zip([here, *way], way, strict=False)) for way in (first, second)]
-            return first if ways[0] <= ways[1] + NEARER_M else second
+            return first if length_m([here, *first]) <= length_m([here, *second]) + NEARER_M else second
         if first or second:
             return first or second
     return None
@@ -53,19 +53,11 @@ def _past(ground: Ground, here: Point, place: Point, body: Point, slack_m: float
         return None
     if (before[0] - here[0]) * dx + (before[1] - here[1]) * dy <= 0.0:
         # already beside it, or too near for a way before it
-        clear = _distance(body, here, beside) >= min(2.0 * ground.radius_m, math.dist(here, body)) - 1e-6
+        clear = off_m(body, here, beside) >= min(2.0 * ground.radius_m, math.dist(here, body)) - 1e-6
         return [beside, behind] if clear and ground.fits(here, beside) else None
     if ground.fits(here, before) and ground.fits(before, beside, wall_m):
         return [before, beside, behind]
     return None
-
-
-def _distance(point: Point, a: Point, b: Point) -> float:
-    """Return how far a point is from the segment from a to b."""
-    dx, dy, px, py = b[0] - a[0], b[1] - a[1], point[0] - a[0], point[1] - a[1]
-    square = dx * dx + dy * dy
-    part = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    return math.hypot(px - part * dx, py - part * dy)
 
 
 def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
@@ -98,4 +90,4 @@ def in_the_way(here: Point, place: Point, body: Point, room_m: float) -> bool:
     dx, dy = place[0] - here[0], place[1] - here[1]
     if (body[0] - here[0]) * dx + (body[1] - here[1]) * dy <= 0.0:
         return False
-    return _distance(body, here, place) < room_m
+    return off_m(body, here, place) < room_m

@@ -10,6 +10,7 @@ import math
 from typing import Final
 
 from cosim.geometry.planning import Point
+from cosim.geometry.polylines import length_m
 from cosim.machine import Command, Drive, GoTo
 from cosim.navigation.vfh import Vfh, VfhParameters
 from cosim.observation import Observation
@@ -167,12 +168,11 @@ class Evasion:
         self._begin(here, [back or here], ticks, pause, waits=True)
 
     def _begin(self, here: Point, script: list[Point], ticks: int, more: int, waits: bool) -> None:
-        ways = sum(math.dist(a, b) for a, b in zip([here, *script], script, strict=False))
         self._vfh.restart()
         self._script = script
         self._waits = waits
         self._held_ticks = 0
-        self._script_until = ticks + round(1.5 * ways / self._step_m) + more
+        self._script_until = ticks + round(1.5 * length_m([here, *script]) / self._step_m) + more
 
     @property
     def scripted(self) -> bool:

@@ -1,8 +1,7 @@
 """A track: what is left of a way, and how far a robot is along it and off it."""
 
-import math
-
 from cosim.geometry.planning import Point
+from cosim.geometry.polylines import length_m, off_m
 
 
 class Track:
@@ -10,10 +9,6 @@ class Track:
 
     def __init__(self, here: Point, points_m: list[Point]) -> None:
         self._points = points_m
-        rest = [0.0]
-        for later, earlier in zip(points_m[:0:-1], points_m[-2::-1], strict=True):
-            rest.append(rest[-1] + math.dist(later, earlier))
-        self._rest = rest[::-1]
         self._begin = here
 
     @property
@@ -38,7 +33,7 @@ class Track:
 
     def go_on(self, here: Point) -> None:
         """Head for the following way point from *here*."""
-        del self._points[0], self._rest[0]
+        del self._points[0]
         self._begin = here
 
     def restart(self, here: Point) -> None:
@@ -47,12 +42,8 @@ class Track:
 
     def left_m(self, here: Point) -> float:
         """Return how long the way is that is left, from *here*."""
-        return math.dist(here, self._points[0]) + self._rest[0]
+        return length_m((here, *self._points))
 
     def off_m(self, here: Point) -> float:
         """Return how far *here* is off the straight piece that the robot follows."""
-        (x, y), place = self._begin, self._points[0]
-        dx, dy, bx, by = place[0] - x, place[1] - y, here[0] - x, here[1] - y
-        square = dx * dx + dy * dy
-        part = min(max((bx * dx + by * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        return math.hypot(bx - part * dx, by - part * dy)
+        return off_m(here, self._begin, self._points[0])

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from cosim.units import S
-from protocols.aggregation.frames import posts_of
+from protocols.aggregation.frames import posts_in
 from protocols.aggregation.journal import Departed, HostFailed, HostSuspected, HostTrusted, Joined
 from protocols.aggregation.messages import Assign, Heartbeat, Hello, Join, Plans, Report
 from tests.aggregation.team_scene import STRATEGIES, TARGETS_M, Flight, Point, Team
@@ -37,7 +37,7 @@ def assignments(team: Team, host: int) -> Iterator[tuple[Flight, set[int]]]:
     for flight in team.flights:
         message = flight.message
         if isinstance(message, Report) and flight.receiver == host:
-            done[flight.source] = set(posts_of(message.visited))
+            done[flight.source] = set(posts_in(message.visited))
         elif isinstance(message, Assign) and flight.source == host:
             yield flight, set().union(*(posts for robot, posts in done.items() if robot != flight.receiver))
 

@@ -11,10 +11,11 @@ from scipy.optimize import brentq
 from shapely.geometry import LineString
 
 from cosim.errors import LocalProtocolError
+from cosim.geometry.planning import Point
 from cosim.units import MS, S, Time, from_seconds
 from protocols.aggregation.course import Course, course_of, interception, plan_of
 from protocols.aggregation.frames import CLOCK_MS, decode, encode
-from protocols.aggregation.messages import Plan, Plans, Point
+from protocols.aggregation.messages import Plan, Plans
 
 CORNER = Course(100 * S, 1.0, ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (4.0, 5.0)))
 """Legs of 10 s to the right, 5 s up, 6 s to the left."""
@@ -234,18 +235,16 @@ def test_a_searcher_that_stands_meets_nobody() -> None:
 # ---------------------------------------------------------------- plans
 
 
-def told(course: Course, now: Time, start: Time = 0) -> Course:
+def told(course: Course, now: Time) -> Course:
     """Return what a searcher makes of *course* when it hears of it."""
-    _, message = decode(encode(2, Plans((plan_of(course, 2, 9, start),))))
+    _, message = decode(encode(2, Plans((plan_of(course, 2, 9),))))
     assert isinstance(message, Plans)
-    return course_of(message.plans[0], now, start)
+    return course_of(message.plans[0], now)
 
 
 def test_a_plan_tells_the_course() -> None:
     assert plan_of(CORNER, host=3, version=7) == Plan(3, 7, 100_000, 1.0, CORNER.way_m)
     assert course_of(Plan(3, 7, 100_000, 1.0, CORNER.way_m), now=0) == CORNER
-    assert plan_of(CORNER, host=3, version=7, start=98 * S).departed_ms == 2000
-    assert course_of(Plan(3, 7, 2000, 1.0, CORNER.way_m), now=0, start=98 * S) == CORNER
 
 
 @pytest.mark.parametrize("turns", [0, 1, 5])

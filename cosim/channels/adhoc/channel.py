@@ -3,6 +3,10 @@
 A payload to one robot is acknowledged by its radio, and sent again if it is not; one to all is sent once, at the lowest
 basic rate. What looks like a link to a host is reach: inquiry finds who is in reach, and a link ends with it. There is
 no such thing in 802.11; it lets protocols that manage links run here unchanged.
+
+Robots may send with powers of their own, or, where signals do not fade, reach as far as they do: a frame arrives at who
+is at most the sender's reach away, however far it reaches itself. So a robot may hear another that does not hear it:
+its acknowledgements are lost, and what is meant for it is sent until the limit.
 """
 
 import math
@@ -26,7 +30,7 @@ from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.routing.choice import make_router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
-from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
@@ -62,14 +66,20 @@ class AdhocChannel(IdealChannel):
         size: int,
         streams: Streams,
         walls: tuple[SegmentGrid, npt.ArrayLike] | None = None,
+        strengths: Sequence[float | None] = (),
     ) -> None:
-        """*walls* and what each of them costs, dB, matter if signals fade."""
+        """*walls* and what each of them costs, dB, matter if signals fade.
+
+        *strengths* are what each robot has, if not None, instead of ``power_dbm``, or of ``range_m`` if they do not.
+        """
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
         self._most = settings.queue_payloads
         self._frames_wanted = trace.wants(FRAMES)
         self._transmissions_wanted = trace.wants(TRANSMISSIONS)
-        self._propagation = self._fading(walls, streams)
+        self._propagation = _fading(settings, walls, streams)
+        self._strength = _strength(settings, strengths, size)
+        self._alike = len(np.unique(self._strength)) == 1
         self._reached: list[tuple[tuple[Address, float], ...]] | None = None
         """Whom each robot reaches, with how many mW, once somebody has asked since they have moved."""
         self._positions_m: Positions = np.zeros((size, 2))
@@ -97,13 +107,6 @@ class AdhocChannel(IdealChannel):
             return None
         draws = streams.draws("routing")
         return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
-
-    def _fading(self, walls: tuple[SegmentGrid, npt.ArrayLike] | None, streams: Streams) -> Propagation | None:
-        law = self._settings.propagation
-        if law is None:
-            return None
-        grid, loss_db = walls or (segment_grid(()), ())
-        return Propagation(law, grid, loss_db, streams.draws("shadowing"))
 
     def _receiver(self, address: Address) -> Receiver:
         if self._propagation is None:
@@ -213,10 +216,10 @@ class AdhocChannel(IdealChannel):
         if self._reached is None:
             if self._propagation is None:
                 apart = np.linalg.norm(self._positions_m[:, None] - self._positions_m[None], axis=-1)
-                power = np.where(apart <= (self._settings.range_m or math.inf), 1.0, 0.0)
+                power = np.where(apart <= self._strength, 1.0, 0.0)
                 np.fill_diagonal(power, 0.0)
             else:
-                power = mw(self._settings.power_dbm) * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
+                power = self._strength * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
             on = np.array(self._on)
             one, other = np.nonzero((power > FAINT_MW) & on & on[:, None])
             heard = list(zip(other.tolist(), power[one, other].tolist(), strict=True))
@@ -294,3 +297,19 @@ class AdhocChannel(IdealChannel):
         length = 0 if frame.packet is None else len(frame.packet.payload)
         row = frame.begin, frame.source, receiver, frame.form.duration, frame.kind, -1, 0, length, outcome, ""
         self.trace.row(FRAMES, *row)
+
+
+def _fading(
+    settings: AdhocSettings, walls: tuple[SegmentGrid, npt.ArrayLike] | None, streams: Streams
+) -> Propagation | None:
+    if settings.propagation is None:
+        return None
+    grid, loss_db = walls or (segment_grid(()), ())
+    return Propagation(settings.propagation, grid, loss_db, streams.draws("shadowing"))
+
+
+def _strength(settings: AdhocSettings, own: Sequence[float | None], size: int) -> npt.NDArray[np.float64]:
+    """Return with how many mW each robot sends, or how many m it reaches if signals do not fade; shape (size, 1)."""
+    if settings.propagation is None:
+        return np.array([[reach_m] for reach_m in of_each(own, settings.range_m or math.inf, size)])
+    return np.array([[mw(power_dbm)] for power_dbm in of_each(own, settings.power_dbm, size)])

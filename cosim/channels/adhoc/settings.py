@@ -33,12 +33,14 @@ class AdhocSettings(Settings):
 
     kind: Literal["adhoc"] = "adhoc"
     range_m: float | None = Field(
-        default=None, gt=0, description="m, reach of a radio without a law of propagation; unlimited if not given"
+        default=None,
+        gt=0,
+        description="m, reach of a radio without propagation, unless the team says otherwise; unlimited if not given",
     )
     propagation: PropagationSettings | None = Field(
         default=None, description="how signals fade; without it all frames in range_m are alike, and any two collide"
     )
-    power_dbm: float = Field(default=15.0, description="dBm, transmit power")
+    power_dbm: float = Field(default=15.0, description="dBm, transmit power, unless the team says otherwise")
     noise_figure_db: float = Field(default=NOISE_FIGURE_DB, ge=0, description="dB, of the receivers")
     detection_dbm: float = Field(default=-82.0, description="dBm, weaker frames are not noticed as frames")
     energy_dbm: float = Field(default=-62.0, description="dBm, from which on energy makes the medium busy")
