@@ -34,7 +34,7 @@ from scipy import stats
 
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders
-from cosim.results import FIXED, KEY, OBSERVATION_FIXED, RunStore
+from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
 
 CONFIDENCE = 0.95
 WIDTH = 110
@@ -159,19 +159,19 @@ def _metrics(frame: pd.DataFrame, axes: Sequence[str], fixed: Iterable[str], nam
 # ---------------------------------------------------------------- estimates
 
 
-def estimate(values: "pd.Series[float]", runs: "pd.Series[int] | None" = None) -> Estimate:
+def estimate(values: "pd.Series[float]", seeds: "pd.Series[int] | None" = None) -> Estimate:
     """Return the mean of *values* (empty ones left out) with its 95 % interval by Student's t.
 
-    *runs*, as long as *values*, says which run each is from: values of one run need not be independent, so the
-    interval is that of a mean of clusters (Cochran, Sampling Techniques, 3rd ed., 9A.1), with a degree of freedom less
-    than there are runs. Without it every value is a run of its own.
+    *seeds*, as long as *values*, says of which seed each is: values of one run need not be independent, nor those of
+    several arms with the same random numbers, so the interval is that of a mean of clusters (Cochran, Sampling
+    Techniques, 3rd ed., 9A.1), with a degree of freedom less than there are seeds. Without it every value is by itself.
     """
     there = values.notna().to_numpy()
     known = values.to_numpy(dtype=float)[there]
     if not len(known):
         return Estimate(math.nan, math.nan, 0)
     mean = float(np.mean(known))
-    numbers = np.arange(len(known)) if runs is None else np.unique(runs.to_numpy()[there], return_inverse=True)[1]
+    numbers = np.arange(len(known)) if seeds is None else np.unique(seeds.to_numpy()[there], return_inverse=True)[1]
     sums = np.bincount(numbers, weights=known - mean)
     count = len(sums)
     if count == 1:
@@ -184,21 +184,20 @@ def estimate(values: "pd.Series[float]", runs: "pd.Series[int] | None" = None) -
 def estimates(frame: pd.DataFrame, by: Sequence[str], metrics: Sequence[str]) -> pd.DataFrame:
     """Return a row for each combination of the columns *by*, with an Estimate of each metric.
 
-    Rows of one configuration and seed, where *frame* has these columns, are of one run.
+    Rows of one seed, where *frame* has that column, count as one for the interval: see :func:`estimate`.
     """
     groups = frame.groupby(list(by), sort=False, dropna=False) if by else [((), frame)]
     rows = []
     for key, group in groups:
         row: dict[str, Any] = dict(zip(by, key, strict=True))
-        runs = _run_of(group)
-        rows.append(row | {"n": len(group)} | {metric: estimate(group[metric], runs) for metric in metrics})
+        seeds = _seeds_of(group)
+        rows.append(row | {"n": len(group)} | {metric: estimate(group[metric], seeds) for metric in metrics})
     return pd.DataFrame(rows)
 
 
-def _run_of(frame: pd.DataFrame) -> "pd.Series[int] | None":
-    """Return a number for each row of *frame*, the same for rows of one run; None if that is not known."""
-    key = [field.name for field in KEY]
-    return frame.groupby(key).ngroup() if set(key) <= set(frame) else None
+def _seeds_of(frame: pd.DataFrame) -> "pd.Series[int] | None":
+    """Return the seed of each row of *frame*, which all arms of a replicate share; None if that is not known."""
+    return frame.get("seed")
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -259,7 +258,7 @@ def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures
     rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
     if rows is None or rows.empty or rows[ANSWER].isna().all():
         return Verdict(claim["id"], claim["claim"], published, "-", "no data")
-    found = estimate(rows[ANSWER], _run_of(rows))
+    found = estimate(rows[ANSWER], _seeds_of(rows))
     holds = _passes(claim, rows[ANSWER], found)
     word = "open" if holds is None else "holds" if holds else "fails"
     return Verdict(claim["id"], claim["claim"], published, str(found), word)

@@ -15,6 +15,7 @@ from cosim.world.floorplan import FloorplanSettings, load_floorplan
 from experiments.aggregation_laboratory import placing
 from experiments.aggregation_scaling import floors, scaling
 from experiments.aggregation_search import alternatives, searching
+from experiments.reflection_tables.figures import claims
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 SWEEPS = sorted(EXPERIMENTS.glob("aggregation_*/*.yaml"))
@@ -40,14 +41,9 @@ def arm(name: str, *sets: str, sheet: str = "sweep") -> Arm:
 # ---------------------------------------------------------------- all of them
 
 
-def test_there_are_four_experiments_and_two_sheets_of_alternatives():
+def test_there_are_four_experiments_with_a_sheet_of_alternatives_each():
     assert [title(path) for path in SWEEPS] == [
-        "aggregation_channels-sweep",
-        "aggregation_laboratory-alternatives",
-        "aggregation_laboratory-sweep",
-        "aggregation_scaling-sweep",
-        "aggregation_search-alternatives",
-        "aggregation_search-sweep",
+        f"{name}-{sheet}" for name in TINY for sheet in ("alternatives", "sweep")
     ]
 
 
@@ -166,6 +162,19 @@ def test_runs_get_longer_with_the_area():
     assert [run.protocol.parameters.reconvene_s for run in runs] == [30, 100, 225, 400]  # 0.02 s/m2, from 30 s on
 
 
+def test_what_is_chosen_grows_with_the_area_as_the_usual_does():
+    """Periods twice as long are so on every area, but never below 30 s; a host waits for slow searchers longer."""
+    for side_m in floors.SIDES_M:
+        usual, slow = (scaled(side_m=side_m, choice=choice) for choice in ({}, {"team.groups[1].body.speed_mps": 0.5}))
+        later = scaled(side_m=side_m, choice={"protocol.parameters.reconvene_s": 300})
+        reconvene_s, lost_s = 0.02 * side_m**2 / 2, 0.12 * side_m**2 / 2
+        assert usual.protocol.parameters.reconvene_s == pytest.approx(max(30.0, reconvene_s))
+        assert later.protocol.parameters.reconvene_s == pytest.approx(max(30.0, 2 * reconvene_s))
+        assert later.protocol.parameters.lost_s == pytest.approx(lost_s)
+        assert (usual.protocol.parameters.sync_s, slow.protocol.parameters.sync_s) == (side_m, 2 * side_m)
+        assert [body.speed_mps for body in slow.team.bodies] == [0.5] * 6  # two hosts, four searchers
+
+
 # ---------------------------------------------------------------- channels
 
 
@@ -196,6 +205,48 @@ def test_jammers_reach_every_place_where_hosts_may_be_and_only_the_short_radio_a
 
 
 # ---------------------------------------------------------------- alternatives
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_alternatives_are_of_the_runs_that_the_sweep_makes(name: str):
+    sheets = [load_experiment(EXPERIMENTS / name / f"{sheet}.yaml") for sheet in ("sweep", "alternatives")]
+    usual, other = (sheet.base for sheet in sheets)
+    assert usual["scenario"].pop("name") != other["scenario"].pop("name")
+    assert other.pop("choice") == {}
+    assert other == usual
+    known, chosen = ({axis.name: dict(axis.values) for axis in sheet.axes} for sheet in sheets)
+    assert set(chosen) == {"choice", *known}
+    for axis, values in known.items():
+        assert chosen[axis] == {label: values[label] for label in chosen[axis]}
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_no_choice_is_what_the_sweep_has(name: str):
+    """The first of each choice's arms, made with the choice and without it."""
+    arms = {
+        one.labels["choice"]: one for one in reversed(load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms)
+    }
+    model = {"aggregation_laboratory": placing, "aggregation_scaling": scaling}.get(name, searching).Parameters
+    assert len(arms) >= 2
+    for one in arms.values():
+        assert (
+            model.model_validate(one.parameters).chosen()
+            != model.model_validate(one.parameters | {"choice": {}}).chosen()
+        )
+
+
+@pytest.mark.parametrize("name", ["aggregation_channels", "aggregation_scaling"])
+def test_alternatives_have_the_arms_of_every_claim(name: str):
+    stream, arms = np.random.default_rng(1), load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms
+    metrics = ["search_time_min", "completed", "distance_m", "distance_after_m", "payload_bytes", "frames", "energy_j"]
+    runs = pd.DataFrame(
+        {**one.labels, "replicate": at, **dict.fromkeys(metrics, stream.integers(1, 3))}
+        for one in arms
+        for at in range(2)
+    ).assign(completed=1.0)
+    found = alternatives.verdicts(runs, name)
+    assert list(found.index) == [claim["id"] for claim in claims(name)]
+    assert "no data" not in set(found.to_numpy().ravel())
 
 
 def test_claims_are_judged_for_each_choice_alone():

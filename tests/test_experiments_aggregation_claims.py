@@ -196,6 +196,16 @@ def test_the_limits_of_a_share_are_those_of_clopper_and_pearson() -> None:
     assert comparison.share_limits(pd.Series([1.0] * 15)).lower == pytest.approx(0.05 ** (1 / 15))
 
 
+@pytest.mark.parametrize(
+    ("ended", "of", "answer"),
+    [(11, 11, True), (10, 11, False), (10, 10, None), (9, 10, None), (4, 10, False), (1, 1, None)],
+)
+def test_a_share_that_so_few_runs_cannot_show_stays_open(ended: int, of: int, answer: bool | None) -> None:
+    """More than 75 %: 0.05 to the power of 1/11 is 0.762, of 1/10 0.741; 4 of 10 have 0.697 as their upper limit."""
+    runs = pd.DataFrame({"strategy": "mi", "replicate": range(of), "completed": [1.0] * ended + [0.0] * (of - ended)})
+    assert comparison.completes(runs, [("", {"strategy": "mi"})], 0.75)[1] is answer
+
+
 def test_the_bootstrap_of_a_mean_has_the_limits_of_student() -> None:
     values = pd.DataFrame({0: np.random.default_rng(3).normal(5, 2, 200)})
     found = comparison.bootstrapped(values, lambda samples: samples.mean(axis=1)[:, 0])

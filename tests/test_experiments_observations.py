@@ -43,6 +43,16 @@ def test_values_of_one_run_count_as_one_value_for_the_interval():
     assert estimate(pd.Series([1.0, 1.0, 2.0, 2.0, 4.0, 4.0])).half < 0.7 * alone.half
 
 
+def test_arms_with_the_same_random_numbers_count_as_one_run_for_the_interval():
+    """All arms of a replicate share its seed: what chance does to one it does to all, and more arms know no more."""
+    one = pd.concat([observations([[1.0], [2.0], [4.0]])] * 3)
+    arms = one.assign(configuration=np.repeat(["a", "b", "c"], 3))
+    for found in (estimates(arms, [], ["delay_s"])["delay_s"][0], estimates(one, [], ["delay_s"])["delay_s"][0]):
+        assert found.half == pytest.approx(estimate(pd.Series([1.0, 2.0, 4.0])).half, rel=1e-12)
+    apart = claim(published="0.5", test="in the interval")  # 2.33 ± 3.8, but ± 1.0 if these were nine runs
+    assert judge(apart, arms, NOTHING, None).verdict == "holds"
+
+
 def test_values_that_are_independent_within_runs_have_the_interval_of_single_values():
     rng = np.random.default_rng(5)
     values, runs = pd.Series(rng.normal(size=4000)), pd.Series(np.arange(4000) // 20)

@@ -114,8 +114,8 @@ def test_a_report_has_tables_claims_and_figures(tmp_path: Path):
     assert table["delay_s"].tolist()[0] == "4 ± 5"  # 2, 4, 6: t(0.975, 2) * 2 / sqrt(3) = 4.97
     assert extra["size"].tolist() == [2, 4]
     assert [(verdict.ours, verdict.verdict) for verdict in made.verdicts] == [
-        ("8.5 ± 3.8", "holds")
-    ]  # s^2 = 13.1, t(0.975, 5) = 2.571
+        ("8.5 ± 9.9", "holds")
+    ]  # 4.5, 8.5, 12.5 of the three seeds: t(0.975, 2) * 4 / sqrt(3) = 9.94
     assert made.figures == [folder / "delay_s.png"]
     assert made.figures[0].read_bytes().startswith(b"\x89PNG")
     assert f"figure: {folder / 'delay_s.png'}" in made.text()

@@ -2,8 +2,9 @@
 
 What has to grow with the area does: how long a run may last; how long a searcher may be silent; and, by the paper's
 rule of thumb for MRP (section III.B: reconvene in a quarter of the time that SRP would need), the time between
-reconvenings. The last two are proportional to the area that a sub-team has to search, and those of aggregation_search
-where that is a third of 150 m x 150 m. A host waits for its searchers as long as these need for the side of the area.
+reconvenings. The last two are proportional to the area that a sub-team has to search: the scenario's hold for a third
+of 150 m x 150 m, as in aggregation_search. A host waits for its searchers as long as these need for the side of the
+area.
 """
 
 from collections.abc import Mapping
@@ -14,17 +15,21 @@ from pydantic import Field
 
 from cosim.documents import Assignment, parse_place
 from cosim.scenario import Scenario, build, dump
-from cosim.settings import Settings
 from cosim.simulation import simulate
+from experiments.aggregation_search import searching
 from experiments.aggregation_search.searching import COLUMNS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
 
 LEAST_S: Final = 30.0
 """No period is shorter: a host has to tell its plan, and searchers to go somewhere."""
+USUAL_M2: Final = 150.0**2 / 3
+"""The area of a sub-team for which the scenario's periods hold."""
+GROWING: Final = ("reconvene_s", "lost_s")
+"""The periods of the protocol that are proportional to that area."""
 
 
-class Parameters(Settings):
+class Parameters(searching.Parameters):
     """A search, how large its area is, and how many sub-teams there are."""
 
     scenario: Scenario = Field(description="the run, with the bodies of a host and of a searcher as its two groups")
@@ -33,15 +38,14 @@ class Parameters(Settings):
     searchers: int = Field(default=2, ge=1, description="in each sub-team")
     cap_s: float = Field(default=300.0, gt=0, description="s, longest run on no area")
     cap_s_per_m2: float = Field(default=0.18, ge=0, description="s, so much longer by the square metre")
-    reconvene_s_per_m2: float = Field(default=0.02, gt=0, description="MRP: s, by the square metre of a sub-team")
-    lost_s_per_m2: float = Field(default=0.12, gt=0, description="s of silence, by the square metre of a sub-team")
 
     def chosen(self) -> Scenario:
-        """Return the run."""
-        scenario = self.scenario
+        """Return the run, with what is chosen; raise UserError for a setting that it does not have."""
+        scenario = super().chosen()
+        plain = dump(scenario)
+        groups, periods = plain["team"]["groups"], plain["protocol"]["parameters"]
         area_m2 = float(self.side_m**2)
-        share_m2 = area_m2 / self.sub_teams
-        groups = dump(scenario)["team"]["groups"]
+        times = area_m2 / self.sub_teams / USUAL_M2
         own: dict[str, Any] = {
             "duration_s": self.cap_s + self.cap_s_per_m2 * area_m2,
             "floorplan.map": f"../floors/rooms_{self.side_m}.yaml",
@@ -50,12 +54,11 @@ class Parameters(Settings):
                 {**groups[1], "size": self.sub_teams * self.searchers},
             ],
             "protocol.parameters.hosts": self.sub_teams,
-            "protocol.parameters.reconvene_s": max(LEAST_S, self.reconvene_s_per_m2 * share_m2),
             "protocol.parameters.sync_s": self.side_m / scenario.team.bodies[-1].speed_mps,
-            "protocol.parameters.lost_s": max(LEAST_S, self.lost_s_per_m2 * share_m2),
         }
+        own |= {f"protocol.parameters.{name}": max(LEAST_S, periods[name] * times) for name in GROWING}
         changes = [Assignment(parse_place(path), value, path) for path, value in own.items()]
-        return build(dump(scenario), "scenario", Path(__file__).parent, changes)
+        return build(plain, "scenario", Path(__file__).parent, changes)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

@@ -112,13 +112,21 @@ def share_limits(values: "pd.Series[float]") -> Limits:
 
 
 def completes(runs: pd.DataFrame, arms: Sequence[tuple[str, Arm]], least: float) -> Answer:
-    """Answer whether in every one of *arms* more than the share *least* of the searches comes to an end in time."""
+    """Answer whether in every one of *arms* more than the share *least* of the searches comes to an end in time.
+
+    It stays open if there are so few that not even all of them could show it, and these do not refute it.
+    """
     found = [(label, share_limits(values_of(runs, arm, "completed"))) for label, arm in arms]
     if not found or not all(share.size for _, share in found):
         return NO_DATA
     words = "; ".join(f"{label} {told_share(share)}".strip() for label, share in found)
-    holds = [None if share.size < 2 else share.lower > least for _, share in found]
-    return words, None if None in holds else all(holds)
+    holds = [_exceeds(share, least) for _, share in found]
+    return words, False if False in holds else None if None in holds else True
+
+
+def _exceeds(share: Limits, least: float) -> bool | None:
+    enough = share_limits(pd.Series([1.0] * share.size)).lower > least
+    return share.lower > least if enough or share.upper < least else None
 
 
 def told_share(share: Limits) -> str:
