@@ -229,10 +229,9 @@ def test_the_time_to_detect_a_dead_host_is_what_the_trace_says(timeout_s: float)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", [1, 3])
-@pytest.mark.parametrize("by_s", [-4.0, 500.0])
-def test_the_metrics_do_not_go_by_a_clock_that_has_been_set(robot: int, by_s: float) -> None:
-    """The trace tells true instants."""
-    search = run("mi", camera_m=4.0, faults=[{"kind": "clock_step", "robot": robot, "at_s": 6.0, "by_s": by_s}])
+def test_the_metrics_do_not_go_by_a_clock_that_has_been_set(robot: int) -> None:
+    """The trace tells true instants. A clock that is set back would make no difference: the other robot is the last."""
+    search = run("mi", camera_m=4.0, faults=[{"kind": "clock_step", "robot": robot, "at_s": 6.0, "by_s": 500.0}])
     metrics = search.outcome.metrics
     known_s = [search.times_s("AllKnown", host)[0] for host in (0, 1)]
     stops_s = [row["s"] for row in search.told("ErrandChanged") if row["errand"] == "stop"]
