@@ -31,6 +31,7 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
 Point: TypeAlias = tuple[float, float]
 
 _DIAGONAL: Final = math.sqrt(2.0)
@@ -46,8 +47,21 @@ def grown(occupied: npt.ArrayLike, radius_cells: float) -> Bools:
 
     Both have the shape (ny, nx). What lies beyond the grid is occupied. To touch is allowed.
     """
+    overlapped: Bools = _squares_within(occupied, radius_cells) < radius_cells * radius_cells - TOUCH_M
+    return overlapped | np.asarray(occupied, np.bool_)
+
+
+def obstacle_distance(occupied: npt.ArrayLike, reach_cells: float) -> Singles:
+    """Return how far the centre of each cell is from the nearest cell that is *occupied*, in cells, shape (ny, nx).
+
+    It is 0 inside, 0.5 beside one, and inf where it is more than *reach_cells*. What lies beyond the grid is occupied.
+    """
+    return np.sqrt(_squares_within(occupied, reach_cells))
+
+
+def _squares_within(occupied: npt.ArrayLike, reach_cells: float) -> Singles:
     solid = np.pad(np.asarray(occupied, np.bool_), 1, constant_values=True)
-    return np.ascontiguousarray(_grown(solid, float(radius_cells))[1:-1, 1:-1])
+    return np.ascontiguousarray(_squares(solid, float(reach_cells))[1:-1, 1:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +117,7 @@ class PlanningGrid:
         """Return the cell of a point if it is free, else the nearest free one within *snap_m*, or -1."""
         cell = self.cell_at(*point_m)
         x, y = ((point_m[axis] - self.origin_m[axis]) / self.cell_m for axis in (0, 1))
-        return cell if self.free.flat[cell] else int(_nearest_free(self.free, x, y, snap_m / self.cell_m))
+        return cell if self.free.flat[cell] else int(nearest_free(self.free, x, y, snap_m / self.cell_m))
 
 
 def occupancy_planning_grid(
@@ -177,14 +191,6 @@ def descent(free: Bools, cost: Floats, start: Cell) -> Ints | None:
     return _descent(free, cost, start) if math.isfinite(cost.flat[start]) else None
 
 
-def in_view(free: Bools, a: Cell, b: Cell) -> bool:
-    """Return whether all cells that the line between the centres of the cells *a* and *b* meets are free.
-
-    A line through a corner meets all four cells there. Symmetric.
-    """
-    return bool(_in_view(free, a, b))
-
-
 def way_points(free: Bools, path: Ints) -> Ints:
     """Return those cells of a *path* (n,), of :func:`descent`, that suffice: each sees the next, see :func:`in_view`.
 
@@ -202,20 +208,23 @@ def _check_cell(free: Bools, cell: Cell) -> None:
 
 
 @njit(cache=True)
-def _grown(solid: Bools, radius: float) -> Bools:
+def _squares(solid: Bools, reach: float) -> Singles:
+    """Return the squares of the distances of centres from the nearest solid cell, inf beyond *reach*."""
     ny, nx = solid.shape
-    result = solid.copy()
-    reach = math.ceil(radius - 0.5)
-    most = radius * radius - TOUCH_M
+    result = np.full((ny, nx), np.inf, np.float32)
+    most, cells = reach * reach, math.floor(reach + 0.5)
     for iy in range(ny):
         for ix in range(nx):
+            if solid[iy, ix]:
+                result[iy, ix] = 0.0
             if not solid[iy, ix] or _enclosed(solid, ix, iy):
                 continue
-            for ky in range(max(iy - reach, 0), min(iy + reach + 1, ny)):
-                for kx in range(max(ix - reach, 0), min(ix + reach + 1, nx)):
+            for ky in range(max(iy - cells, 0), min(iy + cells + 1, ny)):
+                for kx in range(max(ix - cells, 0), min(ix + cells + 1, nx)):
                     off_x, off_y = max(abs(kx - ix) - 0.5, 0.0), max(abs(ky - iy) - 0.5, 0.0)
-                    if off_x * off_x + off_y * off_y < most:
-                        result[ky, kx] = True
+                    square = off_x * off_x + off_y * off_y
+                    if square <= most and square < result[ky, kx]:
+                        result[ky, kx] = square
     return result
 
 
@@ -229,10 +238,33 @@ def _enclosed(solid: Bools, ix: int, iy: int) -> bool:
 
 
 @njit(cache=True)
-def _passable(free: Bools, ix: int, iy: int, dx: int, dy: int) -> bool:
-    """Return whether a step (dx, dy) from a free cell, each -1, 0 or 1, leads over free cells only."""
-    x, y = ix + dx, iy + dy
-    return bool(0 <= x < free.shape[1] and 0 <= y < free.shape[0] and free[y, x] and free[iy, x] and free[y, ix])
+def open_steps(free: Bools, enterable: Bools, ix: int, iy: int) -> int:
+    """Return the steps from a cell to *enterable* ones, past *free* ones only: bit 3 dy + dx + 4 is the step (dx, dy).
+
+    Free cells are enterable; where no others are, pass them twice. No corner of those others is cut either.
+    """
+    ny, nx = free.shape
+    below, above, left, right = iy > 0, iy + 1 < ny, ix > 0, ix + 1 < nx
+    steps = 0
+    if below and enterable[iy - 1, ix]:
+        steps |= 1 << 1
+    if left and enterable[iy, ix - 1]:
+        steps |= 1 << 3
+    if right and enterable[iy, ix + 1]:
+        steps |= 1 << 5
+    if above and enterable[iy + 1, ix]:
+        steps |= 1 << 7
+    if below and free[iy - 1, ix]:
+        if left and free[iy, ix - 1] and enterable[iy - 1, ix - 1]:
+            steps |= 1 << 0
+        if right and free[iy, ix + 1] and enterable[iy - 1, ix + 1]:
+            steps |= 1 << 2
+    if above and free[iy + 1, ix]:
+        if left and free[iy, ix - 1] and enterable[iy + 1, ix - 1]:
+            steps |= 1 << 6
+        if right and free[iy, ix + 1] and enterable[iy + 1, ix + 1]:
+            steps |= 1 << 8
+    return steps
 
 
 @njit(cache=True)
@@ -263,9 +295,10 @@ def _wavefront(free: Bools, goals: Integers) -> Floats:
 @njit(cache=True)
 def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Ints, cells: Ints, sizes: Ints) -> None:
     """Lead the ways of all neighbours of a cell over it where that makes them shorter, and list them in their waves."""
+    steps = open_steps(free, free, ix, iy)
     for dy in range(-1, 2):
         for dx in range(-1, 2):
-            if not _passable(free, ix, iy, dx, dy):
+            if not steps >> (3 * dy + dx + 4) & 1:
                 continue
             x, y = ix + dx, iy + dy
             length = cost[iy, ix] + (_DIAGONAL if dx != 0 and dy != 0 else 1.0)
@@ -287,9 +320,10 @@ def _descent(free: Bools, cost: Floats, start: int) -> Ints:
     iy, ix = start // nx, start % nx
     while cost[iy, ix] > 0.0:
         steepest, to_x, to_y = 0.0, ix, iy
+        steps = open_steps(free, free, ix, iy)
         for dy in range(-1, 2):
             for dx in range(-1, 2):
-                if (dx != 0 or dy != 0) and _passable(free, ix, iy, dx, dy):
+                if steps >> (3 * dy + dx + 4) & 1:
                     length = _DIAGONAL if dx != 0 and dy != 0 else 1.0
                     slope = (cost[iy, ix] - cost[iy + dy, ix + dx]) / length
                     if slope > steepest + 1e-9:  # rounding does not choose
@@ -301,8 +335,12 @@ def _descent(free: Bools, cost: Floats, start: int) -> Ints:
 
 
 @njit(cache=True)
-def _in_view(free: Bools, a: int, b: int) -> bool:
-    """Walk from cell to cell along the line; whole numbers say exactly which side it leaves a cell by."""
+def in_view(free: Bools, a: Cell, b: Cell) -> bool:
+    """Return whether all cells that the line between the centres of the cells *a* and *b* meets are free.
+
+    A line through a corner meets all four cells there. Symmetric. Whole numbers say exactly by which side the line
+    leaves a cell.
+    """
     nx = free.shape[1]
     iy, ix = a // nx, a % nx
     way_x, way_y = abs(b % nx - ix), abs(b // nx - iy)
@@ -326,7 +364,7 @@ def _way_points(free: Bools, path: Ints) -> Ints:
     kept = np.empty(path.shape[0], np.int32)
     kept[0], count, last = path[0], 1, 0
     for k in range(1, path.shape[0]):
-        if k > last + 1 and not _in_view(free, path[last], path[k]):
+        if k > last + 1 and not in_view(free, path[last], path[k]):
             last = k - 1
             kept[count] = path[last]
             count += 1
@@ -337,7 +375,7 @@ def _way_points(free: Bools, path: Ints) -> Ints:
 
 
 @njit(cache=True)
-def _nearest_free(free: Bools, x: float, y: float, reach: float) -> int:
+def nearest_free(free: Bools, x: float, y: float, reach: float) -> int:
     """Return the free cell whose centre is nearest to a point (in cells) and at most *reach* cells away, or -1."""
     ny, nx = free.shape
     best, cell = reach * reach, -1

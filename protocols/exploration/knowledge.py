@@ -1,0 +1,24 @@
+"""What all explorers of a run know beforehand."""
+
+from dataclasses import dataclass
+
+from cosim.geometry.planning import Point
+from cosim.units import Time
+from protocols.exploration.belief import Belief, Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """The team, the frame of its maps, and, if the scenario says so, the one map that all have."""
+
+    size: int
+    tick: Time
+    frame: Frame
+    starts_m: tuple[Point, ...]
+    radii_m: tuple[float, ...]
+    speeds_mps: tuple[float, ...]
+    range_m: float
+    """How far the robots' range scanners reach."""
+    beams: int
+    shared: Belief | None
+    """The map that all have in common; None if each has its own."""
