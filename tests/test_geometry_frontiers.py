@@ -50,4 +50,4 @@ def test_small_groups_are_dropped_and_the_edge_of_the_grid_is_no_frontier():
 
 
 def test_an_unknown_map_has_none():
-    assert yamauchi_frontiers(np.zeros((5, 5), np.int8), 1) == []
+    assert yamauchi_frontiers(np.zeros((5, 5), np.int8), 0) == []

@@ -195,6 +195,15 @@ def test_a_hit_at_a_corner_of_cells_counts_for_none_of_them():
     assert np.flatnonzero(evidence > 0).tolist() == [50]
 
 
+def test_a_hit_just_beside_a_corner_lowers_no_cell_behind_the_wall():
+    evidence, frontier = blank(9, 9)
+    along = beams(np.array([math.atan(0.5)]))
+    place = np.array([5.0, 5.0 - 6e-6]) - 4 * along[0]
+    marked(evidence, frontier, place, [4 * CELL], along, 2.5)
+    assert evidence[:, :5].any()
+    assert not evidence[:, 5:].any()
+
+
 # ---------------------------------------------------------------- evidence
 
 
@@ -309,12 +318,12 @@ def merged(evidence, frontier, cells, told, newer):
 
 def test_the_unknown_becomes_what_is_told_and_the_known_only_if_it_is_news():
     evidence, frontier = blank(1, 8)
-    evidence[0, 3:6] = -7, 9, 9
-    told = [EMPTY, OCCUPIED, UNKNOWN, OCCUPIED, EMPTY, OCCUPIED]
-    assert merged(evidence, frontier, range(6), told, [False] * 6) == [0, 1]
-    assert evidence[0].tolist() == [-127, 127, 0, -7, 9, 9, 0, 0]
-    assert merged(evidence, frontier, range(6), told, [True] * 6) == [3, 4]
-    assert evidence[0].tolist() == [-127, 127, 0, 127, -127, 9, 0, 0]
+    evidence[0, 3:7] = -7, 9, 9, 5
+    told = [EMPTY, OCCUPIED, UNKNOWN, OCCUPIED, EMPTY, OCCUPIED, UNKNOWN]
+    assert merged(evidence, frontier, range(7), told, [False] * 7) == [0, 1]
+    assert evidence[0].tolist() == [-127, 127, 0, -7, 9, 9, 5, 0]
+    assert merged(evidence, frontier, range(7), told, [True] * 7) == [3, 4]
+    assert evidence[0].tolist() == [-127, 127, 0, 127, -127, 9, 5, 0]
     assert merged(evidence, frontier, [7, 7], [EMPTY, OCCUPIED], [False] * 2) == [7]
     assert evidence[0, 7] == -127
 

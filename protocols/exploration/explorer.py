@@ -54,7 +54,9 @@ class Explorer:
         self._escape = Escape(parameters.escape, belief, knowledge.radii_m[me], knowledge.range_m)
         tick_s = knowledge.tick / from_seconds(1.0)
         self._stalling = Stalling(round(parameters.escape.period_s / tick_s), parameters.escape.box_m)
-        self._steering = Steering(parameters.steering, knowledge.radii_m[me], knowledge.speeds_mps[me])
+        self._steering = Steering(
+            parameters.steering, beam_directions(knowledge.beams), knowledge.radii_m[me], knowledge.speeds_mps[me]
+        )
         self._beams = beam_directions(knowledge.beams)
         self._commands: list[Command] = []
         self._events: list[Event] = []

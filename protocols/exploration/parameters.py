@@ -12,7 +12,7 @@ class SchemaParameters(Settings):
 
     frontier_m: float = Field(default=5.0, gt=0, description="m, d_frontier: how far frontiers attract")
     frontier_gain: float = Field(default=1.0, ge=0, description="Gain_frontier, of each frontier cell")
-    obstacle_m: float = Field(default=0.8, gt=0, description="m, d_obstacle: how far obstacles repel")
+    obstacle_m: float = Field(default=0.5, gt=0, description="m, d_obstacle: how far obstacles repel")
     obstacle_gain: float = Field(default=0.3, ge=0, description="Gain_obstacle, of each occupied cell")
     robot_range_scale: float = Field(default=2.5, gt=0, description="d_robot over d_obstacle")
     robot_gain_scale: float = Field(default=20.0, ge=0, description="Gain_robot over Gain_obstacle")
@@ -59,7 +59,7 @@ class SteeringParameters(Settings):
     )
     fast_m: float = Field(default=1.2, gt=0, description="m, what is near")
     margin_m: float | None = Field(
-        default=0.12,
+        default=0.05,
         ge=0,
         description="m from the body's edge, where the sensors themselves turn the robot away (section 5.1); null: never",
     )

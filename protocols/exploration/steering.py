@@ -1,38 +1,86 @@
-"""The lower layer: how a desired heading becomes motion (paper 001, section 3.2; speeds, section 5).
+"""The lower layer: how a desired heading becomes motion (paper 001, section 3.2; speeds and subsumption, section 5).
 
 The robot drives at a constant speed and turns towards the heading, the less the nearer it is to it. A sensor-linked
-layer subsumes that where a beam of its own scanner ends too near in the way (section 5.1, "subsumption").
+layer subsumes that where the robot's own scanner shows no room: it takes the nearest heading along which the body fits
+for a while, and stands while it turns if there is no room ahead.
 """
 
 import math
+from typing import Final
 
+from cosim.jit import njit
 from cosim.machine import Drive
 from cosim.navigation.schemas import Floats
 from protocols.exploration.parameters import SteeringParameters
+
+_HEADINGS: Final = 36
+"""Headings that are tried, on both sides of the desired one."""
+_CLEAR_S: Final = 1.0
+"""So long the robot could drive on along a heading that is taken."""
+_STOP_S: Final = 0.3
+"""It stands if it could not even drive on for so long."""
+
+
+@njit(cache=True)
+def free_m(ranges_m: Floats, beams: Floats, ux: float, uy: float, half_m: float) -> float:
+    """Return how far a disc of radius *half_m* can go along the unit vector (ux, uy) until it touches what is seen.
+
+    *ranges_m* (n,) along *beams* (n, 2); below 0 if the disc overlaps a point ahead already, inf without any in the way.
+    """
+    free = math.inf
+    for k in range(ranges_m.shape[0]):
+        along = ranges_m[k] * (beams[k, 0] * ux + beams[k, 1] * uy)
+        if 0.0 < along < math.inf:
+            aside = ranges_m[k] * (beams[k, 0] * uy - beams[k, 1] * ux)
+            if abs(aside) < half_m:
+                free = min(free, along - math.sqrt(half_m * half_m - aside * aside))
+    return free
+
+
+@njit(cache=True)
+def free_heading(ranges_m: Floats, beams: Floats, desired: float, half_m: float, need_m: float, side: int) -> float:
+    """Return the heading nearest to *desired* along which there is *need_m* of room; NaN if none is.
+
+    Of two that are as near, that on the *side* (1 left, -1 right).
+    """
+    for k in range(_HEADINGS // 2 + 1):
+        for sign in (side, -side):
+            heading = desired + sign * k * (2.0 * math.pi / _HEADINGS)
+            if free_m(ranges_m, beams, math.cos(heading), math.sin(heading), half_m) >= need_m:
+                return heading
+    return math.nan
 
 
 class Steering:
     """The lower layer of one robot."""
 
-    def __init__(self, parameters: SteeringParameters, radius_m: float, most_mps: float) -> None:
+    def __init__(self, parameters: SteeringParameters, beams: Floats, radius_m: float, most_mps: float) -> None:
         self._own = parameters
+        self._beams = beams
         self._slow_mps = min(parameters.speed_mps, most_mps)
         self._fast_mps = min(parameters.fast_mps or parameters.speed_mps, most_mps)
-        self._stop_m = None if parameters.margin_m is None else radius_m + parameters.margin_m
+        self._half_m = None if parameters.margin_m is None else radius_m + parameters.margin_m
+        self._side = 1
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
         """Return the order that turns the robot towards *desired_rad*; angles and beams in the robot's frame."""
+        speed = self._fast_mps if float(ranges_m.min()) > self._own.fast_m else self._slow_mps
+        if self._half_m is not None:
+            desired_rad = self._free(desired_rad, ranges_m, speed)
         error = math.remainder(desired_rad - heading_rad, math.tau)
         turn = min(max(self._own.turn_gain * error, -self._own.turn_radps), self._own.turn_radps)
-        nearest_m = float(ranges_m.min())
-        speed = self._fast_mps if nearest_m > self._own.fast_m else self._slow_mps
-        if self._stop_m is not None and nearest_m < self._stop_m and self._ahead(ranges_m, heading_rad):
+        if self._half_m is not None and self._room(heading_rad, ranges_m) < _STOP_S * speed:
             speed = 0.0
         return Drive(speed, turn)
 
-    def _ahead(self, ranges_m: Floats, heading_rad: float) -> bool:
-        """Return whether something nearer than the margin lies before the robot: it may drive away from what is behind."""
-        count = len(ranges_m)
-        ahead = round(heading_rad / math.tau * count)
-        half = count // 4
-        return any(ranges_m[(ahead + k) % count] < self._stop_m for k in range(-half, half + 1))
+    def _free(self, desired_rad: float, ranges_m: Floats, speed_mps: float) -> float:
+        found = free_heading(ranges_m, self._beams, desired_rad, self._half_m, _CLEAR_S * speed_mps, self._side)
+        if math.isnan(found):
+            return desired_rad
+        aside = math.remainder(found - desired_rad, math.tau)
+        if abs(aside) > 1e-6:
+            self._side = 1 if aside > 0.0 else -1
+        return found
+
+    def _room(self, heading_rad: float, ranges_m: Floats) -> float:
+        return float(free_m(ranges_m, self._beams, math.cos(heading_rad), math.sin(heading_rad), self._half_m))
