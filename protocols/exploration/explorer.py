@@ -7,9 +7,9 @@ import numpy as np
 
 from cosim.machine import Address, Command, Drive, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
-from cosim.navigation.schemas import beam_directions
+from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation
-from cosim.units import Time, from_seconds
+from cosim.units import S, Time, from_seconds
 from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape, Overlay
 from protocols.exploration.frames import Piece
@@ -91,10 +91,7 @@ class Explorer:
         self._count(observation, here)
         self._here = here
         ranges_m = observation.ranges_m
-        bodies = np.array(
-            [(x, y, self.knowledge.radii_m[other]) for other, x, y in observation.sightings], np.float64
-        ).reshape(-1, 3)
-        changed = self.belief.mark(here, ranges_m, self._beams, bodies)
+        changed = self.belief.mark(here, ranges_m, self._beams, self._bodies(observation, now))
         if self._sharing is not None:
             self._sharing.changed(changed, self.belief.occupied(changed).tolist())
             self._sharing.tick(*here, now)
@@ -138,6 +135,21 @@ class Explorer:
         return events
 
     # ------------------------------------------------------------ moving
+
+    def _bodies(self, observation: Observation, now: Time) -> Floats:
+        """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
+        knowledge = self.knowledge
+        bodies = [(x, y, knowledge.radii_m[other]) for other, x, y in observation.sightings]
+        if knowledge.shared is not None:
+            knowledge.places_m[self.me] = observation.x_m, observation.y_m
+            told = [(other, place, knowledge.tick / S) for other, place in knowledge.places_m.items()]
+        elif self._sharing is not None:
+            told = self._sharing.places(now)
+        for other, (x, y), age_s in told:
+            if other != self.me and other not in observation.visible:
+                slack_m = age_s * knowledge.speeds_mps[other]
+                bodies.append((x, y, knowledge.radii_m[other] + slack_m))
+        return np.array(bodies, np.float64).reshape(-1, 3)
 
     def _count(self, observation: Observation, here: tuple[float, float]) -> None:
         records = self.records

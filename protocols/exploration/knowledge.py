@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from cosim.geometry.planning import Point
+from cosim.machine import Address
 from cosim.units import Time
 from protocols.exploration.belief import Belief, Frame
 
@@ -22,3 +23,5 @@ class Knowledge:
     beams: int
     shared: Belief | None
     """The map that all have in common; None if each has its own."""
+    places_m: dict[Address, Point]
+    """Where the others are, as all know who have a map in common; empty if each has its own."""

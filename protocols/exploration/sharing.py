@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 
 from cosim.errors import WireError
+from cosim.geometry.planning import Point
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
-from cosim.units import Time
+from cosim.units import Time, to_seconds
 from protocols.exploration.frames import MOST_PIECES, PIECE_OVERHEAD, Message, Piece, Summary, decode, encode
 from protocols.exploration.journal import BadBytes
 from protocols.exploration.ledger import Ledger
@@ -47,7 +48,14 @@ class Sharing:
         self._heard: list[Time] = [start] * size
         self._numbered = start == 0
         """Whether the number of the next own piece is known."""
+        self._places: dict[Address, tuple[Point, Time]] = {}
+        """Where the others have said that they were, and when."""
         self._outbox: list[Outgoing | LinkCommand] = []
+
+    def places(self, now: Time) -> list[tuple[Address, Point, float]]:
+        """Return who has said where it was, and how many seconds ago; those who have been heard lately."""
+        recent = now - AWAY_PERIODS * self._period
+        return [(other, place, to_seconds(now - at)) for other, (place, at) in self._places.items() if at >= recent]
 
     @property
     def silent(self) -> bool:
@@ -92,6 +100,7 @@ class Sharing:
             return None
         self._heard[sender] = now
         if isinstance(message, Summary):
+            self._places[sender] = (message.x_m, message.y_m), now
             self._numbered = self._numbered or message.pieces[self.me] <= self.ledger.counts[self.me]
             self._answer(sender, message, now)
             return message

@@ -91,6 +91,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Any:
         range_m=RANGE_M,
         beams=BEAMS,
         shared=Belief(frame, weights, RANGE_M) if parameters.map == "shared" else None,
+        places_m=dict(enumerate(surroundings.starts_m)) if parameters.map == "shared" else {},
     ), surroundings
 
 
