@@ -49,10 +49,10 @@ class Overlay:
             self.path[cell // nx, cell % nx] = 1
         self.underway = bool(cells)
 
-    def pass_by(self, place_m: Point, reach_m: float) -> None:
-        """Take back the cells of the path that are near."""
+    def pass_by(self, place_m: Point, reach_m: float) -> bool:
+        """Take back the cells of the path that are near; return whether there were any."""
         if not self.underway:
-            return
+            return False
         frame = self._belief.frame
         (left, low), size = frame.origin_m, frame.cell_m
         rows, columns = np.nonzero(self.path)
@@ -60,6 +60,7 @@ class Overlay:
         near = away <= reach_m
         self.path[rows[near], columns[near]] = 0
         self.underway = not near.all()
+        return bool(near.any())
 
     def clear(self) -> None:
         """Take back the whole path."""

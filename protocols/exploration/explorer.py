@@ -53,7 +53,9 @@ class Explorer:
         self._overlay = Overlay(belief)
         self._escape = Escape(parameters.escape, belief, knowledge.radii_m[me], knowledge.range_m)
         tick_s = knowledge.tick / from_seconds(1.0)
-        self._stalling = Stalling(round(parameters.escape.period_s / tick_s), parameters.escape.box_m)
+        escape = parameters.escape
+        patience = math.inf if escape.patience_s is None else escape.patience_s / tick_s
+        self._stalling = Stalling(round(escape.period_s / tick_s), escape.box_m, patience)
         self._steering = Steering(
             parameters.steering, beam_directions(knowledge.beams), knowledge.radii_m[me], knowledge.speeds_mps[me]
         )
@@ -98,8 +100,7 @@ class Explorer:
         if self._done_at == self.belief.version:
             self._halt()
             return
-        self._follow(here)
-        self._stalling.note(here)
+        self._stalling.note(here, self._follow(here) or len(changed) > 0)
         heading = self._heading(here, observation)
         if heading is None or self._stalling.stalled:
             self._stall("no force" if heading is None else "no way made", here)
@@ -174,12 +175,15 @@ class Explorer:
                 y -= schemas.robot_gain * dy / away**3
         return math.atan2(y, x) if math.hypot(x, y) > _NOTHING else None
 
-    def _follow(self, here: tuple[float, float]) -> None:
-        """Take back what of the path has been walked, or all of it if a frontier is in sight (step 2)."""
+    def _follow(self, here: tuple[float, float]) -> bool:
+        """Take back what of the path has been walked, or all of it if a frontier is in sight (step 2).
+
+        Return whether any has been walked.
+        """
         overlay = self._overlay
         if not overlay.underway:
-            return
-        overlay.pass_by(here, self._schemas.obstacle_m)
+            return False
+        walked = overlay.pass_by(here, self._schemas.obstacle_m)
         looks = (self.records.steps + self.records.escape_steps) % _LOOK_TICKS == 0
         if overlay.underway and looks and self._escape.sees(here, overlay.frontiers()):
             overlay.clear()
@@ -188,6 +192,7 @@ class Explorer:
         elif not overlay.underway:
             self._events.append(PathLeft("walked"))
             self._stalling.begin()
+        return walked
 
     def _stall(self, why: str, here: tuple[float, float]) -> None:
         """Lay a path to the nearest frontier (step 8); give up frontiers to which none leads."""

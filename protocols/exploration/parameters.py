@@ -41,6 +41,12 @@ class EscapeParameters(Settings):
     enabled: bool = Field(default=True, description="without it the robot stalls")
     period_s: float = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
     box_m: float = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
+    patience_s: float | None = Field(
+        default=15.0,
+        gt=0,
+        description="s without a new cell, or one of its path walked, after which it stalls as well: it may circle in a "
+        "box that is large enough; null: only the box counts, as in the paper",
+    )
     cost: Literal["octile", "printed"] = Field(
         default="octile", description='A*: true lengths, or "printed": every step costs 1, straight-line heuristic'
     )
