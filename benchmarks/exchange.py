@@ -21,14 +21,12 @@ from cosim.machine import (
     InquiryComplete,
     LinkCommand,
     LinkEvent,
-    Metric,
     Outgoing,
     Page,
-    ProtocolSpec,
     Reception,
-    Surroundings,
 )
 from cosim.observation import Observation
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.settings import Settings
 from cosim.units import MS, S, Time
 
@@ -148,7 +146,7 @@ SPEC = ProtocolSpec(
     place=place,
     prepare=lambda parameters, surroundings: None,
     make=Exchange,
-    referee=lambda parameters, knowledge: Nobody(),
+    referee=lambda parameters, knowledge, surroundings: Nobody(),
     metrics=(Metric("received", "1", "payloads that machines have received"),),
     measure=lambda machines: {"received": float(sum(machine.received for machine in machines))},
     events=(),

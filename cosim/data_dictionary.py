@@ -15,7 +15,7 @@ from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.vision import OpticalChannel
 from cosim.faults.events import EVENTS as FAULT_EVENTS
-from cosim.machine import Metric, ProtocolSpec
+from cosim.protocol import Metric, ProtocolSpec
 from cosim.results import FIXED, OBSERVATION_FIXED
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.simulation import METRICS

@@ -9,17 +9,13 @@ driver drains after every call: ``outbox`` (payloads and link commands, in one o
 Addresses are small integers, the robots' numbers in the team; channels map them to whatever their radios use.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import Field, dataclass
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
-
-import numpy as np
 
 from cosim.errors import LocalProtocolError
 from cosim.observation import Observation
-from cosim.settings import Settings
 from cosim.units import Time
 
 Address: TypeAlias = int
@@ -335,108 +331,6 @@ class Machine(Protocol):
 
     def events(self) -> list[Event]:
         """Drain rows for the trace."""
-
-
-class Death(NamedTuple):
-    """What a referee is told of a robot that a fault has killed, once its body has come to rest."""
-
-    robot: Address
-    at: Time
-    """When its host died."""
-    x_m: float
-    """Where the body rests."""
-    y_m: float
-    radius_m: float
-
-
-class Referee(Protocol):
-    """Judge of the truth of one run: sees the bodies, never the machines' beliefs."""
-
-    def look(
-        self, x_m: np.ndarray[Any, np.dtype[np.float64]], y_m: np.ndarray[Any, np.dtype[np.float64]], now: Time
-    ) -> bool:
-        """Note the robots' true positions (metres) at a tick; return whether the run is over."""
-
-    def died(self, death: Death) -> None:
-        """Note that a robot is dead, and where its body rests for ever; before the ``look`` of the same tick."""
-
-    def verdict(self, now: Time) -> dict[str, float]:
-        """Return the metrics that the truth decides, by name."""
-
-
-class Metric(NamedTuple):
-    """A column of the table of runs: its name, unit and meaning."""
-
-    name: str
-    unit: str
-    meaning: str
-
-
-@dataclass(frozen=True)
-class ProtocolSpec:
-    """What an entry point of the group ``cosim.protocols`` names: all that cosim must know of a protocol."""
-
-    name: str
-    parameters: type[Settings]
-    """Model of the protocol's parameters in a scenario."""
-    place: Callable[[Any, "Surroundings", int, np.random.Generator], Sequence[tuple[float, float]]]
-    """(parameters, surroundings without starts, team size, random stream) -> starts, where the scenario gives none."""
-    prepare: Callable[[Any, "Surroundings"], Any]
-    """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
-
-    Raises UserError when the protocol cannot run there.
-    """
-    make: Callable[[Any, Any, Address, Any, Time], Machine]
-    """(parameters, knowledge, own address, random stream, start time) -> a machine."""
-    referee: Callable[[Any, Any], Referee]
-    """(parameters, knowledge) -> the judge of one run."""
-    metrics: tuple[Metric, ...]
-    """The columns that ``measure`` and the referee fill."""
-    measure: Callable[[Sequence[Any]], dict[str, float]]
-    """(machines) -> the metrics that the machines count themselves."""
-    events: tuple[type, ...]
-    """The event types, frozen dataclasses, that the machines emit."""
-    team_limit: int | None = None
-    """The largest team that the protocol can address."""
-    succeed: Callable[[Any, Any, Time], None] | None = None
-    """(a crashed host's machine, the one that boots in its place, the true time): hand over what the metrics count."""
-    needs_sight: bool = False
-    """Observations name the robots in sight."""
-    needs_view: bool = False
-    """Observations tell as well where robots are seen, how far the walls are, and what points are in sight."""
-
-
-class Surroundings(NamedTuple):
-    """What a protocol may be told of a run before it starts."""
-
-    starts_m: tuple[tuple[float, float], ...]
-    """Where the robots start."""
-    radius_m: float
-    """Radius of the largest body."""
-    speed_mps: float
-    """Speed limit of the slowest robot."""
-    acceleration_mps2: float
-    """Lowest acceleration limit in the team."""
-    tick: Time
-    """Duration of a world tick."""
-    walls_m: np.ndarray[Any, np.dtype[np.float64]]
-    """Wall segments, shape (n, 4): x1, y1, x2, y2."""
-    bounds_m: tuple[float, float, float, float]
-    """Extent of the floor: x_min, y_min, x_max, y_max."""
-    forbidden: Callable[[np.ndarray[Any, np.dtype[np.float64]]], np.ndarray[Any, np.dtype[np.bool_]]]
-    """points (n, 2) -> True where the floor is occupied, unknown or outside."""
-    radii_m: tuple[float, ...] = ()
-    """Radius of each robot's body."""
-    speeds_mps: tuple[float, ...] = ()
-    """Speed limit of each robot."""
-    accelerations_mps2: tuple[float, ...] = ()
-    """Acceleration limit of each robot."""
-    frames: tuple[tuple[float, float, float], ...] = ()
-    """Origin (x, y, m) and direction (rad) in the world of each robot's own frame."""
-    places_m: Mapping[str, tuple[tuple[float, float], ...]] = MappingProxyType({})
-    """Points that the floor names: rooms, for example."""
-    seed: int = 0
-    """The seed of the run: it differs from replicate to replicate, not between the arms of one."""
 
 
 def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:

@@ -27,7 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim.errors import UserError
-from cosim.machine import Metric
+from cosim.protocol import Metric
 from cosim.trace import Field, write_parquet
 
 Row: TypeAlias = dict[str, Any]

@@ -36,7 +36,7 @@ from cosim.channels.vision import OpticalSettings
 from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
 from cosim.errors import UserError
 from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
-from cosim.machine import ProtocolSpec
+from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
 from cosim.settings import Settings

@@ -25,9 +25,10 @@ from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Address, Command, Machine, Metric, ProtocolSpec, Referee, Surroundings
+from cosim.machine import Address, Command, Machine
 from cosim.node import Node
 from cosim.observation import Observation
+from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
 from cosim.robots.placement import checked_starts
@@ -84,7 +85,7 @@ class Simulation:
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
         self.senses = self._senses(surroundings, streams)
         self.channel = _channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
-        self.referee: Referee = self.spec.referee(parameters, knowledge)
+        self.referee: Referee = self.spec.referee(parameters, knowledge, surroundings)
         self.machines: list[Machine] = [
             self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
             for robot in range(scenario.team.size)
@@ -139,6 +140,8 @@ class Simulation:
             speeds_mps=speeds_mps,
             accelerations_mps2=accelerations_mps2,
             places_m=floor.places_m,
+            scan_range_m=scenario.team.senses.beam_range_m,
+            beams=scenario.team.senses.beams,
         )
         starts = scenario.team.starts
         if starts is None:

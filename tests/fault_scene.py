@@ -5,20 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.machine import (
-    BROADCAST,
-    Address,
-    Command,
-    Death,
-    GoTo,
-    LinkEvent,
-    Metric,
-    Outgoing,
-    ProtocolSpec,
-    Reception,
-    Surroundings,
-)
+from cosim.machine import BROADCAST, Address, Command, GoTo, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
+from cosim.protocol import Death, Metric, ProtocolSpec, Surroundings
 from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import Simulation
@@ -102,7 +91,7 @@ class Driver:
 class Coroner:
     """Writes down what it sees and whose death it is told of."""
 
-    def __init__(self, parameters: Parameters, knowledge: Surroundings) -> None:
+    def __init__(self, parameters: Parameters, knowledge: Surroundings, surroundings: Surroundings) -> None:
         self.seen: list[tuple[Time, np.ndarray[Any, Any]]] = []
         self.deaths: list[tuple[int, Death]] = []
         """(looks before it, death)"""
@@ -146,7 +135,7 @@ class Uninformed:
 
 SEEING = replace(SPEC, needs_sight=True)
 VIEWING = replace(SPEC, needs_view=True)
-OLD = replace(SPEC, referee=lambda parameters, knowledge: Uninformed())  # type: ignore[arg-type,return-value]
+OLD = replace(SPEC, referee=lambda parameters, knowledge, surroundings: Uninformed())  # type: ignore[arg-type,return-value]
 
 
 def scenario(*faults: dict[str, Any], use: str = "tests.fault_scene:SPEC", size: int = 2, **changes: Any) -> Scenario:

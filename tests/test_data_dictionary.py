@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cosim.data_dictionary import page
-from cosim.machine import Metric
+from cosim.protocol import Metric
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.trace import TABLES
 

@@ -11,7 +11,8 @@ import pytest
 from cosim.channels.ideal import IdealChannel
 from cosim.channels.jamming import PULSED, SWEEPING, Jammer
 from cosim.errors import UserError
-from cosim.machine import Address, Death, Lost
+from cosim.machine import Address, Lost
+from cosim.protocol import Death
 from cosim.scenario import Scenario, build, dump
 from cosim.simulation import Simulation, simulate
 from cosim.trace import FRAMES

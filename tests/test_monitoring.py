@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import UserError, WireError
-from cosim.machine import BROADCAST, Address, Machine, Outgoing, Reception, Surroundings
+from cosim.machine import BROADCAST, Address, Machine, Outgoing, Reception
+from cosim.protocol import Surroundings
 from cosim.scenario import build
 from cosim.simulation import Outcome, simulate
 from cosim.testing import check_machine

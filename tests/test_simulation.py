@@ -14,20 +14,9 @@ from pydantic import Field
 
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.errors import UserError
-from cosim.machine import (
-    BROADCAST,
-    Address,
-    Command,
-    Event,
-    GoTo,
-    LinkEvent,
-    Metric,
-    Outgoing,
-    ProtocolSpec,
-    Reception,
-    Surroundings,
-)
+from cosim.machine import BROADCAST, Address, Command, Event, GoTo, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import METRICS, Outcome, Simulation, simulate
@@ -110,7 +99,7 @@ class Walker:
 class Judge:
     """Ends the run when the parameters say so."""
 
-    def __init__(self, parameters: Parameters, knowledge: Surroundings) -> None:
+    def __init__(self, parameters: Parameters, knowledge: Surroundings, surroundings: Surroundings) -> None:
         self.over_s = parameters.over_s
         self.looks: list[Time] = []
 
@@ -251,6 +240,13 @@ def test_a_protocol_is_told_of_every_body_of_a_mixed_team_and_of_the_extremes():
     assert told.radii_m == (0.2, 0.4, 0.4)
     assert told.speeds_mps == (0.5, 0.2, 0.2)
     assert told.accelerations_mps2 == (1000.0, 3.0, 3.0)
+
+
+def test_a_protocol_is_told_what_the_range_scanners_are_like():
+    plain = mixed().model_dump()
+    plain["team"]["senses"] |= {"beams": 90, "beam_range_m": 3.5}
+    told: Surroundings = Simulation(Scenario.model_validate(plain), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    assert (told.scan_range_m, told.beams) == (3.5, 90)
 
 
 def test_starts_must_leave_room_for_the_bodies_that_stand_there():

@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from cosim.kernel import Kernel
-from cosim.machine import Address, LinkCommand, LinkEvent, Metric, Outgoing, Reception
+from cosim.machine import Address, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.protocol import Metric
 from cosim.trace import Trace
 from cosim.units import Time
 

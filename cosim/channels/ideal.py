@@ -37,7 +37,6 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Lost,
-    Metric,
     Mode,
     ModeChanged,
     Outcome,
@@ -54,6 +53,7 @@ from cosim.machine import (
     SwitchRole,
     Unpark,
 )
+from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace

@@ -21,7 +21,8 @@ from cosim.channels.ideal import IdealSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
-from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Metric, Outgoing, Reception
+from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outgoing, Reception
+from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import Settings
 from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace

@@ -20,7 +20,8 @@ from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
 from cosim.geometry.segments import PackedWalls
 from cosim.kernel import Handle, Kernel
-from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Metric, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
+from cosim.protocol import Metric
 from cosim.settings import Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import S, Time

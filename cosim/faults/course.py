@@ -52,8 +52,9 @@ from cosim.faults.settings import (
     WallSettings,
 )
 from cosim.kernel import WORLD, Kernel
-from cosim.machine import Address, Death, Drive, Machine, Scan
+from cosim.machine import Address, Drive, Machine, Scan
 from cosim.node import Node
+from cosim.protocol import Death
 from cosim.randomness import Streams
 from cosim.robots.carry import Carry
 from cosim.robots.motion import Fleet

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from cosim.machine import Metric
+from cosim.protocol import Metric
 from cosim.units import Time, to_seconds
 from protocols.aggregation.host import Host
 from protocols.aggregation.records import Records

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.machine import Address, Death
+from cosim.machine import Address
+from cosim.protocol import Death
 from cosim.units import Time
 from protocols.aggregation.knowledge import Knowledge
 

@@ -8,7 +8,8 @@ import numpy as np
 from cosim.errors import UserError
 from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
-from cosim.machine import Address, Machine, ProtocolSpec, Surroundings
+from cosim.machine import Address, Machine
+from cosim.protocol import ProtocolSpec, Surroundings
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
@@ -159,7 +160,7 @@ def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:
     after.records.follow(before.records, now)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge) -> SearchReferee:
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> SearchReferee:
     """Return the judge of the search."""
     return SearchReferee(knowledge)
 

@@ -79,13 +79,12 @@ class Belief:
         self.version += count > 0
         return self._changed[:count]
 
-    def merge(self, cells: Ints, occupied: Bools) -> None:
-        """Take over what another has told of cells that are unknown here."""
+    def merge(self, cells: Ints, occupied: Bools, newer: Bools) -> None:
+        """Take over what another has told of cells that are unknown here, and of others where it is *newer*."""
         told = np.where(occupied, OCCUPIED, EMPTY).astype(np.uint8)
-        keep = np.zeros(len(cells), np.bool_)
         scratch = np.empty(len(cells), np.int32)
         weight = self._weights.hit
-        self.version += merge_cells(self.evidence, self.frontier, cells, told, keep, weight, scratch, True) > 0
+        self.version += merge_cells(self.evidence, self.frontier, cells, told, newer, weight, scratch, True) > 0
 
     def occupied(self, cells: Ints) -> Bools:
         """Return which of *cells* are occupied."""

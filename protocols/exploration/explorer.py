@@ -12,12 +12,10 @@ from cosim.observation import Observation
 from cosim.units import S, Time, from_seconds
 from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape, Overlay
-from protocols.exploration.frames import Piece
 from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
-from protocols.exploration.runs import from_runs
 from protocols.exploration.sharing import Sharing
 from protocols.exploration.stalling import Stalling
 from protocols.exploration.steering import Steering
@@ -78,11 +76,9 @@ class Explorer:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a piece of another's map."""
-        if self._sharing is None:
-            return
-        message = self._sharing.receive(data, reception, now)
-        if isinstance(message, Piece):
-            self.belief.merge(*from_runs(message.runs))
+        told = None if self._sharing is None else self._sharing.receive(data, reception, now)
+        if told is not None:
+            self.belief.merge(*told)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take no notice: maps are told to whom it may concern."""
@@ -105,7 +101,7 @@ class Explorer:
         if heading is None or self._stalling.stalled:
             self._stall("no force" if heading is None else "no way made", here)
             heading = self._heading(here, observation)
-        if heading is None or self._done_at is not None and self._done_at == self.belief.version:
+        if heading is None or (self._done_at is not None and self._done_at == self.belief.version):
             self._halt()
             return
         self._commands.append(self._steering.drive(heading, observation.heading_rad, ranges_m))

@@ -19,31 +19,62 @@ MAGIC: Final = 0x45
 FAR_M: Final = 1e6
 """No coordinate on the wire is greater than this."""
 MOST_PIECES: Final = 0xFFFF
-"""Pieces of one robot: at one a second more than 18 hours."""
+"""Pieces of one stream: their numbers are smaller."""
+STAMPS: Final = 1 << 32
+"""Stamps and lives are smaller: milliseconds of 49 days."""
 
 _HEAD: Final = Struct(">BBB")
-_PIECE: Final = Struct(">BH")
-_SUMMARY: Final = Struct(">ffB")
+_PIECE: Final = Struct(">BIHI")
+_PLACE: Final = Struct(">ff")
+_ENTRY: Final = Struct(">BIHB")
 _PIECE_KIND: Final = 1
 _SUMMARY_KIND: Final = 2
+RUN_BYTES: Final = 4
+ENTRY_BYTES: Final = _ENTRY.size
 PIECE_OVERHEAD: Final = _HEAD.size + _PIECE.size + CRC_BYTES
-"""Bytes of a piece beyond its runs, which have four each."""
+"""Bytes of a piece beyond its runs."""
+SUMMARY_OVERHEAD: Final = _HEAD.size + _PLACE.size + CRC_BYTES
+"""Bytes of a summary beyond its entries."""
+LEAST_OCTETS: Final = max(PIECE_OVERHEAD + RUN_BYTES, SUMMARY_OVERHEAD + ENTRY_BYTES)
+"""Bytes of a frame that holds at least one run, or one entry."""
+
+
+class Stream(NamedTuple):
+    """All pieces that *author* tells from one boot to the next.
+
+    Who boots again has lost its map, and does not know how many pieces it has told: in a new *life* it counts anew.
+    """
+
+    author: Address
+    life: int
+    """When it began: milliseconds of the author's clock, mod 2**32."""
 
 
 class Piece(NamedTuple):
-    """Part of what *author* has seen for itself, its *number*-th; runs as in ``runs``, shape (n,)."""
+    """Part of what the author of *stream* has seen for itself, its *number*-th from 0; runs as in ``runs``, (n,)."""
 
-    author: Address
+    stream: Stream
     number: int
+    stamp: int
+    """Of two pieces that tell of one cell, that with the greater stamp is newer."""
     runs: Words
 
 
+class Entry(NamedTuple):
+    """How many pieces of a stream, from the first on without a gap, somebody has."""
+
+    stream: Stream
+    pieces: int
+    source: Address
+    """Whom it asks for more; itself if it asks nobody."""
+
+
 class Summary(NamedTuple):
-    """Where the sender is, and how many pieces of each robot, from the first on without a gap, it has."""
+    """Where the sender is, and some of what it has: of what streams it says nothing, nothing follows."""
 
     x_m: float
     y_m: float
-    pieces: tuple[int, ...]
+    entries: tuple[Entry, ...]
 
 
 Message: TypeAlias = Piece | Summary
@@ -53,13 +84,17 @@ def encode(sender: Address, message: Message) -> bytes:
     """Return the frame that says *message*; raise LocalProtocolError for what no frame can say."""
     try:
         match message:
-            case Piece(author=author, number=number, runs=runs):
-                body = _HEAD.pack(MAGIC, _PIECE_KIND, sender) + _PIECE.pack(author, number)
+            case Piece(stream=stream, number=number, stamp=stamp, runs=runs):
+                if number >= MOST_PIECES:
+                    raise LocalProtocolError(f"no piece has the number {number}")
+                body = _HEAD.pack(MAGIC, _PIECE_KIND, sender) + _PIECE.pack(*stream, number, stamp)
                 body += runs.astype(">u4").tobytes()
-            case Summary(x_m=x_m, y_m=y_m, pieces=pieces):
-                body = _HEAD.pack(MAGIC, _SUMMARY_KIND, sender) + _SUMMARY.pack(x_m, y_m, len(pieces))
-                body += np.array(pieces, ">u2").tobytes()
-    except (error, OverflowError) as wrong:
+            case Summary(x_m=x_m, y_m=y_m, entries=entries):
+                if not (abs(x_m) <= FAR_M and abs(y_m) <= FAR_M):
+                    raise LocalProtocolError(f"nobody is at ({x_m}, {y_m})")
+                body = _HEAD.pack(MAGIC, _SUMMARY_KIND, sender) + _PLACE.pack(x_m, y_m)
+                body += b"".join(_ENTRY.pack(*stream, count, source) for stream, count, source in entries)
+    except error as wrong:
         raise LocalProtocolError(f"{message} does not fit into a frame: {wrong}") from None
     return body + crc_hqx(body, 0xFFFF).to_bytes(CRC_BYTES, "big")
 
@@ -81,18 +116,19 @@ def decode(data: bytes) -> tuple[Address, Message]:
 
 
 def _piece(body: bytes) -> Piece:
-    if len(body) < _PIECE.size or (len(body) - _PIECE.size) % 4:
+    if len(body) < _PIECE.size or (len(body) - _PIECE.size) % RUN_BYTES:
         raise WireError(f"a piece with a body of {len(body)} bytes")
-    author, number = _PIECE.unpack_from(body)
-    return Piece(author, number, np.frombuffer(body, ">u4", offset=_PIECE.size).astype(np.uint32))
+    author, life, number, stamp = _PIECE.unpack_from(body)
+    if number >= MOST_PIECES:
+        raise WireError(f"a piece with the number {number}")
+    return Piece(Stream(author, life), number, stamp, np.frombuffer(body, ">u4", offset=_PIECE.size).astype(np.uint32))
 
 
 def _summary(body: bytes) -> Summary:
-    if len(body) < _SUMMARY.size:
+    if len(body) < _PLACE.size or (len(body) - _PLACE.size) % ENTRY_BYTES:
         raise WireError(f"a summary with a body of {len(body)} bytes")
-    x_m, y_m, robots = _SUMMARY.unpack_from(body)
-    if len(body) != _SUMMARY.size + 2 * robots:
-        raise WireError(f"a summary of {robots} robots with a body of {len(body)} bytes")
+    x_m, y_m = _PLACE.unpack_from(body)
     if not (abs(x_m) <= FAR_M and abs(y_m) <= FAR_M):  # NaN as well
         raise WireError("a place that is nowhere")
-    return Summary(x_m, y_m, tuple(np.frombuffer(body, ">u2", offset=_SUMMARY.size).tolist()))
+    entries = _ENTRY.iter_unpack(body[_PLACE.size :])
+    return Summary(x_m, y_m, tuple(Entry(Stream(author, life), count, by) for author, life, count, by in entries))

@@ -1,36 +1,37 @@
-"""The pieces of all robots' maps that one robot has, and who lacks which of them.
+"""The pieces of all robots' maps that one robot has.
 
-A piece never changes, so two robots that have the same numbers have the same map, whoever told them: what one has missed
-because it was out of reach, or because frames were lost, any other that has it can tell.
+A piece never changes, so two robots that have the same numbers have the same map, whoever told them: what one has
+missed because it was out of reach, or because frames were lost, any other that has it can tell. Only changes of cells
+are told: where hits are certain, nobody tells of a cell more than twice, however long a run is.
 """
 
-from collections.abc import Sequence
-
-from cosim.machine import Address
-from protocols.exploration.frames import Piece
+from protocols.exploration.frames import Piece, Stream
 
 
 class Ledger:
-    """The pieces that are known, by author."""
+    """The pieces that are known, by stream and number."""
 
-    def __init__(self, size: int) -> None:
-        self._pieces: list[dict[int, Piece]] = [{} for _ in range(size)]
-        self.counts: list[int] = [0] * size
-        """How many pieces of each robot are known from the first on without a gap."""
+    def __init__(self) -> None:
+        self._pieces: dict[Stream, dict[int, Piece]] = {}
+        self.counts: dict[Stream, int] = {}
+        """How many pieces of each stream are known from the first on without a gap."""
 
     def add(self, piece: Piece) -> bool:
         """Note a piece; return whether it was not known."""
-        known = self._pieces[piece.author]
+        known = self._pieces.setdefault(piece.stream, {})
         if piece.number in known:
             return False
         known[piece.number] = piece
-        while self.counts[piece.author] in known:
-            self.counts[piece.author] += 1
+        count = self.counts.get(piece.stream, 0)
+        while count in known:
+            count += 1
+        self.counts[piece.stream] = count
         return True
 
-    def lacking(self, counts: Sequence[int], most: int) -> list[Piece]:
-        """Return the pieces, *most* at most, that somebody with so many of each robot's lacks; the oldest first."""
-        found: list[Piece] = []
-        for author, (theirs, ours) in enumerate(zip(counts, self.counts, strict=True)):
-            found += [self._pieces[author][number] for number in range(theirs, min(ours, theirs + most))]
-        return sorted(found, key=lambda piece: piece.number)[:most]
+    def count(self, stream: Stream) -> int:
+        """Return how many pieces of *stream* are known from the first on without a gap."""
+        return self.counts.get(stream, 0)
+
+    def beyond(self, stream: Stream, count: int) -> list[Piece]:
+        """Return the pieces of *stream* that somebody with the first *count* of them lacks, in order."""
+        return [self._pieces[stream][number] for number in range(count, self.count(stream))]

@@ -75,7 +75,7 @@ class SharingParameters(Settings):
     """How maps are merged by messages."""
 
     period_s: float = Field(default=1.0, gt=0, description="s, from one telling to the next")
-    octets: int = Field(default=200, ge=12, le=65535, description="bytes, the longest frame")
+    octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
     again: int = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
 
 

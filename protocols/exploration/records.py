@@ -17,6 +17,10 @@ class Records:
     """Times that it was caught in a local minimum."""
     frames: int = 0
     payload_bytes: int = 0
+    pieces_again: int = 0
+    """Pieces of maps that it has told on demand; they had been told before."""
+    pieces_known: int = 0
+    """Pieces that it has heard and had already."""
     way_m: float = 0.0
     blocked: int = 0
     """Ticks in which a wall or a body held it up."""

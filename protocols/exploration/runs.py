@@ -37,8 +37,9 @@ def to_runs(cells: Sequence[Cell] | Ints, occupied: Sequence[bool] | Bools) -> W
     nth = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     firsts = np.repeat(sorted_cells[starts], pieces) + nth * LONGEST
     sizes = np.minimum(np.repeat(lengths, pieces) - nth * LONGEST, LONGEST)
-    words = firsts << 10 | np.where(np.repeat(states[starts], pieces), _OCCUPIED, 0) | sizes - 1
-    return words.astype(np.uint32)
+    occupancy = np.where(np.repeat(states[starts], pieces), _OCCUPIED, 0)
+    words: Words = (firsts << 10 | occupancy | sizes - 1).astype(np.uint32)
+    return words
 
 
 def from_runs(words: Words) -> tuple[Ints, Bools]:

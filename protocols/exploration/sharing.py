@@ -1,95 +1,195 @@
 """How robots that have a map each get to know each other's: pieces of it, told once a period, and again on demand.
 
-Once a period a robot tells all in reach the cells that it has come to know by its own sensors, and how many pieces of
-whose maps it has. Who hears that it lacks some, tells it: its own pieces always, those of others only if their author
-has not been heard for a while, so that not all tell the same. Nothing is acknowledged but by these counts.
+Once a period a robot tells all in reach the cells whose state its own sensors have changed, and a summary: how many
+pieces of whose maps it has, and whom it asks for more, one of those who have claimed to have more. Who is asked tells
+them to all, since others may lack them as well; those who are not asked are silent. So little is told twice but what
+was lost, and pieces come over any number of robots to those who have never been in reach of their author. Nothing is
+acknowledged but by these counts. Who asks in vain asks another the next time.
 """
 
-from collections.abc import Collection
-from typing import Final
+from collections.abc import Collection, Iterator
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cosim.errors import WireError
 from cosim.geometry.planning import Point
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
-from cosim.units import Time, to_seconds
-from protocols.exploration.frames import MOST_PIECES, PIECE_OVERHEAD, Message, Piece, Summary, decode, encode
+from cosim.units import MS, Time, to_seconds
+from protocols.exploration.frames import (
+    ENTRY_BYTES,
+    MOST_PIECES,
+    PIECE_OVERHEAD,
+    RUN_BYTES,
+    STAMPS,
+    SUMMARY_OVERHEAD,
+    Entry,
+    Message,
+    Piece,
+    Stream,
+    Summary,
+    decode,
+    encode,
+)
 from protocols.exploration.journal import BadBytes
 from protocols.exploration.ledger import Ledger
 from protocols.exploration.records import Records
-from protocols.exploration.runs import Ints, fits, to_runs
+from protocols.exploration.runs import Bools, Ints, fits, from_runs, to_runs
 
 AWAY_PERIODS: Final = 3
-"""Who has not been heard for so many periods is taken to be out of the reach of whom we hear."""
+"""Who has not been heard for so many periods is taken to be out of reach."""
+QUIET_PERIODS: Final = 5
+"""When so many periods have brought nothing new, neither told nor heard, all has been told."""
+_NEWEST: Final = np.iinfo(np.int64).max
+
+
+class Told(NamedTuple):
+    """What another has told of some cells, each array (n,)."""
+
+    cells: Ints
+    occupied: Bools
+    newer: Bools
+    """Whether that counts for more than what the robot has known of the cell."""
 
 
 class Sharing:
-    """One robot's part in it."""
+    """One robot's part in it.
+
+    All who have the same pieces, and have told what they have seen, have the same map, in whatever order the pieces
+    came. Where hits are certain, a cell is occupied if anybody has seen that. Where they are not, what was told last
+    counts: stamps are milliseconds of the teller's clock, but greater than those of all that it had heard, so that who
+    contradicts what it has heard is right.
+    """
 
     def __init__(
-        self, me: Address, size: int, cells: int, period: Time, octets: int, most: int, records: Records, start: Time
+        self,
+        me: Address,
+        size: int,
+        cells: int,
+        period: Time,
+        octets: int,
+        most: int,
+        records: Records,
+        start: Time,
+        certain: bool = True,
     ) -> None:
         """Tell maps of so many *cells* each *period*, in frames of at most so many *octets*, *most* again at a time.
 
-        Who starts late has booted again: it has lost its own pieces, and gets them back before it makes new ones.
+        Robots tell one after the other, so that they do not all contend for the air. *certain*: there are no false
+        returns. What a robot has told before it booted again is to it what any other has told.
         """
         self.me = me
-        self.ledger = Ledger(size)
+        self.ledger = Ledger()
         self.bad: list[Event] = []
+        self._size = size
         self._cells = cells
         self._period = period
-        self._runs = (octets - PIECE_OVERHEAD) // 4
+        self._runs = (octets - PIECE_OVERHEAD) // RUN_BYTES
+        self._entries = (octets - SUMMARY_OVERHEAD) // ENTRY_BYTES
         self._most = most
         self._records = records
+        self._versions: np.ndarray[Any, np.dtype[np.int64]] | None = None if certain else np.zeros(cells, np.int64)
+        """Stamp and author of what is known of each cell; greatest for what is to be told."""
+        self._stream = Stream(me, start // MS % STAMPS)
+        self._stamp = 0
+        """The greatest stamp that was told or heard."""
         self._news: dict[int, bool] = {}
         """Cells that have changed since the last piece, and whether they are occupied."""
-        self._next = start
-        self._heard: list[Time] = [start] * size
-        self._numbered = start == 0
-        """Whether the number of the next own piece is known."""
-        self._places: dict[Address, tuple[Point, Time]] = {}
-        """Where the others have said that they were, and when."""
+        self._last = start - self._period + self._period * me // size
+        """When it told last."""
+        self._beat = 0
+        """How often it has told: periods are counted, since clocks may be set."""
+        self._stirred = 0
+        """In what period anything new was told or heard."""
+        self._recent: set[tuple[Stream, int]] = set()
+        """Pieces that were told in this period: who seems to lack them may not have got them yet."""
+        self._claims: dict[Stream, dict[Address, tuple[int, int]]] = {}
+        """How many pieces others have said to have, and in what period."""
+        self._places: dict[Address, tuple[Point, Time, int]] = {}
+        """Where the others have said that they were, when, and in what period."""
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:
         """Return who has said where it was, and how many seconds ago; those who have been heard lately."""
-        recent = now - AWAY_PERIODS * self._period
-        return [(other, place, to_seconds(now - at)) for other, (place, at) in self._places.items() if at >= recent]
+        return [
+            (other, place, max(to_seconds(now - at), 0.0))
+            for other, (place, at, beat) in self._places.items()
+            if self._lately(beat)
+        ]
 
     @property
     def silent(self) -> bool:
-        """Whether all that is known has been told once."""
-        return not self._news
+        """Whether all that is known has been told, and nobody has asked for more for a while."""
+        return not self._news and self._beat - self._stirred >= QUIET_PERIODS
+
+    def _lately(self, beat: int) -> bool:
+        return self._beat - beat <= AWAY_PERIODS
+
+    # ------------------------------------------------------------ telling
 
     def changed(self, cells: Ints, occupied: Collection[bool]) -> None:
-        """Note cells that the robot's own sensors have changed."""
+        """Note cells whose state the robot's own sensors have changed."""
         self._news.update(zip(cells.tolist(), occupied, strict=True))
+        if self._versions is not None:
+            self._versions[cells] = _NEWEST
 
     def tick(self, x_m: float, y_m: float, now: Time) -> None:
-        """Tell what is new, if it is time."""
-        if now < self._next:
+        """Tell what is new, and what is known, if it is time."""
+        if 0 <= now - self._last < self._period:
             return
-        self._next = now + self._period
-        for piece in self._pieces() if self._numbered else ():
+        self._last = now
+        self._beat += 1
+        self._recent.clear()
+        for piece in self._pieces(now):
             self.ledger.add(piece)
-            self._say(piece)
-        self._say(Summary(x_m, y_m, tuple(self.ledger.counts)))
+            self._tell(piece)
+        entries = list(self._known())
+        for at in range(0, max(len(entries), 1), self._entries):
+            self._say(Summary(x_m, y_m, tuple(entries[at : at + self._entries])))
 
-    def _pieces(self) -> list[Piece]:
-        """Return the news in as many pieces as it takes; what no number is left for is never told."""
-        words = to_runs(np.array(list(self._news), np.int32), list(self._news.values()))
+    def _pieces(self, now: Time) -> Iterator[Piece]:
+        """Yield the news in as many pieces as it takes."""
+        if not self._news:
+            return
+        cells = np.array(list(self._news), np.int32)
+        words = to_runs(cells, list(self._news.values()))
         self._news.clear()
-        first = self.ledger.counts[self.me]
-        parts = range(0, len(words), self._runs)
-        return [
-            Piece(self.me, first + nth, words[at : at + self._runs])
-            for nth, at in enumerate(parts)
-            if first + nth < MOST_PIECES
-        ]
+        self._stamp = min(max(now // MS, self._stamp + 1), STAMPS - 1)
+        if self._versions is not None:
+            self._versions[cells] = self._version(self._stamp, self.me)
+        for at in range(0, len(words), self._runs):
+            if self.ledger.count(self._stream) == MOST_PIECES:
+                self._stream = Stream(self.me, max(self._stamp, self._stream.life + 1) % STAMPS)
+            yield Piece(self._stream, self.ledger.count(self._stream), self._stamp, words[at : at + self._runs])
 
-    def receive(self, data: bytes, reception: Reception, now: Time) -> Piece | Summary | None:
-        """Return a piece that was not known yet, or a summary, which is answered; None for all else."""
+    def _known(self) -> Iterator[Entry]:
+        """Yield what is known of each stream, and whom to ask for more: in turn those who had more lately."""
+        for stream in sorted(self.ledger.counts.keys() | self._claims.keys()):
+            ours, claims = self.ledger.count(stream), self._claims.get(stream, {})
+            having = sorted(other for other, (count, beat) in claims.items() if count > ours and self._lately(beat))
+            if ours or having:
+                yield Entry(stream, ours, having[self._beat % len(having)] if having else self.me)
+
+    def _tell(self, piece: Piece) -> None:
+        self._stirred = self._beat
+        self._recent.add((piece.stream, piece.number))
+        self._say(piece)
+
+    def _say(self, message: Message) -> None:
+        data = encode(self.me, message)
+        self._records.frames += 1
+        self._records.payload_bytes += len(data)
+        self._outbox.append(Outgoing(BROADCAST, data))
+
+    def drain(self) -> list[Outgoing | LinkCommand]:
+        """Return what is to be sent, once."""
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    # ------------------------------------------------------------ hearing
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> Told | None:
+        """Return what a piece tells that was not known yet; note and answer a summary."""
         try:
             sender, message = decode(data)
             self._check(sender, message)
@@ -98,43 +198,53 @@ class Sharing:
             return None
         if sender == self.me:
             return None
-        self._heard[sender] = now
-        if isinstance(message, Summary):
-            self._places[sender] = (message.x_m, message.y_m), now
-            self._numbered = self._numbered or message.pieces[self.me] <= self.ledger.counts[self.me]
-            self._answer(sender, message, now)
-            return message
-        return message if self.ledger.add(message) else None
+        if isinstance(message, Piece):
+            return self._learn(message)
+        self._places[sender] = (message.x_m, message.y_m), now, self._beat
+        for stream, count, _ in message.entries:
+            if stream != self._stream:  # nobody has more of that
+                self._claims.setdefault(stream, {})[sender] = count, self._beat
+        self._answer(message)
+        return None
 
     def _check(self, sender: Address, message: Message) -> None:
         """Raise WireError for a message that nobody of this team can have sent."""
-        size = len(self.ledger.counts)
         match message:
-            case Piece(author=author, runs=runs):
-                wrong = author >= size or not fits(runs, self._cells)
-            case Summary(pieces=pieces):
-                wrong = len(pieces) != size
-        if wrong or sender >= size:
+            case Piece(stream=stream, number=number, runs=runs):
+                wrong = stream.author >= self._size or not fits(runs, self._cells)
+                wrong |= stream == self._stream and number >= self.ledger.count(stream)
+            case Summary(entries=entries):
+                wrong = any(entry.stream.author >= self._size for entry in entries)
+        if wrong or sender >= self._size:
             raise WireError("of another team")
 
-    def _answer(self, sender: Address, summary: Summary, now: Time) -> None:
-        """Tell who has spoken what it lacks, as far as nobody else will."""
-        away = now - AWAY_PERIODS * self._period
-        counts = list(summary.pieces)
-        for author, ours in enumerate(self.ledger.counts):
-            near = author != self.me and self._heard[author] > away
-            if author == sender or near:
-                counts[author] = ours
-        for piece in self.ledger.lacking(counts, self._most):
-            self._say(piece, sender)
+    def _learn(self, piece: Piece) -> Told | None:
+        if not self.ledger.add(piece):
+            self._records.pieces_known += 1
+            return None
+        self._stirred = self._beat
+        self._stamp = max(self._stamp, piece.stamp)
+        cells, occupied = from_runs(piece.runs)
+        if self._versions is None:
+            return Told(cells, occupied, occupied)
+        version = self._version(piece.stamp, piece.stream.author)
+        newer = self._versions[cells] < version
+        self._versions[cells[newer]] = version
+        return Told(cells, occupied, newer)
 
-    def _say(self, message: Message, destination: Address = BROADCAST) -> None:
-        data = encode(self.me, message)
-        self._records.frames += 1
-        self._records.payload_bytes += len(data)
-        self._outbox.append(Outgoing(destination, data))
+    @staticmethod
+    def _version(stamp: int, author: Address) -> int:
+        return (stamp << 8 | author) + 1
 
-    def drain(self) -> list[Outgoing | LinkCommand]:
-        """Return what is to be sent, once."""
-        outbox, self._outbox = self._outbox, []
-        return outbox
+    def _answer(self, summary: Summary) -> None:
+        """Tell what the sender lacks, if it asks this robot; the oldest first."""
+        lacking = [
+            piece
+            for stream, count, source in summary.entries
+            if source == self.me
+            for piece in self.ledger.beyond(stream, count)
+            if (stream, piece.number) not in self._recent
+        ]
+        for piece in sorted(lacking, key=lambda piece: (piece.stamp, piece.stream, piece.number))[: self._most]:
+            self._records.pieces_again += 1
+            self._tell(piece)

@@ -1,19 +1,23 @@
 """What cosim must know of exploration: the entry point ``exploration`` names ``SPEC``."""
 
+import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from cosim.errors import UserError
-from cosim.geometry.marking import CERTAIN, DOUBTFUL
-from cosim.machine import Address, Machine, Metric, ProtocolSpec, Surroundings
-from cosim.units import Time, from_seconds, to_seconds
+from cosim.geometry.marking import CERTAIN, DOUBTFUL, Weights
+from cosim.geometry.segments import SegmentGrid, segment_grid, swept_clearance
+from cosim.machine import Address
+from cosim.navigation.schemas import Floats
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
+from cosim.units import Time, from_seconds
 from protocols.exploration.belief import Belief, frame_of
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.journal import EVENTS
 from protocols.exploration.knowledge import Knowledge
-from protocols.exploration.parameters import Parameters
+from protocols.exploration.parameters import Parameters, SchemaParameters
 from protocols.exploration.records import Records
 from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.runs import MOST_CELLS
@@ -23,6 +27,12 @@ TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
 APART: Final = 4.0
 """Robots without a place start so many radii from each other."""
+ROOM: Final = 1.5
+"""So many radii about each are free then,"""
+WAY: Final = 1.2
+"""and so many on both sides of the way from the first."""
+ATTEMPTS: Final = 10_000
+"""So many places are tried."""
 
 METRICS: Final = (
     Metric("time_50_s", "s", "until half of what can be seen had been; NaN if it never was"),
@@ -30,6 +40,7 @@ METRICS: Final = (
     Metric("time_99_s", "s", "until 99 % had been"),
     Metric("coverage", "1", "share of the cells that can be seen that were"),
     Metric("cells_missed", "1", "cells that could be seen and were not"),
+    Metric("covered_twice", "1", "share of the cells seen that a second robot has seen as well; NaN if none was"),
     Metric("way_m", "m", "driven by all robots"),
     Metric("stalls", "1", "times that robots were caught in local minima"),
     Metric("escape_share", "1", "share of the steps on paths out of local minima"),
@@ -45,42 +56,34 @@ def place(
 ) -> list[tuple[float, float]]:
     """Put the robots close to each other, about a place that is drawn; raise UserError if none is found."""
     x_min, y_min, x_max, y_max = surroundings.bounds_m
-    apart_m = APART * surroundings.radius_m
-    side = int(np.ceil(np.sqrt(size)))
-    offsets = np.array([(k % side, k // side) for k in range(size)]) * apart_m
-    for _ in range(10_000):
-        corner = stream.uniform((x_min, y_min), (x_max, y_max))
-        places = corner + offsets
-        around = [
-            places + surroundings.radius_m * 1.5 * np.array(way) for way in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        if not surroundings.forbidden(np.concatenate(around)).any() and _clear(surroundings, places):
+    side = math.isqrt(size - 1) + 1
+    offsets = np.array([(k % side, k // side) for k in range(size)]) * APART * surroundings.radius_m
+    walls = segment_grid(surroundings.walls_m)
+    for _ in range(ATTEMPTS):
+        places = stream.uniform((x_min, y_min), (x_max, y_max)) + offsets
+        if _clear(surroundings, walls, places):
             return [(float(x), float(y)) for x, y in places]
     raise UserError("team.starts: found no place for the team; say where robots start")
 
 
-def _clear(surroundings: Surroundings, places: "np.ndarray[Any, np.dtype[np.float64]]") -> bool:
-    from cosim.geometry.segments import segment_grid, swept_clearance
-
-    walls = segment_grid(surroundings.walls_m)
+def _clear(surroundings: Surroundings, walls: SegmentGrid, places: Floats) -> bool:
+    """Return whether the robots have room at *places* (n, 2), and no wall stands between them and the first."""
+    radius_m = surroundings.radius_m
+    about = [places + ROOM * radius_m * np.array(way) for way in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))]
+    if surroundings.forbidden(np.concatenate(about)).any():
+        return False
     first = np.broadcast_to(places[0], places.shape)
-    return bool(
-        (swept_clearance(walls, first, places, 1.5 * surroundings.radius_m) > 1.2 * surroundings.radius_m).all()
-    )
+    return bool((swept_clearance(walls, first, places, ROOM * radius_m) > WAY * radius_m).all())
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Any:
-    """Return what all robots know; raise UserError for a floor that is too large for the map."""
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Return what all robots know; raise UserError for a floor that is too large, or for ranges that do not fit."""
+    _check_ranges(parameters.schemas, surroundings.scan_range_m)
     frame = frame_of(surroundings.bounds_m, parameters.cell_m)
     if frame.nx * frame.ny > MOST_CELLS:
         raise UserError(f"protocol.parameters.cell_m: {frame.nx} x {frame.ny} cells, at most {MOST_CELLS} in all")
-    if not parameters.schemas.obstacle_m < RANGE_M < parameters.schemas.frontier_m:
-        raise UserError(
-            f"protocol.parameters.schemas: obstacle_m {parameters.schemas.obstacle_m} < range {RANGE_M} < frontier_m "
-            f"{parameters.schemas.frontier_m} does not hold (paper 001, 3.3 and 3.7)"
-        )
-    size = len(surroundings.starts_m)
-    weights = DOUBTFUL if parameters.false_returns else CERTAIN
+    size, range_m = len(surroundings.starts_m), surroundings.scan_range_m
+    shares = parameters.map == "shared"
     return Knowledge(
         size=size,
         tick=surroundings.tick,
@@ -88,34 +91,45 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Any:
         starts_m=tuple(surroundings.starts_m),
         radii_m=surroundings.radii_m or (surroundings.radius_m,) * size,
         speeds_mps=surroundings.speeds_mps or (surroundings.speed_mps,) * size,
-        range_m=RANGE_M,
-        beams=BEAMS,
-        shared=Belief(frame, weights, RANGE_M) if parameters.map == "shared" else None,
-        places_m=dict(enumerate(surroundings.starts_m)) if parameters.map == "shared" else {},
-    ), surroundings
+        range_m=range_m,
+        beams=surroundings.beams,
+        shared=Belief(frame, _weights(parameters), range_m) if shares else None,
+        places_m=dict(enumerate(surroundings.starts_m)) if shares else {},
+    )
 
 
-RANGE_M: Final = 2.5
-BEAMS: Final = 360
+def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
+    """Raise UserError unless obstacle_m < range < frontier_m (paper 001, sections 3.3 and 3.7)."""
+    path, of = "protocol.parameters.schemas", f"{range_m}, team.senses.beam_range_m"
+    if not schemas.obstacle_m < range_m:
+        raise UserError(f"{path}.obstacle_m: {schemas.obstacle_m} is not < {of} (paper 001, 3.7)")
+    if not range_m < schemas.frontier_m:
+        raise UserError(f"{path}.frontier_m: {schemas.frontier_m} is not > {of} (paper 001, 3.3)")
 
 
-def make(parameters: Parameters, known: Any, me: Address, stream: np.random.Generator, start: Time) -> Machine:
+def _weights(parameters: Parameters) -> Weights:
+    return DOUBTFUL if parameters.false_returns else CERTAIN
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Explorer:
     """Return the machine of robot *me*."""
-    knowledge: Knowledge = known[0]
     records = Records()
-    weights = DOUBTFUL if parameters.false_returns else CERTAIN
-    belief = knowledge.shared or Belief(knowledge.frame, weights, knowledge.range_m)
-    sharing = None
-    if knowledge.shared is None:
-        own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
-        period = from_seconds(own.period_s)
-        sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start)
+    if knowledge.shared is not None:
+        return Explorer(parameters, knowledge, me, knowledge.shared, None, records)
+    own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
+    period = from_seconds(own.period_s)
+    sharing = Sharing(
+        me, knowledge.size, cells, period, own.octets, own.again, records, start, not parameters.false_returns
+    )
+    belief = Belief(knowledge.frame, _weights(parameters), knowledge.range_m)
     return Explorer(parameters, knowledge, me, belief, sharing, records)
 
 
-def referee(parameters: Parameters, known: Any) -> CoverageReferee:
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:
     """Return the judge of the coverage."""
-    return CoverageReferee(*known)
+    return CoverageReferee(knowledge, surroundings)
 
 
 def measure(machines: Sequence[Explorer]) -> dict[str, float]:

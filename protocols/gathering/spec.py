@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from cosim.machine import Address, Metric, ProtocolSpec
+from cosim.machine import Address
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time
 from protocols.gathering.gathering import GatheringCoordination
 from protocols.gathering.referee import GatheringReferee
@@ -40,7 +41,7 @@ def make(
     return Pseudonet(parameters, knowledge, me, coordination, parameters.step_limit, start)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge) -> GatheringReferee:
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> GatheringReferee:
     """Return the judge of gathering."""
     return GatheringReferee(knowledge)
 

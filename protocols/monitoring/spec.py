@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.errors import UserError
-from cosim.machine import Address, Death, Metric, ProtocolSpec, Surroundings
+from cosim.machine import Address
+from cosim.protocol import Death, Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.monitoring.journal import EVENTS
 from protocols.monitoring.machine import Monitor
@@ -88,7 +89,7 @@ def make(parameters: Parameters, size: int, me: Address, stream: np.random.Gener
     return Monitor(parameters, size, me, start)
 
 
-def referee(parameters: Parameters, size: int) -> DeathReferee:
+def referee(parameters: Parameters, size: int, surroundings: Surroundings) -> DeathReferee:
     """Return who notes deaths."""
     return DeathReferee()
 

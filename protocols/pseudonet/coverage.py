@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cosim.geometry.grids import Cell, CoverageGrid, distances
-from cosim.machine import Address, Death
+from cosim.machine import Address
+from cosim.protocol import Death
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.knowledge import Knowledge
 

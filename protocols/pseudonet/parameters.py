@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from cosim.machine import Surroundings
+from cosim.protocol import Surroundings
 from cosim.settings import Settings
 from cosim.units import Time, from_seconds
 from protocols.pseudonet.topology import Topology

@@ -7,7 +7,8 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.geometry.grids import CoverageGrid, coverage_grid
-from cosim.machine import Address, Metric, ProtocolSpec, Surroundings
+from cosim.machine import Address
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.algorithms.base import Algorithm
 from protocols.pseudonet.algorithms.oscard import Oscard
@@ -164,7 +165,7 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     }
 
 
-def referee(parameters: Parameters, knowledge: Knowledge) -> CoverageReferee:
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:
     """Return the judge of coverage."""
     return CoverageReferee(knowledge)
 

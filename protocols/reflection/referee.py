@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.machine import Address, Death
+from cosim.machine import Address
+from cosim.protocol import Death
 from cosim.units import Time
 from protocols.reflection.knowledge import Knowledge
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.geometry.boundary import Boundary, boundary, inflated
-from cosim.machine import Address, Metric, ProtocolSpec, Surroundings
+from cosim.machine import Address
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.reflection.guidance import algorithm, way_back
 from protocols.reflection.journal import EVENTS
@@ -155,7 +156,7 @@ def make(
     return Reflection(parameters, knowledge, me, navigator, start)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge) -> TargetReferee:
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> TargetReferee:
     """Return the judge of the explorers."""
     return TargetReferee(knowledge, parameters.epsilon_m)
 

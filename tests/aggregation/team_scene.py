@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.machine import BROADCAST, Drive, GoTo, Machine, Outgoing, Reception, Surroundings
+from cosim.machine import BROADCAST, Drive, GoTo, Machine, Outgoing, Reception
 from cosim.observation import Observation, Sighting
+from cosim.protocol import Surroundings
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
 from cosim.simulation import Outcome, Simulation

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from cosim.machine import BROADCAST, Call, Metric, Outgoing, ProtocolSpec
+from cosim.machine import BROADCAST, Call, Outgoing
+from cosim.protocol import Metric, ProtocolSpec
 from cosim.settings import Settings
 from cosim.units import S, to_seconds
 
@@ -92,7 +93,7 @@ SPEC = ProtocolSpec(
     place=lambda parameters, surroundings, size, stream: [(1.0 + robot, 1.0) for robot in range(size)],
     prepare=prepare,
     make=Beacon,
-    referee=lambda parameters, knowledge: Witness(),
+    referee=lambda parameters, knowledge, surroundings: Witness(),
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "time that the judge watched")),
     measure=lambda machines: {"heard": float(sum(machine.heard for machine in machines))},
     events=(Called,),

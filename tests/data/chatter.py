@@ -3,7 +3,8 @@
 from beacon import Witness
 from pydantic import Field
 
-from cosim.machine import BROADCAST, Connected, Inquire, InquiryComplete, Metric, Outgoing, Page, ProtocolSpec, Role
+from cosim.machine import BROADCAST, Connected, Inquire, InquiryComplete, Outgoing, Page, Role
+from cosim.protocol import Metric, ProtocolSpec
 from cosim.settings import Settings
 from cosim.units import MS, S
 
@@ -67,7 +68,7 @@ SPEC = ProtocolSpec(
     place=lambda parameters, surroundings, size, stream: [(1.0 + robot, 1.0) for robot in range(size)],
     prepare=lambda parameters, surroundings: len(surroundings.starts_m),
     make=Chatter,
-    referee=lambda parameters, knowledge: Witness(),
+    referee=lambda parameters, knowledge, surroundings: Witness(),
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "time that the judge watched")),
     measure=lambda machines: {"heard": float(sum(machine.heard for machine in machines))},
     events=(),

@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from cosim.geometry.grids import coverage_grid
-from cosim.machine import Death, Surroundings
+from cosim.protocol import Death, Surroundings
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine

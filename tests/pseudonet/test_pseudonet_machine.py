@@ -25,9 +25,9 @@ from cosim.machine import (
     Reception,
     Role,
     Scan,
-    Surroundings,
 )
 from cosim.observation import Observation
+from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
 from protocols.pseudonet.knowledge import Knowledge
@@ -422,7 +422,7 @@ def test_a_floor_with_fewer_cells_than_robots_is_refused() -> None:
 def test_all_metrics_that_are_named_are_measured() -> None:
     make = maker(2)
     knowledge = SPEC.prepare(Parameters(cell_m=1.0), surroundings(2))
-    judged = SPEC.referee(Parameters(cell_m=1.0), knowledge)
+    judged = SPEC.referee(Parameters(cell_m=1.0), knowledge, surroundings(2))
     judged.look(np.array([0.5, 1.5]), np.array([0.5, 0.5]), 0)
     measured = measure([make(robot, 0) for robot in range(2)]) | judged.verdict(0)
     assert {metric.name for metric in SPEC.metrics} == set(measured)
@@ -430,7 +430,7 @@ def test_all_metrics_that_are_named_are_measured() -> None:
 
 def test_the_referee_counts_cells_that_centres_enter_and_entries_that_were_for_nothing() -> None:
     parameters = Parameters(cell_m=1.0)
-    judged = SPEC.referee(parameters, SPEC.prepare(parameters, surroundings(1)))
+    judged = SPEC.referee(parameters, SPEC.prepare(parameters, surroundings(1)), surroundings(1))
     for tick, x in enumerate([0.5, 0.9, 1.1, 1.5, 0.9, 1.2]):  # cells 0, 0, 1, 1, 0, 1
         judged.look(np.array([x]), np.array([0.5]), tick)
     verdict = judged.verdict(6)

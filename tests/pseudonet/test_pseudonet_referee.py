@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, box
 
-from cosim.machine import Death
+from cosim.protocol import Death
 from protocols.pseudonet.coverage import CoverageReferee, cells_touched
 from protocols.pseudonet.knowledge import Knowledge
 from tests.pseudonet.floors import TIMES, floor, grid_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import UserError
-from cosim.machine import Death, Surroundings
+from cosim.protocol import Death, Surroundings
 from cosim.scenario import Scenario, build
 from cosim.simulation import Outcome, simulate
 from cosim.testing import check_machine
@@ -107,7 +107,8 @@ def look(referee: TargetReferee, *places: tuple[float, float]) -> bool:
 
 def test_the_referee_counts_steps_and_targets_in_their_order() -> None:
     parameters = Parameters(targets=(((1.0, 0.0), (0.0, 0.0)),), epsilon_m=0.3)
-    referee = SPEC.referee(parameters, prepare(parameters, surroundings([(0.0, 0.0)])))
+    around = surroundings([(0.0, 0.0)])
+    referee = SPEC.referee(parameters, prepare(parameters, around), around)
     assert isinstance(referee, TargetReferee)
     assert not look(referee, (0.0, 0.0))  # the second target does not count before the first
     for x in (0.5, 0.7, 0.71):
@@ -120,7 +121,8 @@ def test_the_referee_counts_steps_and_targets_in_their_order() -> None:
 
 def test_the_referee_does_not_wait_for_the_dead() -> None:
     parameters = Parameters(targets=(((1.0, 0.0),), ((5.0, 0.0),)), explorers=2)
-    referee = SPEC.referee(parameters, prepare(parameters, surroundings([(0.0, 0.0), (4.0, 0.0)])))
+    around = surroundings([(0.0, 0.0), (4.0, 0.0)])
+    referee = SPEC.referee(parameters, prepare(parameters, around), around)
     assert not look(referee, (1.0, 0.0), (4.0, 0.0))
     referee.died(Death(1, 0, 4.0, 0.0, 0.2))
     assert look(referee, (1.0, 0.0), (4.0, 0.0))

@@ -36,7 +36,8 @@ from cosim.channels.propagation import Barrier, Propagation
 from cosim.errors import UserError
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
-from cosim.machine import BROADCAST, Address, Fate, Metric, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
+from cosim.protocol import Metric
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds

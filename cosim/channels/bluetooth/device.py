@@ -38,7 +38,6 @@ from cosim.machine import (
     Inquire,
     LinkCommand,
     LinkEvent,
-    Metric,
     Outgoing,
     Page,
     Park,
@@ -48,6 +47,7 @@ from cosim.machine import (
     SwitchRole,
     Unpark,
 )
+from cosim.protocol import Metric
 from cosim.randomness import Streams
 from cosim.trace import CALLS, FRAMES, Trace
 from cosim.units import TICK, Time, to_seconds

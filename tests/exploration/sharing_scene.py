@@ -1,0 +1,95 @@
+"""Robots that share maps, without bodies: what their sensors see, and who hears whom, is said by hand."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cosim.machine import Address, Outgoing, Reception
+from cosim.units import MS, S, Time
+from protocols.exploration.frames import Message, Piece, decode
+from protocols.exploration.records import Records
+from protocols.exploration.sharing import Sharing
+
+CELLS = 400
+PERIOD: Time = S
+TICK: Time = 100 * MS
+UNKNOWN, EMPTY, OCCUPIED = 0, 1, 2
+
+
+class Team:
+    """Robots of which each hears whom *reach* says, unless a frame is lost."""
+
+    def __init__(self, size: int, certain: bool = True, octets: int = 60, again: int = 4, loss: float = 0.0) -> None:
+        self.reach: Callable[[Address, Address], bool] = lambda teller, hearer: True
+        self.now: Time = 0
+        self.loss = loss
+        self.frames: list[tuple[Address, bytes]] = []
+        """All that was sent, and by whom."""
+        self._settings = certain, octets, again
+        self._luck = np.random.default_rng(size)
+        self._certain = certain
+        self.records = [Records() for _ in range(size)]
+        self.robots = [self._robot(me, size) for me in range(size)]
+        self.maps = np.zeros((size, CELLS), np.int8)
+
+    def _robot(self, me: Address, size: int) -> Sharing:
+        certain, octets, again = self._settings
+        return Sharing(me, size, CELLS, PERIOD, octets, again, self.records[me], self.now, certain)
+
+    def boot(self, me: Address) -> None:
+        """Have a robot boot again: it has forgotten everything."""
+        self.robots[me] = self._robot(me, len(self.robots))
+        self.maps[me] = UNKNOWN
+
+    def see(self, me: Address, cell: int, state: int) -> None:
+        """Have a robot's sensors see a cell; what is certain to be occupied stays so."""
+        before = self.maps[me, cell]
+        if before != state and not (self._certain and before == OCCUPIED):
+            self.maps[me, cell] = state
+            self.robots[me].changed(np.array([cell], np.int32), [state == OCCUPIED])
+
+    def hear(self, me: Address, sender: Address, data: bytes) -> None:
+        """Have a robot hear a frame, and take over what it tells."""
+        told = self.robots[me].receive(data, Reception(sender, True), self.now)
+        if told is not None:
+            take = told.newer | (self.maps[me, told.cells] == UNKNOWN)
+            self.maps[me, told.cells[take]] = np.where(told.occupied[take], OCCUPIED, EMPTY)
+
+    def tick(self) -> None:
+        """Have all robots tell what is due, and hear it, and the answers to it."""
+        for robot in self.robots:
+            robot.tick(1.0 * robot.me, 0.0, self.now)
+        while sent := [(robot.me, item) for robot in self.robots for item in robot.drain()]:
+            for teller, item in sent:
+                assert isinstance(item, Outgoing)
+                self.frames.append((teller, item.payload))
+                for hearer in range(len(self.robots)):
+                    heard = hearer != teller and self.reach(teller, hearer) and self._luck.random() >= self.loss
+                    if heard:
+                        self.hear(hearer, teller, item.payload)
+        self.now += TICK
+
+    def pass_periods(self, count: int) -> None:
+        for _ in range(count * PERIOD // TICK):
+            self.tick()
+
+    def messages(self, kind: type[Any]) -> list[tuple[Address, Any]]:
+        """Return all messages of a kind that were sent, and by whom."""
+        found: list[tuple[Address, Message]] = [decode(data) for _, data in self.frames]
+        return [(sender, message) for sender, message in found if isinstance(message, kind)]
+
+    def told(self) -> list[tuple[Address, int, int]]:
+        """Return author, life and number of all pieces that were sent, in order."""
+        return [(*piece.stream, piece.number) for _, piece in self.messages(Piece)]
+
+    def count(self, name: str) -> int:
+        """Return what all robots have counted."""
+        return sum(getattr(records, name) for records in self.records)
+
+    @property
+    def agree(self) -> bool:
+        """Whether all have the same pieces, and the same map."""
+        first = self.robots[0].ledger.counts
+        alike = all(robot.ledger.counts == first for robot in self.robots)
+        return alike and bool((self.maps == self.maps[0]).all())
