@@ -1,7 +1,7 @@
 """The way out of a local minimum: a path to a frontier, laid into the robot's own map as unexplored cells.
 
-Paper 001, sections 3.6 and 3.7. The schemas are drawn along it as to any frontier; cells of the path are taken back when
-the robot is as near to them as obstacles repel it, and all when a frontier is in sight within the sensors' range.
+Paper 001, sections 3.6 and 3.7. The schemas are drawn along it as to any frontier; cells of the path are taken back
+when the robot is as near to them as obstacles repel it, and all when a frontier is in sight within the sensors' range.
 """
 
 import math
@@ -20,7 +20,7 @@ _SLACK_CELLS: Final = 0.5
 
 
 class Overlay:
-    """What one robot adds to the frontiers of the map, and what it leaves out: its own path, and what it has given up."""
+    """What one robot adds to the frontiers of the map, its path, and what it leaves out, as it has given it up."""
 
     def __init__(self, belief: Belief) -> None:
         self._belief = belief

@@ -44,8 +44,8 @@ class EscapeParameters(Settings):
     patience_s: float | None = Field(
         default=15.0,
         gt=0,
-        description="s without a new cell, or one of its path walked, after which it stalls as well: it may circle in a "
-        "box that is large enough; null: only the box counts, as in the paper",
+        description="s without a new cell, or one of its path walked, after which it stalls as well: it may circle in "
+        "a box that is large enough; null: only the box counts, as in the paper",
     )
     cost: Literal["octile", "printed"] = Field(
         default="octile", description='A*: true lengths, or "printed": every step costs 1, straight-line heuristic'
@@ -67,8 +67,16 @@ class SteeringParameters(Settings):
     margin_m: float | None = Field(
         default=0.05,
         ge=0,
-        description="m from the body's edge, where the sensors themselves turn the robot away (section 5.1); null: never",
+        description="m from the body's edge, where the sensors themselves turn it away (section 5.1); null: never",
     )
+
+
+class RivalParameters(Settings):
+    """How algorithms choose frontiers that the schemas are compared with."""
+
+    least_cells: int = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
+    plan_s: float = Field(default=2.0, gt=0, description="s, from one choice to the next")
+    cost_weight: float = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
 
 
 class SharingParameters(Settings):
@@ -97,4 +105,5 @@ class Parameters(Settings):
     schemas: SchemaParameters = SchemaParameters()
     escape: EscapeParameters = EscapeParameters()
     steering: SteeringParameters = SteeringParameters()
+    rivals: RivalParameters = RivalParameters()
     sharing: SharingParameters = SharingParameters()

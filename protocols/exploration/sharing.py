@@ -106,6 +106,8 @@ class Sharing:
         self._claims: dict[Stream, dict[Address, tuple[int, int]]] = {}
         """How many pieces others have said to have, and in what period."""
         self._places: dict[Address, tuple[Point, Time, int]] = {}
+        self.places_m: dict[Address, Point] = {}
+        """Where the others were when they were heard last."""
         """Where the others have said that they were, when, and in what period."""
         self._outbox: list[Outgoing | LinkCommand] = []
 
@@ -201,6 +203,7 @@ class Sharing:
         if isinstance(message, Piece):
             return self._learn(message)
         self._places[sender] = (message.x_m, message.y_m), now, self._beat
+        self.places_m[sender] = message.x_m, message.y_m
         for stream, count, _ in message.entries:
             if stream != self._stream:  # nobody has more of that
                 self._claims.setdefault(stream, {})[sender] = count, self._beat

@@ -9,17 +9,19 @@ import numpy as np
 from cosim.errors import UserError
 from cosim.geometry.marking import CERTAIN, DOUBTFUL, Weights
 from cosim.geometry.segments import SegmentGrid, segment_grid, swept_clearance
-from cosim.machine import Address
+from cosim.machine import Address, Event
 from cosim.navigation.schemas import Floats
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
+from protocols.exploration.behaviour import Behaviour
 from protocols.exploration.belief import Belief, frame_of
-from protocols.exploration.explorer import Explorer
+from protocols.exploration.explorer import Explorer, Leader
 from protocols.exploration.journal import EVENTS
 from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters, SchemaParameters
 from protocols.exploration.records import Records
 from protocols.exploration.referee import CoverageReferee
+from protocols.exploration.rivals import Rival
 from protocols.exploration.runs import MOST_CELLS
 from protocols.exploration.sharing import Sharing
 
@@ -115,16 +117,34 @@ def make(
     parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
 ) -> Explorer:
     """Return the machine of robot *me*."""
-    records = Records()
-    if knowledge.shared is not None:
-        return Explorer(parameters, knowledge, me, knowledge.shared, None, records)
-    own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
-    period = from_seconds(own.period_s)
-    sharing = Sharing(
-        me, knowledge.size, cells, period, own.octets, own.again, records, start, not parameters.false_returns
-    )
-    belief = Belief(knowledge.frame, _weights(parameters), knowledge.range_m)
-    return Explorer(parameters, knowledge, me, belief, sharing, records)
+    records, events = Records(), list[Event]()
+    sharing, belief = None, knowledge.shared
+    if belief is None:
+        own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
+        certain = not parameters.false_returns
+        period = from_seconds(own.period_s)
+        sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start, certain)
+        belief = Belief(knowledge.frame, _weights(parameters), knowledge.range_m)
+    leader = _leader(parameters, knowledge, me, belief, sharing, records, events)
+    return Explorer(parameters, knowledge, me, belief, leader, sharing, records, events)
+
+
+def _leader(
+    parameters: Parameters,
+    knowledge: Knowledge,
+    me: Address,
+    belief: Belief,
+    sharing: Sharing | None,
+    records: Records,
+    events: list[Event],
+) -> Leader:
+    radius_m = knowledge.radii_m[me]
+    if parameters.algorithm == "schemas":
+        return Behaviour(parameters, belief, records, events, radius_m, knowledge.range_m, knowledge.tick)
+    places_m = knowledge.places_m if sharing is None else sharing.places_m
+    ticks = max(1, round(from_seconds(parameters.rivals.plan_s) / knowledge.tick))
+    own, planning, algorithm = parameters.rivals, parameters.escape, parameters.algorithm
+    return Rival(algorithm, own, planning, belief, records, events, me, radius_m, knowledge.range_m, places_m, ticks)
 
 
 def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:

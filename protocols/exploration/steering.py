@@ -8,6 +8,8 @@ for a while, and stands while it turns if there is no room ahead.
 import math
 from typing import Final
 
+import numpy as np
+
 from cosim.jit import njit
 from cosim.machine import Drive
 from cosim.navigation.schemas import Floats
@@ -25,7 +27,7 @@ _STOP_S: Final = 0.3
 def free_m(ranges_m: Floats, beams: Floats, ux: float, uy: float, half_m: float) -> float:
     """Return how far a disc of radius *half_m* can go along the unit vector (ux, uy) until it touches what is seen.
 
-    *ranges_m* (n,) along *beams* (n, 2); below 0 if the disc overlaps a point ahead already, inf without any in the way.
+    *ranges_m* (n,) along *beams* (n, 2); below 0 if the disc overlaps a point ahead already, inf if none is in the way.
     """
     free = math.inf
     for k in range(ranges_m.shape[0]):
@@ -49,6 +51,14 @@ def free_heading(ranges_m: Floats, beams: Floats, desired: float, half_m: float,
             if free_m(ranges_m, beams, math.cos(heading), math.sin(heading), half_m) >= need_m:
                 return heading
     return math.nan
+
+
+def without_lone(ranges_m: Floats) -> Floats:
+    """Return a scan in which no beam is shorter than both of its neighbours: what one beam alone has met is not there.
+
+    Where false returns happen, a robot would turn away from each, and mark it. Shape (n,), a ring.
+    """
+    return np.asarray(np.maximum(ranges_m, np.minimum(np.roll(ranges_m, 1), np.roll(ranges_m, -1))))
 
 
 class Steering:
