@@ -52,6 +52,8 @@ class Behaviour:
         self._stalling = Stalling(round(escape.period_s * S / tick), escape.box_m, patience)
         self._tries: dict[int, int] = {}
         self._ticks = 0
+        self._stands = False
+        """Whether no force drew it at the last tick, and there is no way out."""
         self._done_at: int | None = None
         """The map's version when nothing was left to explore."""
 
@@ -76,9 +78,10 @@ class Behaviour:
         self._ticks += 1
         self._stalling.note(here, self._follow(here) or gained)
         heading = self._heading(here, observation)
-        if heading is None or self._stalling.stalled:
+        if (heading is None and not self._stands) or self._stalling.stalled:
             self._stall("no force" if heading is None else "no way made", here)
             heading = None if self.done else self._heading(here, observation)
+        self._stands = heading is None and not self._escape_enabled
         return heading
 
     def _heading(self, here: Point, observation: Observation) -> float | None:
@@ -106,15 +109,18 @@ class Behaviour:
         if not overlay.underway:
             return False
         walked = overlay.pass_by(here, self._schemas.obstacle_m)
-        looks = self._ticks % _LOOK_TICKS == 0
-        if overlay.underway and looks and self._escape.sees(here, overlay.frontiers()):
+        why = self._why_leave(here)
+        if why is not None:
             overlay.clear()
-            self._events.append(PathLeft("frontier in sight"))
-            self._stalling.begin()
-        elif not overlay.underway:
-            self._events.append(PathLeft("walked"))
+            self._events.append(PathLeft(why))
             self._stalling.begin()
         return walked
+
+    def _why_leave(self, here: Point) -> str | None:
+        if not self._overlay.underway:
+            return "walked"
+        looks = self._ticks % _LOOK_TICKS == 0
+        return "frontier in sight" if looks and self._escape.sees(here, self._overlay.frontiers()) else None
 
     def _stall(self, why: str, here: Point) -> None:
         """Lay a path to the nearest frontier (step 8); give up frontiers to which none leads."""

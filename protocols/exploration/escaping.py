@@ -24,8 +24,8 @@ class Overlay:
 
     def __init__(self, belief: Belief) -> None:
         self._belief = belief
-        self.path = np.zeros_like(belief.frontier)
-        self.given_up = np.zeros_like(belief.frontier)
+        self.path: Bytes = np.zeros_like(belief.frontier)
+        self.given_up: Bytes = np.zeros_like(belief.frontier)
         self.underway = False
         """Whether any cell of a path is left."""
         self._any_given_up = False
@@ -34,12 +34,12 @@ class Overlay:
         """Return what attracts the robot: a grid as ``marking`` has frontiers."""
         frontier = self._belief.frontier
         if self._any_given_up:
-            frontier = frontier & ~self.given_up & 1
+            frontier = self.frontiers()
         return frontier | self.path if self.underway else frontier
 
     def frontiers(self) -> Bytes:
         """Return the frontiers that have not been given up."""
-        return self._belief.frontier & ~self.given_up & 1
+        return self._belief.frontier & ~self.given_up
 
     def lay(self, cells: "list[Cell]") -> None:
         """Let a path of cells seem unexplored."""

@@ -11,6 +11,7 @@ from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.exploration.belief import Belief
+from protocols.exploration.journal import BadBytes
 from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
@@ -70,8 +71,11 @@ class Explorer:
         return self._leader.done and (self._sharing is None or self._sharing.silent)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a piece of another's map."""
-        told = None if self._sharing is None else self._sharing.receive(data, reception, now)
+        """Take a piece of another's map; robots with a map in common have nothing to tell each other."""
+        if self._sharing is None:
+            self._events.append(BadBytes(reception.source, len(data)))
+            return
+        told = self._sharing.receive(data, reception, now)
         if told is not None:
             self.belief.merge(*told)
 

@@ -74,23 +74,22 @@ class Steering:
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
         """Return the order that turns the robot towards *desired_rad*; angles and beams in the robot's frame."""
-        speed = self._fast_mps if float(ranges_m.min()) > self._own.fast_m else self._slow_mps
-        if self._half_m is not None:
-            desired_rad = self._free(desired_rad, ranges_m, speed)
+        speed = self._fast_mps if float(ranges_m.min(initial=math.inf)) > self._own.fast_m else self._slow_mps
+        half = self._half_m
+        if half is not None:
+            desired_rad = self._free(desired_rad, ranges_m, speed, half)
         error = math.remainder(desired_rad - heading_rad, math.tau)
         turn = min(max(self._own.turn_gain * error, -self._own.turn_radps), self._own.turn_radps)
-        if self._half_m is not None and self._room(heading_rad, ranges_m) < _STOP_S * speed:
+        ahead = math.cos(heading_rad), math.sin(heading_rad)
+        if half is not None and free_m(ranges_m, self._beams, *ahead, half) < _STOP_S * speed:
             speed = 0.0
         return Drive(speed, turn)
 
-    def _free(self, desired_rad: float, ranges_m: Floats, speed_mps: float) -> float:
-        found = free_heading(ranges_m, self._beams, desired_rad, self._half_m, _CLEAR_S * speed_mps, self._side)
+    def _free(self, desired_rad: float, ranges_m: Floats, speed_mps: float, half_m: float) -> float:
+        found = free_heading(ranges_m, self._beams, desired_rad, half_m, _CLEAR_S * speed_mps, self._side)
         if math.isnan(found):
             return desired_rad
         aside = math.remainder(found - desired_rad, math.tau)
         if abs(aside) > 1e-6:
             self._side = 1 if aside > 0.0 else -1
         return found
-
-    def _room(self, heading_rad: float, ranges_m: Floats) -> float:
-        return float(free_m(ranges_m, self._beams, math.cos(heading_rad), math.sin(heading_rad), self._half_m))

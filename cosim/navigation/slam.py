@@ -1,0 +1,248 @@
+"""Simultaneous localisation and mapping: a robot's map and its place on it, from odometry and range scans alone.
+
+Rao-Blackwellised particles with scan matching: Grisetti, Stachniss and Burgard, "Improved techniques for grid mapping
+with Rao-Blackwellized particle filters", IEEE T-RO 23(1), 2007. Each particle is a pose and a map of its own. It moves
+as odometry says, with its own errors (:mod:`cosim.navigation.localization_motion`), is pulled to where the scan fits
+its map best (:mod:`cosim.navigation.slam_matching`), weighed by how well that is, and marks the scan into its map
+(:mod:`cosim.geometry.marking`). Particles are drawn anew by weight when the effective sample size 1 / sum w^2 falls
+below a share of their number (eq. 20).
+
+How far the particles are spread is the robot's uncertainty. That is what is to slow or stop a robot where it grows over
+a threshold (Lau, paper 001, section 5 and figure 5): :func:`share_of_speed`. Where a scan meets nothing, particles keep
+the errors that they were moved with; back on known ground each finds its place on its map again.
+
+Where it differs from the paper and GMapping:
+
+- the pose is the best that climbing finds from a pose drawn by the motion model, as in GMapping's program. The paper
+  draws it from a normal distribution about the best (eq. 14 to 19).
+- ties of a particle to odometry are parameters, wider than odometry's errors of one step: few particles must be able
+  to take back what they have gone astray in many.
+- maps are whole grids of int8, copied when a particle is drawn twice; GMapping shares patches.
+- a robot that rests is updated, too, after some ticks (GMapping's temporalUpdate): so that waiting may help.
+
+With few particles the spread says less than the error is: after drawing anew all may descend from one.
+"""
+
+import math
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, most_changes
+from cosim.navigation.localization_draws import PICK, fill_uniform
+from cosim.navigation.localization_motion import Pose, move_particles, odometry_motion
+from cosim.navigation.localization_resampling import low_variance
+from cosim.navigation.slam_matching import field_size, mark_particles, match_particles, stamp_of
+from cosim.randomness import Draws
+from cosim.settings import Settings
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+_TURN: Final = 2.0 * math.pi
+_NO_BODIES: Final = np.empty((0, 3))
+
+
+class SlamParameters(Settings):
+    """Parameters of the filter. GMapping's are those of its ROS node (slam_gmapping), made for lasers of 80 m.
+
+    The alphas are what the filter reckons with: 5 % of each way and turn, about twice the errors of odometry here.
+    """
+
+    particles: int = Field(default=10, ge=1, le=200, description="particles (GMapping 30)")
+    range_m: float = Field(default=2.5, gt=0, description="m, how far a beam reaches")
+    max_beams: int = Field(default=90, ge=2, description="at most so many beams of a scan are matched, evenly spaced")
+    sigma_m: float = Field(default=0.1, gt=0, description="m, standard deviation of a hit from its cell's centre")
+    stray: float = Field(default=0.05, gt=0, lt=1, description="p of an end in the open, where that on a wall is 1")
+    news: float = Field(default=0.5, gt=0, le=1, description="p of an end in the unknown, where that on a wall is 1")
+    power: float = Field(
+        default=0.1, gt=0, le=1, description="as how many independent ones a beam counts (GMapping 1 / 3 particles)"
+    )
+    slack_m: float = Field(default=0.1, gt=0, description="m, standard deviation of how far a scan pulls a particle")
+    slack_rad: float = Field(default=0.1, gt=0, description="rad, the same of its heading")
+    step_m: float = Field(default=0.05, gt=0, description="m, first step of the climbing (GMapping 0.05)")
+    step_rad: float = Field(default=0.05, gt=0, description="rad, first turn of the climbing (GMapping 0.05)")
+    matching: bool = Field(default=True, description="whether scans pull particles; without they are only weighed")
+    alpha1: float = Field(default=0.0025, ge=0, description="variance of a turn, per square of the turn")
+    alpha2: float = Field(default=0.0025, ge=0, description="variance of a turn, rad^2 per square metre of way")
+    alpha3: float = Field(default=0.0025, ge=0, description="variance of a way, per square of the way")
+    alpha4: float = Field(default=0.0025, ge=0, description="variance of a way, square metres per square of a turn")
+    update_way_m: float = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
+    update_turn_rad: float = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
+    update_ticks: int = Field(default=10, ge=1, description="observations after which it is updated in any case")
+    resample_below: float = Field(
+        default=0.5, ge=0, le=1, description="effective share of the particles below which they are drawn anew"
+    )
+
+
+class SlamEstimate(NamedTuple):
+    """Where a robot takes itself to be, and how sure it is of that."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    spread_m: float
+    """Root of the particles' mean squared distance from (x, y)."""
+    spread_rad: float
+    """Circular standard deviation of their headings."""
+
+
+def share_of_speed(spread_m: float, slow_m: float, stop_m: float) -> float:
+    """Return the share of its speed that a robot may drive with: 1 up to a spread *slow_m*, 0 from *stop_m* on.
+
+    Between them it falls linearly (our reading of Lau, section 5: speed that maintains accuracy, and a threshold).
+    Raise ValueError if not 0 <= slow_m < stop_m.
+    """
+    if not 0.0 <= slow_m < stop_m:
+        raise ValueError(f"slow_m {slow_m} is not from 0 to below stop_m {stop_m}")
+    return min(max((stop_m - spread_m) / (stop_m - slow_m), 0.0), 1.0)
+
+
+class Slam:
+    """The filter of one robot.
+
+    Maps have the *shape* (ny, nx), cells of *cell_m*, and their lower left corner at *origin_m*; the robot starts at
+    *start*, which is certain: the map's frame is what the start is told in. *beams* (n, 2) are unit vectors in the
+    frame of odometry or the body's, as those of :class:`cosim.navigation.localization.Localizer`. *draws* is its own
+    stream: the same draws and observations give the same estimates and maps.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        origin_m: tuple[float, float],
+        cell_m: float,
+        start: Pose,
+        beams: Floats,
+        draws: Draws,
+        parameters: SlamParameters | None = None,
+        beams_in: Literal["frame", "body"] = "frame",
+        weights: Weights = DOUBTFUL,
+    ) -> None:
+        own = SlamParameters() if parameters is None else parameters
+        self._own, self._key = own, draws.key
+        self._beams: Floats = np.ascontiguousarray(beams, np.float64)
+        self._turns = beams_in == "frame"
+        self._frame = np.array([*origin_m, cell_m])
+        self._marks = weights.hit, weights.miss, weights.cap
+        self._alphas = np.array([own.alpha1, own.alpha2, own.alpha3, own.alpha4])
+        # a scan that only weighs is one that cannot pull
+        slacks = (own.slack_m, own.slack_rad) if own.matching else (1e-9, 1e-9)
+        logs = math.log(own.stray), math.log(own.news)
+        self._numbers = np.array([own.power, *slacks, own.step_m, own.step_rad, *logs])
+        self._stamp = stamp_of(own.sigma_m, own.stray, cell_m)
+        size = field_size(own.range_m, own.slack_m, cell_m)
+        self._field = np.empty((size, size), np.float32)
+        self._frontier = np.zeros((shape[0], (shape[1] + 7) // 8 * 8), np.uint8)
+        self._changed = np.empty(most_changes(own.range_m, cell_m), np.int32)
+        self.maps: Evidence = np.zeros((own.particles, *shape), np.int8)
+        """Shape (n, ny, nx): each particle's evidence, as :mod:`cosim.geometry.marking` has it."""
+        self.poses: Floats = np.tile(np.array(start, np.float64), (own.particles, 1))
+        """Shape (n, 3): x_m, y_m, heading_rad of each particle at the last update."""
+        self.weights: Floats = np.full(own.particles, 1.0 / own.particles)
+        """Shape (n,); their sum is 1."""
+        self.updates = 0
+        """How often the filter has been updated."""
+        self.resamplings = 0
+        """How often particles have been drawn anew."""
+        self._odometry: Pose | None = None  # at the last update
+        self._ticks = 0  # since then
+        self._mean = self._estimated()
+
+    @property
+    def heaviest(self) -> int:
+        """The particle of the greatest weight: its map is the robot's."""
+        return int(np.argmax(self.weights))
+
+    @property
+    def effective(self) -> float:
+        """The effective sample size, from 1 to the number of particles."""
+        return float(1.0 / (self.weights @ self.weights))
+
+    def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
+        """Return the estimate after one more tick: *odometry* as told now, *ranges_m* (n,) as scanned now.
+
+        A beam that meets nothing reads the range or more; one that reads NaN (or has met another robot, and is made so
+        by the caller) counts for nothing. The first call updates the filter; a later one does if the robot has moved
+        far enough since the last update, or that is long ago.
+
+        Raise ValueError if there are not as many ranges as beams.
+        """
+        ranges = np.ascontiguousarray(ranges_m, np.float64)
+        if ranges.shape != (len(self._beams),):
+            raise ValueError(f"the scan has the shape {ranges.shape}, but there are {len(self._beams)} beams")
+        before = odometry if self._odometry is None else self._odometry
+        motion = odometry_motion(before, odometry)
+        turn = abs(math.remainder(odometry[2] - before[2], _TURN))
+        self._ticks += 1
+        own = self._own
+        if (
+            self._odometry is not None
+            and motion.way_m < own.update_way_m
+            and turn < own.update_turn_rad
+            and self._ticks < own.update_ticks
+        ):
+            x, y, heading = carried(self._mean[:3], before, odometry)
+            return self._mean._replace(x_m=x, y_m=y, heading_rad=heading)
+        move_particles(self.poses, *motion, self._alphas, self.updates, *self._key)
+        self._update(ranges, self._turned(odometry[2]))
+        self._odometry, self._ticks = odometry, 0
+        return self._mean
+
+    def _update(self, ranges: Floats, beams: Floats) -> None:
+        """Match, weigh, estimate, mark and draw anew; *beams* (n, 2) are in the body's frame."""
+        own = self._own
+        hit = np.flatnonzero(ranges < own.range_m)
+        hit = hit[hit % -(-len(ranges) // own.max_beams) == 0]
+        if self.updates and len(hit):
+            scores = np.empty(own.particles)
+            ends = ranges[hit, np.newaxis] * beams[hit]
+            frame, numbers = self._frame, self._numbers
+            match_particles(self.maps, self.poses, ends, frame, self._stamp, numbers, self._field, scores)
+            self.weights *= np.exp(scores - scores.max())
+            self.weights /= self.weights.sum()
+        self._mean = self._estimated()
+        if self.updates and self.effective < own.resample_below * own.particles:
+            self._resample()
+        changed, frontier, marks = self._changed, self._frontier, self._marks
+        mark_particles(
+            self.maps, self.poses, ranges, beams, own.range_m, self._frame, marks, frontier, changed, _NO_BODIES
+        )
+        self.updates += 1
+
+    def _turned(self, heading: float) -> Floats:
+        """Return the beams (n, 2) in the body's frame."""
+        if not self._turns:
+            return self._beams
+        cos, sin = math.cos(heading), math.sin(heading)
+        return np.asarray(self._beams @ np.array([[cos, -sin], [sin, cos]]), np.float64)
+
+    def _estimated(self) -> SlamEstimate:
+        poses, weights = self.poses, self.weights
+        x, y = weights @ poses[:, 0], weights @ poses[:, 1]
+        cos, sin = weights @ np.cos(poses[:, 2]), weights @ np.sin(poses[:, 2])
+        spread = math.sqrt(weights @ ((poses[:, 0] - x) ** 2 + (poses[:, 1] - y) ** 2))
+        length = min(max(math.hypot(cos, sin), 1e-300), 1.0)
+        return SlamEstimate(float(x), float(y), math.atan2(sin, cos), spread, math.sqrt(-2.0 * math.log(length)))
+
+    def _resample(self) -> None:
+        """Draw the particles anew by weight; who survives keeps its place, and only copies are copied."""
+        uniform = np.empty(1)
+        fill_uniform(uniform, self.updates, PICK, *self._key)
+        chosen = low_variance(self.weights, len(self.weights), float(uniform[0]))
+        counts = np.bincount(chosen, minlength=len(self.weights))
+        spare = np.repeat(np.arange(len(counts)), np.maximum(counts - 1, 0))
+        free = np.flatnonzero(counts == 0)
+        self.poses[free] = self.poses[spare]
+        self.maps[free] = self.maps[spare]
+        self.weights[:] = 1.0 / len(self.weights)
+        self.resamplings += 1
+
+
+def carried(pose: Pose, before: Pose, now: Pose) -> Pose:
+    """Return *pose* moved as odometry has been from *before* to *now*."""
+    turned = pose[2] - before[2]
+    cos, sin = math.cos(turned), math.sin(turned)
+    dx, dy = now[0] - before[0], now[1] - before[1]
+    return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy, math.remainder(now[2] + turned, _TURN)

@@ -1,0 +1,115 @@
+"""The statements of paper 001 on teams as one-sided tests, and the time to 95 % against team size.
+
+``faster_office_4`` in published.csv is ``faster`` for the map ``office`` and four robots; the tests by such names are
+made at the end of this file.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from experiments.aggregation_search.comparison import columns, completes, less, positive, slope, told
+from experiments.exploration_teams.comparison import (
+    IN_TIME,
+    MAPS,
+    MUCH,
+    TIME,
+    above,
+    levels,
+    more,
+    panels,
+    untouched,
+)
+from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+
+NAMES: Final = {
+    "schemas": "motor schemas (the paper)",
+    "nearest": "nearest frontier",
+    "utility": "utility with discount",
+    "assignment": "least cost in all",
+}
+RIVALS: Final = ("nearest", "utility", "assignment")
+SIZES: Final = (1, 2, 4, 8)
+TEAMS: Final = (2, 4, 8)
+LARGE: Final = (4, 8)
+
+
+def _arm(floor: str, robots: int, algorithm: str = "schemas") -> Arm:
+    return {"map": floor, "algorithm": algorithm, "robots": robots}
+
+
+def faster(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a team needs less than ``MUCH`` of a single robot's time."""
+    return less(runs, [("", _arm(floor, robots), _arm(floor, 1))], TIME, MUCH)
+
+
+def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether teams of every size cover the floor."""
+    return completes(runs, [(f"{n} robots:", _arm(floor, n)) for n in levels(runs, "robots")], IN_TIME)
+
+
+def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether no robot was held up in any run, with the layer of the sensors' own."""
+    return untouched(runs, [_arm(floor, n) for n in levels(runs, "robots")])
+
+
+def greedy(floor: str, rival: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a rival needs less time than the schemas, with four and with eight robots."""
+    return less(runs, [(f"{n} robots:", _arm(floor, n, rival), _arm(floor, n)) for n in LARGE], TIME)
+
+
+def parts(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether robots part in the time from a path laid."""
+    return above(runs, [(f"{n} robots, m:", _arm(floor, n)) for n in LARGE], "parted_by_escape_m")
+
+
+def parts_more(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether robots part more in the time from a path laid than else."""
+    arms = [(f"{n} robots, m:", _arm(floor, n)) for n in LARGE]
+    return more(runs, [(label, arm, "parted_by_escape_m", arm, "parted_else_m") for label, arm in arms])
+
+
+def no_force_empty(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether robots alone stall for want of force on the empty map."""
+    return above(runs, [("stalls:", _arm("empty", 1))], "stalls_no_force")
+
+
+def no_way_office(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether robots alone stall in the office although there is a force."""
+    arm = _arm("office", 1)
+    stalls = values_of(runs, arm, "stalls") - values_of(runs, arm, "stalls_no_force")
+    found = limits(stalls)
+    return (f"stalls: {told(found)}", positive(found)) if found.size else NO_DATA
+
+
+def overlap(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the share of the floor that is covered twice grows with the team."""
+    sizes = [n for n in levels(runs, "robots") if n > 1]
+    table = columns(runs, [_arm(floor, n) for n in sizes], "covered_twice") if len(sizes) > 1 else pd.DataFrame()
+    if table.empty:
+        return NO_DATA
+    means = ", ".join(f"{n} robots {100 * mean:.3g} %" for n, mean in zip(sizes, table.mean(), strict=True))
+    found = limits(slope(table, np.log2(sizes).tolist()))
+    return f"{means}; by each doubling {told(found)}", positive(found)
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw the time to 95 %, and the share that is covered twice, against team size, a line an algorithm."""
+    sizes, lines = ("robots", levels(runs, "robots")), ("algorithm", NAMES)
+    return [
+        *panels(runs, folder, "time_by_size.png", TIME, "time to 95 %, s", sizes, lines),
+        *panels(runs, folder, "twice_by_size.png", "covered_twice", "share covered twice", sizes, lines),
+    ]
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+globals().update({f"faster_{floor}_{n}": partial(faster, floor, n) for floor in MAPS for n in TEAMS})
+globals().update({f"greedy_{floor}_{rival}": partial(greedy, floor, rival) for floor in MAPS for rival in RIVALS})
+globals().update(
+    {f"{t.__name__}_{floor}": partial(t, floor) for t in (covers, parts, parts_more, overlap) for floor in MAPS}
+)
+globals().update({f"untouched_{floor}": partial(touches_nothing, floor) for floor in MAPS})
