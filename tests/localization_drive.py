@@ -77,7 +77,7 @@ def course(place, seconds, draw):
 
 
 def odometry(poses, draw, hold=1, carried_at=None):
-    """Return what odometry tells (n, 3) of true *poses*; at one tick the robot may be carried, which it does not note."""
+    """Return what odometry tells (n, 3) of true *poses*; at one tick the robot may be carried unnoticed."""
     ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     turns = np.remainder(np.diff(poses[:, 2]) + math.pi, math.tau) - math.pi
     if carried_at is not None:
@@ -120,11 +120,12 @@ def errors_m(place, driven, seed, parameters=None):
     """Return how far (n,) the filter's estimate is off in each tick, of a robot whose start is known."""
     localizer = Localizer(place.known, beam_directions(BEAMS), Draws(seed, "drive"), parameters, beams_in="body")
     localizer.start_at(tuple(driven.poses[0].tolist()))
-    told = [localizer.observe(tuple(at), ranges)[:2] for at, ranges in zip(driven.odometry.tolist(), driven.ranges_m)]
+    seen = zip(driven.odometry.tolist(), driven.ranges_m, strict=True)
+    told = [localizer.observe(tuple(at), ranges)[:2] for at, ranges in seen]
     return np.hypot(*(np.array(told) - driven.poses[:, :2]).T)
 
 
-def recovered_after_s(errors, carried_s, near_m=0.5, stays_s=5.0):
+def recovered_after_s(errors, carried_s, near_m=0.3, stays_s=5.0):
     """Return how long after it was carried a robot's *errors* (n,) began to stay below *near_m* for a while, or inf."""
     ticks = round(stays_s / TICK_S)
     near = np.lib.stride_tricks.sliding_window_view(errors[round(carried_s / TICK_S) :] < near_m, ticks).all(axis=1)

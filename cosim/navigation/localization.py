@@ -6,7 +6,8 @@ odometry says, each with its own errors (:mod:`cosim.navigation.localization_mot
 them at random places if scans fit worse than they used to (:mod:`cosim.navigation.localization_resampling`). Nothing of
 it happens before the robot has moved far enough; the estimate goes on by odometry alone until then.
 
-Defaults are Nav2's. Where it differs:
+Defaults are Nav2's, but for those of aggregation, alphas and recovery, which were chosen on real maps
+(:class:`LocalizationParameters`). Where the filter differs:
 
 - resampling. Nav2 draws each particle by itself until KLD sampling has enough (a comb "can't easily" be stopped): that
   is "independent" here. "low_variance" counts the bins among as many survivors as there may be, then draws as many as
@@ -57,17 +58,21 @@ _NO_ENDS: Final = np.empty((0, 2))
 class LocalizationParameters(Settings):
     """Parameters of the filter; defaults of Nav2's AMCL (nav2_params.yaml, amcl_node.cpp) if not said otherwise.
 
-    The alphas are what the filter reckons with, more than the true noise: it must not lose a robot that slips.
+    The alphas are what the filter reckons with, more than the true noise: it must not lose a robot that slips. But
+    Nav2's 0.2 stand for 45 % of each way and turn. With them, and the cubes, a robot whose odometry errs by 3 % was
+    0.3 m off in a fifth of all ticks on the map of a depot; with 0.05, that is 22 %, and the product, in none. Nav2
+    does not recover by default: with these rates and tries all of 100 kidnapped robots were within 0.3 m again after
+    60 s on a map of 2400 m^2, with neighbouring values 97 to 99, with a quarter of the tries 88.
     """
 
     model: Literal["likelihood_field", "beam"] = Field(
         default="likelihood_field", description="how a scan is compared with the map"
     )
     aggregation: Literal["cubes", "product"] = Field(
-        default="cubes", description="how beams are put together: 1 + sum of p^3, or the product of p"
+        default="product", description="how beams are put together: 1 + sum of p^3 (Nav2's), or the product of p"
     )
     product_power: float = Field(
-        default=1.0,
+        default=0.3,
         gt=0,
         le=1,
         description="power of the product: as how many independent ones a beam counts (not Nav2's)",
@@ -87,10 +92,10 @@ class LocalizationParameters(Settings):
     kld_z: float = Field(default=0.99, ge=0, description="its normal quantile; not the probability that it looks like")
     bin_m: float = Field(default=0.5, gt=0, description="m, side of a bin of poses")
     bin_headings: int = Field(default=36, ge=3, le=720, description="sectors of the circle that headings are binned to")
-    alpha1: float = Field(default=0.2, ge=0, description="variance of a turn, per square of the turn")
-    alpha2: float = Field(default=0.2, ge=0, description="variance of a turn, rad^2 per square metre of way")
-    alpha3: float = Field(default=0.2, ge=0, description="variance of a way, per square of the way")
-    alpha4: float = Field(default=0.2, ge=0, description="variance of a way, square metres per square of a turn")
+    alpha1: float = Field(default=0.05, ge=0, description="variance of a turn, per square of the turn")
+    alpha2: float = Field(default=0.05, ge=0, description="variance of a turn, rad^2 per square metre of way")
+    alpha3: float = Field(default=0.05, ge=0, description="variance of a way, per square of the way")
+    alpha4: float = Field(default=0.05, ge=0, description="variance of a way, square metres per square of a turn")
     update_way_m: float = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
     update_turn_rad: float = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
     resampling: Literal["low_variance", "independent"] = Field(
@@ -98,14 +103,16 @@ class LocalizationParameters(Settings):
     )
     resample_interval: int = Field(default=1, ge=1, description="updates from one resampling to the next")
     recovery_slow: float = Field(
-        default=0.0, ge=0, le=1, description="rate of the slow average of the fit, typically 0.001; 0: no recovery"
+        default=0.01, ge=0, le=1, description="rate of the slow average of the fit; 0, Nav2's: no recovery"
     )
     recovery_fast: float = Field(
-        default=0.0, ge=0, le=1, description="rate of the fast average of the fit, typically 0.1; 0: no recovery"
+        default=0.1, ge=0, le=1, description="rate of the fast average of the fit; 0, Nav2's: no recovery"
     )
     recovery_forgets: bool = Field(default=False, description="whether an injection restarts both averages; Nav2's do")
     recovery_tries: int = Field(
-        default=0, ge=0, description="random poses tried at an update for those injected, which fit best (not Nav2's)"
+        default=20_000,
+        ge=0,
+        description="random poses tried at an update for those injected, which fit best (not Nav2's)",
     )
 
     @model_validator(mode="after")

@@ -89,8 +89,7 @@ def make_field(evidence: Evidence, u: float, v: float, stamp: Singles, stray: fl
 def choose_ends(field: Singles, u: float, v: float, heading: float, ends: Floats, chosen: Floats) -> int:
     """Copy those of *ends* (m, 2) that lie near what is known to *chosen* (m, 2); return how many they are.
 
-    Ends are in the body's frame, in cells; (u, v) is the body's place in *field*, in cells. Afterwards what is unknown
-    in the field fits as badly as what is empty.
+    Ends are in the body's frame, in cells; (u, v) is the body's place in *field*, in cells.
     """
     n = field.shape[0]
     cos, sin = math.cos(heading), math.sin(heading)

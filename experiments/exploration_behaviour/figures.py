@@ -6,9 +6,19 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import less, limits, told
-from experiments.exploration_teams.comparison import MAPS, SLIGHT, TIME, above, levels, more, panels, untouched
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, values_of
+from experiments.aggregation_search.comparison import less, told
+from experiments.exploration_teams.comparison import (
+    MAPS,
+    SLIGHT,
+    TIME,
+    above,
+    levels,
+    more,
+    panels,
+    sooner_than,
+    untouched,
+)
+from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
 
 USUAL: Final = "usual"
 NO_LAYER: Final = "no subsumption"
@@ -55,7 +65,7 @@ def leads_on(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
 def adequate(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the printed A* costs little time."""
     pairs = [(f"{n} robots:", _arm(floor, n, "printed A*"), _arm(floor, n)) for n in levels(runs, "robots")]
-    return less(runs, pairs, TIME, SLIGHT) if pairs else NO_DATA
+    return sooner_than(runs, pairs, SLIGHT)
 
 
 def distributes(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

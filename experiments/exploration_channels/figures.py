@@ -6,8 +6,8 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes, less
-from experiments.exploration_teams.comparison import IN_TIME, MUCH, SLIGHT, TIME, panels
+from experiments.aggregation_search.comparison import completes
+from experiments.exploration_teams.comparison import IN_TIME, MUCH, SLIGHT, TIME, panels, sooner_than
 from experiments.reflection_tables.comparison import Answer, Arm
 
 FLOORS: Final = ("corridor", "office")
@@ -27,12 +27,12 @@ def _arm(floor: str, network: str, robots: int = MANY) -> Arm:
 
 def faster(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a team needs less than ``MUCH`` of a single robot's time."""
-    return less(runs, [("", _arm(floor, network), _arm(floor, network, 1))], TIME, MUCH)
+    return sooner_than(runs, [("", _arm(floor, network), _arm(floor, network, 1))], MUCH)
 
 
 def costs_little(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether merging maps by messages makes the exploration less than ``SLIGHT`` longer."""
-    return less(runs, [("", _arm(floor, network), _arm(floor, "shared"))], TIME, SLIGHT)
+    return sooner_than(runs, [("", _arm(floor, network), _arm(floor, "shared"))], SLIGHT)
 
 
 def covers(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

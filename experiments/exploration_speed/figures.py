@@ -6,8 +6,17 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes, less, positive, told
-from experiments.exploration_teams.comparison import IN_TIME, MAPS, TIME, levels, panels, shares_saved, untouched
+from experiments.aggregation_search.comparison import completes, positive, told
+from experiments.exploration_teams.comparison import (
+    IN_TIME,
+    MAPS,
+    TIME,
+    levels,
+    panels,
+    shares_saved,
+    sooner_than,
+    untouched,
+)
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits
 
 CONSTANT: Final = "constant"
@@ -21,7 +30,7 @@ def _arm(floor: str, robots: int, speed: str) -> Arm:
 
 def sooner(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether driving faster where no obstacle is near takes less time."""
-    return less(runs, [("", _arm(floor, robots, FASTER), _arm(floor, robots, CONSTANT))], TIME)
+    return sooner_than(runs, [("", _arm(floor, robots, FASTER), _arm(floor, robots, CONSTANT))])
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.report import estimates
-from experiments.aggregation_search.comparison import columns, told
+from experiments.aggregation_search.comparison import Pair, columns, less, told
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, Label, limits, values_of
 
 TIME: Final = "until_95_s"
@@ -30,6 +30,30 @@ IN_TIME: Final = 0.7
 def levels(runs: pd.DataFrame, axis: str) -> list[Any]:
     """Return the values of *axis* in *runs*, ascending."""
     return sorted(runs[axis].unique().tolist()) if axis in runs else []
+
+
+def sooner_than(runs: pd.DataFrame, pairs: Sequence[Pair], factor: float = 1.0) -> Answer:
+    """Answer whether in every one of *pairs* the first arm takes less than *factor* times as long as the second.
+
+    A run that was cut counts with a lower bound of its time: no pair holds whose first arm has such runs, and none
+    fails whose second has. These stay open.
+    """
+    words, holds = [], []
+    for label, arm, than in pairs:
+        found, answer = less(runs, [(label, arm, than)], TIME, factor)
+        if found == NO_DATA[0]:
+            return NO_DATA
+        cut = [_cut(runs, each) for each in (arm, than)]
+        words.append(found + (f", {cut[0]} and {cut[1]} runs cut" if any(cut) else ""))
+        holds.append(None if (answer is True and cut[0]) or (answer is False and cut[1]) else answer)
+    if not holds:
+        return NO_DATA
+    return "; ".join(words), False if False in holds else None if None in holds else True
+
+
+def _cut(runs: pd.DataFrame, arm: Arm) -> int:
+    """Return how many runs of *arm* ended before 95 % had been seen."""
+    return int((values_of(runs, arm, "reached") < 1).sum())
 
 
 def untouched(runs: pd.DataFrame, arms: Sequence[Arm]) -> Answer:

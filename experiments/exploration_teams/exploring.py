@@ -29,6 +29,7 @@ LATER_S: Final = 30.0
 """So long after a path was laid it is asked how far apart robots are."""
 _OWN: Final = (
     Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
+    Column("reached", "float", "1", "1 if it was, else 0"),
     Column("completed", "float", "1", "1 if 99 % had been seen in time, else 0"),
     Column("stalls_no_force", "float", "1", "stalls for want of any force"),
     Column("paths", "float", "1", "paths laid out of local minima"),
@@ -73,6 +74,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
     never = math.isnan(found["time_95_s"])
     found["until_95_s"] = scenario.duration_s if never else found["time_95_s"]
+    found["reached"] = float(not never)
     found["completed"] = float(not math.isnan(found["time_99_s"]))
     return found | _told(outcome.trace)
 

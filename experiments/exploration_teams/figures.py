@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from experiments.aggregation_search.comparison import columns, completes, less, positive, slope, told
+from experiments.aggregation_search.comparison import columns, completes, positive, slope, told
 from experiments.exploration_teams.comparison import (
     IN_TIME,
     MAPS,
@@ -21,6 +21,7 @@ from experiments.exploration_teams.comparison import (
     levels,
     more,
     panels,
+    sooner_than,
     untouched,
 )
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
@@ -43,7 +44,7 @@ def _arm(floor: str, robots: int, algorithm: str = "schemas") -> Arm:
 
 def faster(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a team needs less than ``MUCH`` of a single robot's time."""
-    return less(runs, [("", _arm(floor, robots), _arm(floor, 1))], TIME, MUCH)
+    return sooner_than(runs, [("", _arm(floor, robots), _arm(floor, 1))], MUCH)
 
 
 def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -58,7 +59,7 @@ def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) 
 
 def greedy(floor: str, rival: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a rival needs less time than the schemas, with four and with eight robots."""
-    return less(runs, [(f"{n} robots:", _arm(floor, n, rival), _arm(floor, n)) for n in LARGE], TIME)
+    return sooner_than(runs, [(f"{n} robots:", _arm(floor, n, rival), _arm(floor, n)) for n in LARGE])
 
 
 def parts(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

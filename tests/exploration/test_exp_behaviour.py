@@ -1,4 +1,4 @@
-"""The paper's behaviour: the sum of its schemas, and the nine steps of its combined algorithm, on maps drawn by hand."""
+"""The paper's behaviour: the sum of its schemas, and the nine steps of its algorithm, on maps drawn by hand."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ CORRIDOR = """
     ##############################
 """
 """From its left end, no obstacle is within half a metre of the middle row, and no frontier within 5 m."""
-CLOSED = "####### #..#..? #..#..# #######"
+CLOSED = "####### #..#..? #..#..? #######"
 
 
 class Led:
