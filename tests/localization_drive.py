@@ -21,10 +21,12 @@ from cosim.navigation.localization import Localizer
 from cosim.navigation.localization_likelihood import known_map
 from cosim.navigation.schemas import beam_directions
 from cosim.randomness import Draws
-from cosim.world.maps import read_ros_map
+from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 
 MAPS = Path(__file__).resolve().parent.parent.parent / "shared" / "maps"
 TICK_S, SPEED_M_S, TURN_RAD_S = 0.1, 0.5, 1.0
+BLOCK_M, CELL_M = 1.0, 0.1
+"""A cell of a benchmark's map, of which its doors are one wide, and the cells that it is cut into."""
 RADIUS_M, BEAMS, RANGE_M, RANGE_ERROR_M, ODOMETRY_ERROR = 0.3, 360, 8.0, 0.01, 0.03
 
 
@@ -37,9 +39,18 @@ class Site(NamedTuple):
     walls: object
 
 
+def read_map(name):
+    """Read one of the maps in MAPS; benchmarks say nothing of metres."""
+    if name.endswith(".yaml"):
+        return read_ros_map(MAPS / name)
+    blocks = read_movingai_map(MAPS / name, BLOCK_M)
+    occupied = np.kron(blocks.occupied, np.ones((round(BLOCK_M / CELL_M),) * 2, bool))
+    return OccupancyMap(occupied, np.zeros_like(occupied), CELL_M)
+
+
 def site(name):
-    """Read one of the real maps; what is unknown stops the robot, not the beam."""
-    read = read_ros_map(MAPS / f"{name}.yaml")
+    """Read one of the maps; what is unknown stops the robot, not the beam."""
+    read = read_map(name)
     occupied = np.pad(read.occupied, 1, constant_values=True)
     origin = (read.origin[0] - read.cell_m, read.origin[1] - read.cell_m)
     grid = occupancy_planning_grid(np.pad(read.solid(True), 1, constant_values=True), read.cell_m, RADIUS_M, origin)
@@ -123,6 +134,14 @@ def errors_m(place, driven, seed, parameters=None):
     seen = zip(driven.odometry.tolist(), driven.ranges_m, strict=True)
     told = [localizer.observe(tuple(at), ranges)[:2] for at, ranges in seen]
     return np.hypot(*(np.array(told) - driven.poses[:, :2]).T)
+
+
+def dead_reckoning_m(driven):
+    """Return how far (n,) off odometry alone would be from the known start on."""
+    turn = driven.poses[0, 2] - driven.odometry[0, 2]
+    x, y = (driven.odometry[:, :2] - driven.odometry[0, :2]).T
+    told = np.stack((np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y), axis=1)
+    return np.hypot(*(told + driven.poses[0, :2] - driven.poses[:, :2]).T)
 
 
 def recovered_after_s(errors, carried_s, near_m=0.3, stays_s=5.0):

@@ -185,6 +185,26 @@ def test_a_beam_through_corners_passes_the_cells_on_its_way_only():
     assert sorted(np.flatnonzero(evidence)) == [24, 32, 40, 48, 56]
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_beam_along_an_edge_of_cells_passes_those_of_one_side(axis, sign):
+    evidence, frontier = blank(9, 9)
+    place, along = np.full(2, 4.0), np.zeros((1, 2))  # on the edges in both axes
+    place[axis], along[0, axis] = 4.5, sign
+    marked(evidence, frontier, place, [np.inf], along, 0.3)
+    passed = np.argwhere(evidence)[:, ::-1]
+    assert sorted(passed[:, axis]) == ([4, 5, 6, 7] if sign > 0 else [1, 2, 3, 4])
+    assert len(set(passed[:, 1 - axis])) == 1
+
+
+@pytest.mark.parametrize(("v", "slope"), [(0.0, 3e-5), (9.0 - 1e-9, -3e-5)])
+def test_a_beam_that_hardly_rises_from_the_edge_of_the_grid_passes_no_cell_beyond(v, slope):
+    guarded = np.zeros((11, 9), np.int8)
+    marked(guarded[1:-1], blank(9, 9)[1], (0.9, v), [np.inf], np.array([[1.0, slope]]), 0.5)
+    row = 1 if slope > 0 else 9
+    assert np.argwhere(guarded).tolist() == [[row, ix] for ix in range(6)]
+
+
 def test_a_hit_at_a_corner_of_cells_counts_for_none_of_them():
     evidence, frontier = blank(9, 9)
     along = beams(np.array([np.pi / 4]))
@@ -252,6 +272,13 @@ def test_a_hit_of_a_known_body_is_no_hit_but_what_lies_before_it_is_empty():
         assert states(evidence)[0].tolist() == [EMPTY] * at + [OCCUPIED if occupied else UNKNOWN] + [UNKNOWN] * (
             19 - at
         )
+
+
+def test_a_hit_of_a_body_counts_by_its_rim_though_its_centre_is_out_of_range():
+    evidence, frontier = blank(1, 20)
+    bodies = [(ORIGIN[0] + 0.05 + 3.0, ORIGIN[1] + 0.05, 2.0)]
+    marked(evidence, frontier, (0.5, 0.5), [1.0], np.array([[1.0, 0.0]]), 1.5, CERTAIN, bodies)
+    assert states(evidence)[0].tolist() == [EMPTY] * 10 + [UNKNOWN] * 10
 
 
 @pytest.mark.parametrize("place", [(-0.01, 3), (3, 9.01), (9.0, 3), (math.nan, 3)])

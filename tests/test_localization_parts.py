@@ -136,6 +136,13 @@ def test_distances_equal_those_of_a_tree_search():
     assert known.distance_m.ravel() == pytest.approx(distance, abs=1e-5)
 
 
+def test_what_lies_at_the_edge_of_the_map_goes_on_beyond_it():
+    solid = np.ones((5, 6), bool)
+    assert not surface(solid).any()
+    solid[2, 0] = False
+    assert np.argwhere(surface(solid)).tolist() == [[1, 0], [1, 1], [2, 1], [3, 0], [3, 1]]
+
+
 @pytest.mark.parametrize("radius_m", [0.0, 0.2, 0.55])
 def test_standing_are_all_cells_that_a_body_can_have_its_centre_in(radius_m):
     occupied = room()

@@ -13,33 +13,49 @@ start be. Two readings of "length" and of the estimate that guides the search:
   eight. No straight line is longer than the square root of 2 times the way of the fewest steps, so a way found costs at
   most that many times the cheapest.
 
-A cell that is reached more cheaply after it has been left is left again, as in the paper of 1968. Of cells that promise
-the same cost, that nearer to the goal is looked at first: its estimate counts for a billionth more, and by so much may
-a way be dearer than the cheapest.
+A cell that is reached more cheaply after it has been left is left again, as in the paper of 1968. Cells that promise
+about the same cost wait in one bucket (R. B. Dial, Communications of the ACM 12(11), 1969), from which the last one is
+taken first; the search ends when no bucket is left that promises less than the way found.
 Cells are numbered ``cell = iy * nx + ix`` as in :mod:`cosim.geometry.grids`.
 """
 
 import math
-from typing import Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, Ints, Singles, grown, in_view, obstacle_distance, open_steps
+from cosim.geometry.planning import Bools, Floats, Integers, Ints, Singles, grown, in_view, obstacle_distance
 from cosim.jit import njit
 
 Reading: TypeAlias = Literal["octile", "printed"]
+Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 
 _DIAGONAL: Final = math.sqrt(2.0)
-_EAGER: Final = 1.0 + 1e-9
-"""What an estimate is multiplied by, so that of equal cells the one nearer to the goal is looked at first."""
 _BESIDE: Final = 0.5
 """How far the centre of a cell is from an obstacle beside it, in cells."""
-_NOWHERE: Final = -1
-"""The place of a cell that is not in the queue."""
 _BLIND, _OCTILE, _STRAIGHT = range(3)
 """Estimates of what is left: none (Dijkstra's algorithm), and those of the readings."""
+_SLICES: Final = (1, 4, 1024)
+"""Buckets to one unit of cost, for each of the estimates. Without one, cells of a bucket of 1 cannot shorten each
+other's ways; with that of ``printed``, order decides, and is kept to a thousandth."""
+_MOST_BUCKETS: Final = 1 << 16
+"""Buckets are wider rather than more."""
+_RISE: Final = 1.0 + 2.0 * _DIAGONAL
+"""By less than this, and the extra cost, a cell promises more than that from which it is entered."""
+_LINKS: Final = 1 << 17
+"""So many a queue has; a search that needs more begins anew with twice as many."""
+_NONE, _FULL = -1, -2
+"""No link, and too few of them."""
+_SPARE, _USED, _LISTED = range(3)
+"""What a queue counts."""
+_ENTERED, _PASSED, _END, _WAITING = 1, 2, 4, 8
+"""What a cell is: it may be entered, it may be left, it is an end, and it is to be looked at."""
+_UP: Final = np.array([0, 0, -1, 1, -1, -1, 1, 1])
+_RIGHT: Final = np.array([-1, 1, 0, 0, -1, 1, -1, 1])
+_SLANTED: Final = 4
+"""From this step on they are diagonal."""
 
 
 # ---------------------------------------------------------------- where to go, and what it costs
@@ -156,20 +172,29 @@ def costs_from(
     """
     _check(passable, extra, start)
     mask = np.zeros(passable.shape, np.bool_) if ends is None else _mask(ends, passable)
-    _, cost, _ = _search(passable, mask, extra, start, -1, _BLIND, _diagonal(reading), False)
-    return np.asarray(cost).reshape(passable.shape)
+    _, cost, _ = _searched(passable, mask, extra, start, -1, _BLIND, reading, False)
+    ny, nx = passable.shape
+    return np.ascontiguousarray(np.asarray(cost).reshape(ny + 2, nx + 2)[1:-1, 1:-1])
 
 
 def _way(passable: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading) -> Ints | None:
     """Return a way to the first of *ends* that is final; the search is blind with *goal* -1."""
     _check(passable, extra, start)
     estimate = _BLIND if goal < 0 else _OCTILE if reading == "octile" else _STRAIGHT
-    last, _, before = _search(passable, ends, extra, start, goal, estimate, _diagonal(reading), True)
-    return _unwound(before, start, last) if last >= 0 else None
+    last, _, before = _searched(passable, ends, extra, start, goal, estimate, reading, True)
+    return _unwound(before, last, passable.shape[1] + 2) if last >= 0 else None
 
 
-def _diagonal(reading: Reading) -> float:
-    return _DIAGONAL if reading == "octile" else 1.0
+def _searched(
+    free: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, estimate: int, reading: Reading, stop: bool
+) -> tuple[int, Floats, Ints]:
+    """Return what :func:`_search` finds with as many links as it needs."""
+    diagonal, links = (_DIAGONAL if reading == "octile" else 1.0), _LINKS
+    while True:
+        found = _search(free, ends, extra, start, goal, estimate, diagonal, stop, links)
+        if found[0] != _FULL:
+            return found
+        links *= 2
 
 
 def _mask(cells: npt.ArrayLike, grid: Bools) -> Bools:
@@ -200,41 +225,83 @@ def _search(
     estimate: int,
     diagonal: float,
     stop: bool,
+    links: int,
 ) -> tuple[int, Floats, Ints]:
-    """Return the first of *ends* that is final (-1: none; all are looked at without *stop*), costs, cells before.
+    """Return the cheapest of *ends* (-1: none; all cells are looked at without *stop*), costs, and cells before.
 
-    The queue is a binary heap of cells, by cost so far and estimate; ``place`` says where in it a cell is.
+    All are of the grid with a border of one cell, flat. -2: there are not enough *links* for the queue.
+    One bucket after the other is emptied. A cell that is reached more cheaply after it has been left is left again; if
+    no estimate is too much that happens within a bucket only.
     """
-    nx, enterable, prices = free.shape[1], free | ends, extra.ravel()
-    goal_x, goal_y = goal % nx, goal // nx
-    cost, before = np.full(free.size, np.inf), np.empty(free.size, np.int32)
-    heap, keys, place = np.empty(free.size, np.int32), np.empty(free.size), np.full(free.size, _NOWHERE, np.int32)
-    cost[start], before[start] = 0.0, start
-    heap[0], keys[0], place[start], size = start, 0.0, 0, 1
-    while size > 0:
-        cell, size = heap[0], size - 1
-        _take_first(heap, keys, place, size)
-        iy, ix = cell // nx, cell % nx
-        if stop and ends[iy, ix]:
-            return cell, cost, before
-        if not free[iy, ix] and cell != start:
+    state, prices, dearest = _bordered(free, ends, extra)
+    nx = free.shape[1]
+    wide, goal_x, goal_y = nx + 2, goal % nx + 1, goal // nx + 1
+    origin = (start // nx + 1) * wide + start % nx + 1
+    slices, first = _buckets(dearest, estimate)
+    held, after, count = np.empty(links, np.int32), np.empty(links, np.int32), np.array([_NONE, 0, 0])
+    cost, before = np.full(state.size, np.inf), np.empty(state.size, np.int32)
+    cost[origin], before[origin] = 0.0, origin
+    state[origin] |= _WAITING
+    bucket = int(slices * _estimate(origin % wide, origin // wide, goal_x, goal_y, estimate))
+    _put(first, held, after, count, bucket, origin)
+    last, best = -1, np.inf
+    while count[_LISTED] > 0 and bucket <= best * slices:
+        cell = _taken(first, held, after, count, bucket)
+        if cell == _NONE:
+            bucket += 1
             continue
-        steps = open_steps(free, enterable, ix, iy)
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                if not steps >> (3 * dy + dx + 4) & 1:
+        if not state[cell] & _WAITING:
+            continue  # it was listed twice
+        state[cell] ^= _WAITING
+        if stop and state[cell] & _END:
+            if cost[cell] < best:
+                last, best = cell, cost[cell]
+        elif state[cell] & _PASSED or cell == origin:
+            if count[_USED] + 8 > links:
+                return _FULL, cost, before
+            steps, x, y = _steps(state, cell, wide), cell % wide, cell // wide
+            for k in range(8):
+                to = cell + _UP[k] * wide + _RIGHT[k]
+                length = cost[cell] + (diagonal if k >= _SLANTED else 1.0) + prices[to]
+                if not steps >> k & 1 or length >= cost[to]:
                     continue
-                to = cell + dy * nx + dx
-                length = cost[cell] + (diagonal if dx != 0 and dy != 0 else 1.0) + prices[to]
-                if length >= cost[to]:
-                    continue
-                cost[to], before[to] = length, cell
-                if place[to] == _NOWHERE:
-                    place[to] = size
-                    size += 1
-                key = length + _EAGER * _estimate(ix + dx, iy + dy, goal_x, goal_y, estimate)
-                _put(heap, keys, place, to, key)
-    return -1, cost, before
+                promise = length + _estimate(x + _RIGHT[k], y + _UP[k], goal_x, goal_y, estimate)
+                if promise < best:
+                    cost[to], before[to] = length, cell
+                    state[to] |= _WAITING
+                    _put(first, held, after, count, max(int(promise * slices), bucket), to)
+    return last, cost, before
+
+
+@njit(cache=True)
+def _bordered(free: Bools, ends: Bools, extra: Singles) -> tuple[Bytes, Singles, float]:
+    """Return what cells are and what they cost, flat, with a border that nobody enters, and the greatest cost."""
+    ny, nx = free.shape
+    state, prices = np.zeros((ny + 2, nx + 2), np.uint8), np.zeros((ny + 2, nx + 2), np.float32)
+    dearest = 0.0
+    for iy in range(ny):
+        for ix in range(nx):
+            passed = _ENTERED | _PASSED if free[iy, ix] else 0
+            state[iy + 1, ix + 1] = passed | (_ENTERED | _END if ends[iy, ix] else 0)
+            prices[iy + 1, ix + 1] = extra[iy, ix]
+            if dearest < extra[iy, ix] < np.inf:
+                dearest = float(extra[iy, ix])
+    return state.ravel(), prices.ravel(), dearest
+
+
+@njit(cache=True)
+def _steps(state: Bytes, cell: int, wide: int) -> int:
+    """Return the steps from a cell to those that may be entered: bit k is that by _UP[k] and _RIGHT[k].
+
+    As :func:`cosim.geometry.planning.open_steps`: a slanted one leads past two cells that may be passed.
+    """
+    left, right, below, above = state[cell - 1], state[cell + 1], state[cell - wide], state[cell + wide]
+    steps = (left & 1) | (right & 1) << 1 | (below & 1) << 2 | (above & 1) << 3
+    steps |= ((below & left) >> 1 & state[cell - wide - 1] & 1) << 4
+    steps |= ((below & right) >> 1 & state[cell - wide + 1] & 1) << 5
+    steps |= ((above & left) >> 1 & state[cell + wide - 1] & 1) << 6
+    steps |= ((above & right) >> 1 & state[cell + wide + 1] & 1) << 7
+    return int(steps)
 
 
 @njit(cache=True)
@@ -248,48 +315,56 @@ def _estimate(x: int, y: int, goal_x: int, goal_y: int, estimate: int) -> float:
 
 
 @njit(cache=True)
-def _put(heap: Ints, keys: Floats, place: Ints, cell: int, key: float) -> None:
-    """Put a cell into a heap at its place, which is vacant or has held itself or a dearer one, or above it."""
-    at = place[cell]
-    while at > 0 and keys[(at - 1) >> 1] > key:
-        above = (at - 1) >> 1
-        heap[at], keys[at] = heap[above], keys[above]
-        place[heap[at]] = at
-        at = above
-    heap[at], keys[at], place[cell] = cell, key, at
+def _buckets(dearest: float, estimate: int) -> tuple[float, Ints]:
+    """Return how many buckets there are to one unit of cost, and a ring of them, empty: the first link of each.
 
-
-@njit(cache=True)
-def _take_first(heap: Ints, keys: Floats, place: Ints, size: int) -> None:
-    """Take the first cell away from a heap, of which *size* are left.
-
-    The gap sinks to the bottom before the last cell fills it: on the way no jump depends on a key, for the processor to
-    guess wrong.
+    It holds promises up to that of a step from the bucket that is being emptied.
     """
-    place[heap[0]] = _NOWHERE
-    if size == 0:
-        return
-    cell, key, at, below = heap[size], keys[size], 0, 1
-    keys[size] = np.inf
-    while below < size:
-        below += int(keys[below + 1] < keys[below])
-        heap[at], keys[at] = heap[below], keys[below]
-        place[heap[at]] = at
-        at, below = below, 2 * below + 1
-    place[cell] = at
-    _put(heap, keys, place, cell, key)
+    rise, slices, ring = dearest + _RISE, float(_SLICES[estimate]), 1
+    while rise * slices > _MOST_BUCKETS:
+        slices *= 0.5
+    while ring < rise * slices + 2.0:
+        ring *= 2
+    return slices, np.full(ring, _NONE, np.int32)
 
 
 @njit(cache=True)
-def _unwound(before: Ints, start: int, last: int) -> Ints:
+def _put(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int, cell: int) -> None:
+    """Put a cell before those of a bucket: a link holds a cell, and says which is the next one."""
+    at, link = bucket & (first.size - 1), count[_SPARE]
+    if link == _NONE:
+        link = count[_USED]
+        count[_USED] += 1
+    else:
+        count[_SPARE] = after[link]
+    held[link], after[link], first[at] = cell, first[at], link
+    count[_LISTED] += 1
+
+
+@njit(cache=True)
+def _taken(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int) -> int:
+    """Return the cell that was put last into a bucket, and take it away; _NONE if the bucket is empty."""
+    at = bucket & (first.size - 1)
+    link = first[at]
+    if link == _NONE:
+        return _NONE
+    first[at], after[link], count[_SPARE] = after[link], count[_SPARE], link
+    count[_LISTED] -= 1
+    cell: int = held[link]
+    return cell
+
+
+@njit(cache=True)
+def _unwound(before: Ints, last: int, wide: int) -> Ints:
+    """Return the way to a cell of the grid with its border, in cells of the grid without."""
     count, cell = 1, last
-    while cell != start:
+    while cell != before[cell]:
         cell = before[cell]
         count += 1
     way = np.empty(count, np.int32)
     cell = last
     for k in range(count - 1, -1, -1):
-        way[k] = cell
+        way[k] = (cell // wide - 1) * (wide - 2) + cell % wide - 1
         cell = before[cell]
     return way
 

@@ -20,7 +20,12 @@ Where it differs from the paper and GMapping:
 - maps are whole grids of int8, copied when a particle is drawn twice; GMapping shares patches.
 - a robot that rests is updated, too, after some ticks (GMapping's temporalUpdate): so that waiting may help.
 
-With few particles the spread says less than the error is: after drawing anew all may descend from one.
+The spread says less than the error is. Beams of a scan err together, and as those before them that met the same walls.
+Taken for independent they make one particle by far the heaviest; soon all descend from it, and what it has gone astray
+is in all of their maps. Many particles and a low *power* help: on drives through an office of 20 m x 16 m the
+error was 3 times the spread with 10 and 0.1, and 1.5 times with 30 and 0.03. A lower power makes it slower to know
+its place again, and with 0.01 it was lost in one of three drives. Scattering matches by the curvature of their fit, as
+eq. 14 to 19 would, made spreads no wider for long, and lost it more often.
 """
 
 import math

@@ -18,6 +18,7 @@ from experiments.exploration_teams.comparison import (
     sooner_than,
     untouched,
 )
+from experiments.exploration_teams.curves import coverage_over_time
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
 
 USUAL: Final = "usual"
@@ -96,12 +97,14 @@ def clearance(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Ans
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw coverage and the time to 95 % by behaviour, a line a team size."""
+    """Draw coverage and the time to 95 % by behaviour, a line a team size, and coverage over time."""
     behaviours = runs["behaviour"].unique().tolist() if "behaviour" in runs else []
     over, lines = ("behaviour", behaviours), ("robots", {1: "1 robot", MANY: f"{MANY} robots"})
+    named = ("behaviour", {each: each for each in behaviours})
     return [
         *panels(runs, folder, "coverage_by_behaviour.png", "coverage", "share covered", over, lines),
         *panels(runs, folder, "time_by_behaviour.png", TIME, "time to 95 %, s", over, lines),
+        *coverage_over_time(runs, folder, "coverage_over_time.png", (1, MANY), named),
     ]
 
 

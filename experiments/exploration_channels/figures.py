@@ -11,7 +11,7 @@ from experiments.exploration_teams.comparison import IN_TIME, MUCH, SLIGHT, TIME
 from experiments.reflection_tables.comparison import Answer, Arm
 
 FLOORS: Final = ("corridor", "office")
-NETWORKS: Final = ("shared", "ideal", "near", "adhoc")
+NETWORKS: Final = ("shared", "ideal", "near", "adhoc", "bluetooth")
 MANY: Final = 4
 LINES: Final = {1: "1 robot", MANY: f"{MANY} robots"}
 METRICS: Final = {

@@ -17,6 +17,7 @@ from experiments.exploration_teams.comparison import (
     sooner_than,
     untouched,
 )
+from experiments.exploration_teams.curves import coverage_over_time
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits
 
 CONSTANT: Final = "constant"
@@ -61,9 +62,12 @@ def open_gains(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the time to 95 % against team size, a line a speed."""
+    """Draw the time to 95 % against team size, and coverage over time, a line a speed."""
     sizes, lines = ("robots", levels(runs, "robots")), ("speed", {CONSTANT: CONSTANT, FASTER: "faster in the open"})
-    return panels(runs, folder, "time_by_speed.png", TIME, "time to 95 %, s", sizes, lines)
+    return [
+        *panels(runs, folder, "time_by_speed.png", TIME, "time to 95 %, s", sizes, lines),
+        *coverage_over_time(runs, folder, "coverage_over_time.png", SIZES, lines),
+    ]
 
 
 # ---------------------------------------------------------------- the tests that published.csv names

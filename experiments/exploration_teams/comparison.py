@@ -23,6 +23,8 @@ MUCH: Final = 0.75
 """A team is much quicker than one robot if it needs less than this share of the time."""
 SLIGHT: Final = 1.1
 """What makes an exploration less than this factor longer costs little."""
+BESIDE: Final = 0.06
+"""Points of several lines stand so far beside each other, in steps of the axis."""
 IN_TIME: Final = 0.7
 """A floor is explored if more than this share of the runs come to 99 %; 9 of 9 show it."""
 
@@ -111,15 +113,22 @@ def panels(
     figure = Figure(figsize=(4.0 * len(floors) + 1.8, 4.0), layout="constrained")
     plots = figure.subplots(1, len(floors), squeeze=False, sharey=True)[0]
     for plot, floor in zip(plots, floors, strict=True):
-        for value, title in names.items():
+        for rank, (value, title) in enumerate(names.items()):
             part = runs[(runs["map"] == floor) & (runs[line_axis] == value)]
             if part.empty:
                 continue
             points = estimates(part, [axis], [metric]).set_index(axis).reindex([v for v in at if v in set(part[axis])])
             halves = np.nan_to_num([each.half for each in points[metric]])
-            places = [list(at).index(each) for each in points.index]
+            beside = BESIDE * (rank - (len(names) - 1) / 2)
+            places = [list(at).index(each) + beside for each in points.index]
             plot.errorbar(
-                places, [each.mean for each in points[metric]], yerr=halves, marker="o", capsize=3, label=title
+                places,
+                [each.mean for each in points[metric]],
+                yerr=halves,
+                marker="o",
+                capsize=3,
+                color=f"C{rank}",
+                label=title,
             )
         plot.set_xticks(range(len(at)), [str(each) for each in at])
         plot.set(title=MAPS[floor], xlabel=axis)

@@ -19,7 +19,7 @@ from cosim.errors import UserError
 from cosim.scenario import Scenario, build, dump
 from cosim.settings import Settings
 from cosim.simulation import METRICS as EVERY_RUN
-from cosim.simulation import simulate
+from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
 from cosim.units import from_seconds
@@ -27,6 +27,9 @@ from protocols.exploration.spec import METRICS
 
 LATER_S: Final = 30.0
 """So long after a path was laid it is asked how far apart robots are."""
+TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
+"""Of what can be seen: when so much had been gives the curve of the coverage over time."""
+_SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
 _OWN: Final = (
     Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
     Column("reached", "float", "1", "1 if it was, else 0"),
@@ -36,6 +39,10 @@ _OWN: Final = (
     Column("paths_led_on", "float", "1", "share of them that were left since a frontier was in sight, or walked"),
     Column("parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot in 30 s from a path laid"),
     Column("parted_else_m", "float", "m", "the same from times when the robot was on no path"),
+    *(
+        Column(name, "float", "s", f"until {100 * share:.0f} % of what can be seen had been; NaN if it never was")
+        for name, share in _SEEN.items()
+    ),
 )
 COLUMNS: Final = (
     *(
@@ -70,13 +77,15 @@ class Parameters(Settings):
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     scenario = Parameters.model_validate(parameters).chosen()
-    outcome = simulate(scenario, seed, (POSES,))
+    simulation = Simulation(scenario, seed, (POSES,))
+    outcome = simulation.run()
     found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
     never = math.isnan(found["time_95_s"])
     found["until_95_s"] = scenario.duration_s if never else found["time_95_s"]
     found["reached"] = float(not never)
     found["completed"] = float(not math.isnan(found["time_99_s"]))
-    return found | _told(outcome.trace)
+    referee: Any = simulation.referee
+    return found | _told(outcome.trace) | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
 
 
 def _told(trace: Trace) -> dict[str, float]:

@@ -24,6 +24,8 @@ from experiments.exploration_teams.comparison import (
     sooner_than,
     untouched,
 )
+from experiments.exploration_teams.curves import coverage_over_time
+from experiments.exploration_teams.growing import chosen, draw_growth, draw_ways, watch
 from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
 
 NAMES: Final = {
@@ -36,6 +38,8 @@ RIVALS: Final = ("nearest", "utility", "assignment")
 SIZES: Final = (1, 2, 4, 8)
 TEAMS: Final = (2, 4, 8)
 LARGE: Final = (4, 8)
+WATCHED: Final = 4
+"""Robots of the exploration that is drawn from above."""
 
 
 def _arm(floor: str, robots: int, algorithm: str = "schemas") -> Arm:
@@ -98,12 +102,31 @@ def overlap(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answe
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the time to 95 %, and the share that is covered twice, against team size, a line an algorithm."""
+    """Draw times and what is covered twice against team size, coverage over time, and one exploration from above.
+
+    That exploration, the first of four robots by schemas on the last floor, is made anew: the results hold no ways.
+    """
     sizes, lines = ("robots", levels(runs, "robots")), ("algorithm", NAMES)
     return [
         *panels(runs, folder, "time_by_size.png", TIME, "time to 95 %, s", sizes, lines),
         *panels(runs, folder, "twice_by_size.png", "covered_twice", "share covered twice", sizes, lines),
+        *coverage_over_time(runs, folder, "coverage_over_time.png", (1, *LARGE), lines),
+        *_from_above(runs, folder),
     ]
+
+
+def _from_above(runs: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw how the map grows, and the robots' ways, in the first of the runs that ``draw`` names, if it was made."""
+    arm = runs[(runs["algorithm"] == "schemas") & (runs["robots"] == WATCHED)] if "seed" in runs else pd.DataFrame()
+    floors = [floor for floor in MAPS if not arm.empty and floor in set(arm["map"])]
+    if not floors:
+        return []
+    first = arm[arm["map"] == floors[-1]].sort_values("replicate").iloc[0]
+    shown = watch(chosen([f"map={floors[-1]}", f"robots={WATCHED}", "algorithm=schemas"]), int(first["seed"]))
+    paths = [folder / "map_growth.png", folder / "ways.png"]
+    draw_growth(shown, paths[0])
+    draw_ways(shown, paths[1])
+    return paths
 
 
 # ---------------------------------------------------------------- the tests that published.csv names

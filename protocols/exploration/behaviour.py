@@ -1,4 +1,17 @@
-"""The paper's behaviour: motor schemas, and a path out of local minima (paper 001, sections 3.3 to 3.8)."""
+"""The paper's behaviour: motor schemas, and a path out of local minima (paper 001, sections 3.3 to 3.8).
+
+What the paper leaves open, and how it is read here:
+
+- "Once the robot is within sensor range of a frontier (not necessarily the goal of its current path), the generated
+  path is then removed" (3.7). But a robot that is caught has often stalled with a frontier in sight, and would take its
+  path back at once. So a frontier ends one path at most, and none that was laid while it was in sight.
+- How an exploration ends. A frontier that is in line of sight within the sensors' range of where a path has ended, and
+  is there all the same, is *vain*: no beam meets it from there. All that share the map leave it out. A frontier to
+  which no way leads, nor to a place that it can be seen from, is ignored by the robot, and so is one that it has not
+  reached by three paths; before it has done it tries those once more. Who has nothing left has done, as long as the map
+  is what it is.
+- A robot that stalls on its path tries the next one without being drawn by frontiers: those behind walls may be many.
+"""
 
 import math
 from typing import Final
@@ -7,22 +20,28 @@ import numpy as np
 
 from cosim.geometry.planning import Point
 from cosim.machine import Event
-from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
+from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.exploration.belief import Belief, Bytes
-from protocols.exploration.escaping import Escape, Overlay
-from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
+from protocols.exploration.belief import Belief
+from protocols.exploration.escaping import Escape
+from protocols.exploration.forces import attract, forces
+from protocols.exploration.information import Attraction
+from protocols.exploration.journal import Explored, PathLaid, PathLeft, Stalled
+from protocols.exploration.overlay import Overlay
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
+from protocols.exploration.settling import Settling
 from protocols.exploration.stalling import Stalling
 
 _NOTHING: Final = 1e-9
 """A sum of forces that is smaller is zero."""
 _TRIES: Final = 3
-"""A frontier that has been planned to so often and is still there is given up."""
+"""Frontiers that so many paths in a row have not led to are left for later."""
 _LOOK_TICKS: Final = 5
 """So often a robot on a path looks whether a frontier is in sight."""
+_AT_LOOKOUT_CELLS: Final = 1.0
+"""So near to a lookout a robot looks."""
 
 
 class Behaviour:
@@ -40,27 +59,33 @@ class Behaviour:
     ) -> None:
         """Lead a body of *radius_m*, whose sensors reach *range_m*, by the map *belief*."""
         self.belief = belief
+        self.pull: Vector = 0.0, 0.0
+        """What else attracts it, as a force."""
         self._schemas = parameters.schemas
-        self._escape_enabled = parameters.escape.enabled
         self._records = records
         self._events = events
-        self._overlay = Overlay(belief)
-        self._escape = Escape(parameters.escape, belief, radius_m, range_m)
-        self._reach = range_m / belief.frame.cell_m
+        self._overlay = Overlay(belief, range_m / belief.frame.cell_m)
         escape = parameters.escape
+        self._escape = Escape(escape, belief, radius_m, range_m) if escape.enabled else None
+        self._settling = Settling(belief, self._overlay, records, events)
         patience = math.inf if escape.patience_s is None else escape.patience_s * S / tick
-        self._stalling = Stalling(round(escape.period_s * S / tick), escape.box_m, patience)
-        self._tries: dict[int, int] = {}
+        self._period = round(escape.period_s * S / tick)
+        self._stalling = Stalling(self._period, escape.box_m, patience)
+        self._scratch = np.zeros_like(belief.frontier)
+        schemas, weight = parameters.schemas, parameters.schemas.information
+        self._attraction = Attraction(belief, schemas.frontier_m, range_m, weight) if weight else None
         self._ticks = 0
-        self._stands = False
-        """Whether no force drew it at the last tick, and there is no way out."""
-        self._done_at: int | None = None
-        """The map's version when nothing was left to explore."""
+        self._failed = 0
+        """Paths in a row that it has stalled on."""
+        self._caught = False
+        """Whether it was caught at the last tick; without an escape it is caught once, for however long."""
+        self._done_at: tuple[int, int] | None = None
+        """The map's version and the tick when nothing was left to explore."""
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to explore that has not been given up."""
-        return self._done_at == self.belief.version
+        return self._done_at is not None
 
     @property
     def underway(self) -> bool:
@@ -72,36 +97,65 @@ class Behaviour:
 
         Steps 2 to 9 of the combined algorithm (3.8).
         """
-        if self.done:
-            return None
         here = observation.x_m, observation.y_m
         self._ticks += 1
-        self._stalling.note(here, self._follow(here) or gained)
+        if self._done_at is not None and not self._resumes(self._done_at, here):
+            return None
+        walked = self._follow(here, observation)
+        self._stalling.note(here, walked or gained)
         heading = self._heading(here, observation)
-        if (heading is None and not self._stands) or self._stalling.stalled:
-            self._stall("no force" if heading is None else "no way made", here)
-            heading = None if self.done else self._heading(here, observation)
-        self._stands = heading is None and not self._escape_enabled
+        why = "no force" if heading is None else "no way made" if self._stalling.stalled else None
+        if why is None:
+            self._caught = False
+            return heading
+        if not self._caught:
+            self._stall(why, here)
+            return None if self.done else self._heading(here, observation)
+        if self._ticks % self._period == 0 and not self._overlay.any_frontier():
+            self._finish()
         return heading
+
+    # ------------------------------------------------------------ steps 4 to 7
 
     def _heading(self, here: Point, observation: Observation) -> float | None:
         """Return where the sum of all schemas points, or None if it is zero (equation 2)."""
-        schemas, frame = self._schemas, self.belief.frame
-        (left, low), size = frame.origin_m, frame.cell_m
-        fx, fy = sum_of_frontiers(self._overlay.attracting(), left, low, size, *here, schemas.frontier_m)
-        ox, oy = sum_of_obstacles(self.belief.evidence, left, low, size, *here, schemas.obstacle_m, schemas.in_sight)
-        x = schemas.frontier_gain * fx - schemas.obstacle_gain * ox
-        y = schemas.frontier_gain * fy - schemas.obstacle_gain * oy
+        schemas, overlay, belief = self._schemas, self._overlay, self.belief
+        (left, low), size = belief.frame.origin_m, belief.frame.cell_m
+        grids = belief.frontier, overlay.ignored, belief.vain, overlay.path, self._failed > 0 and overlay.underway
+        reaches = schemas.frontier_m, schemas.obstacle_m, schemas.in_sight
+        fx, fy, ox, oy = forces(*grids, self._scratch, belief.evidence, left, low, size, *here, *reaches)
+        if self._attraction is not None:
+            attract(*grids, left, low, size, *here, schemas.frontier_m, self._scratch)
+            fx, fy = self._attraction.to(here, self._scratch)
+        fx, fy, ox, oy = (
+            schemas.frontier_gain * fx,
+            schemas.frontier_gain * fy,
+            -schemas.obstacle_gain * ox,
+            -schemas.obstacle_gain * oy,
+        )
+        rx, ry = self._from_robots(here, observation)
+        x, y = fx + ox + rx + self.pull[0], fy + oy + ry + self.pull[1]
+        if x * x + y * y <= _NOTHING * _NOTHING:
+            return None
+        self._records.drawn(fx * fx + fy * fy, ox * ox + oy * oy, rx * rx + ry * ry)
+        return math.atan2(y, x)
+
+    def _from_robots(self, here: Point, observation: Observation) -> Vector:
+        """Return the force of the robots in sight (equation 5)."""
+        rx = ry = 0.0
         for _, at_x, at_y in observation.sightings:
             dx, dy = at_x - here[0], at_y - here[1]
-            away = math.hypot(dx, dy)
-            if _NOTHING < away <= schemas.robot_m:
-                x -= schemas.robot_gain * dx / away**3
-                y -= schemas.robot_gain * dy / away**3
-        return math.atan2(y, x) if math.hypot(x, y) > _NOTHING else None
+            away = math.sqrt(dx * dx + dy * dy)
+            if _NOTHING < away <= self._schemas.robot_m:
+                strength = self._schemas.robot_gain / (away * away * away)
+                rx -= strength * dx
+                ry -= strength * dy
+        return rx, ry
 
-    def _follow(self, here: Point) -> bool:
-        """Take back what of the path has been walked, or all of it if a frontier is in sight (step 2).
+    # ------------------------------------------------------------ steps 2 and 8
+
+    def _follow(self, here: Point, observation: Observation) -> bool:
+        """Take back what of the path has been walked, or all of it if a new frontier is in sight (step 2).
 
         Return whether any has been walked.
         """
@@ -109,59 +163,73 @@ class Behaviour:
         if not overlay.underway:
             return False
         walked = overlay.pass_by(here, self._schemas.obstacle_m)
-        why = self._why_leave(here)
-        if why is not None:
-            overlay.clear()
-            self._events.append(PathLeft(why))
-            self._stalling.begin()
+        if not overlay.underway:
+            self._leave("walked")
+            self._settling.look(here, bool(observation.sightings))
+        elif self._ticks % _LOOK_TICKS == 0 and len(new := overlay.in_sight(here, new=True)):
+            overlay.note(new)
+            self._leave("frontier in sight")
         return walked
 
-    def _why_leave(self, here: Point) -> str | None:
-        if not self._overlay.underway:
-            return "walked"
-        looks = self._ticks % _LOOK_TICKS == 0
-        return "frontier in sight" if looks and self._escape.sees(here, self._overlay.frontiers()) else None
+    def _leave(self, why: str) -> None:
+        self._overlay.clear()
+        self._events.append(PathLeft(why))
+        self._stalling.begin()
+        self._failed = 0
 
     def _stall(self, why: str, here: Point) -> None:
-        """Lay a path to the nearest frontier (step 8); give up frontiers to which none leads."""
+        """Lay a path to the nearest frontier (step 8), or find that nothing is left."""
         self._records.stalls += 1
         self._events.append(Stalled(why))
-        self._stalling.begin()
-        if not self._escape_enabled:
+        if self._escape is None:
+            self._caught = True
+            if not self._overlay.any_frontier():
+                self._finish()
             return
-        overlay = self._overlay
-        overlay.clear()
-        while True:
-            frontiers = overlay.frontiers()
-            if not frontiers.any():
-                self._done_at = self.belief.version
-                self._events.append(Explored())
-                return
-            found = self._escape.way(here, frontiers)
-            if found is None:
-                self._give_up(np.flatnonzero(frontiers[:, : self.belief.frame.nx]).tolist(), "no way leads there")
-                continue
-            cells, in_sight = found
-            goal = cells[-1]
-            self._tries[goal] = self._tries.get(goal, 0) + 1
-            if self._tries[goal] <= _TRIES:
-                x_m, y_m = self.belief.frame.centre_m(goal)
-                overlay.lay(cells)
-                overlay.pass_by(here, 0.0)
-                self._events.append(PathLaid(x_m, y_m, len(cells), in_sight))
-                return
-            self._give_up(self._near(goal, frontiers), "tried too often")
+        self._stalling.begin()
+        if self._overlay.underway:
+            self._overlay.clear()
+            self._events.append(PathLeft("stalled"))
+            self._failed += 1
+            if self._failed == _TRIES:
+                self._settling.postpone()
+                self._failed = 0
+        self._plan(self._escape, here)
 
-    def _near(self, goal: int, frontiers: Bytes) -> list[int]:
-        """Return the goal itself if it is a frontier, else those frontiers that it was to look at."""
-        frame = self.belief.frame
-        if frontiers[goal // frame.nx, goal % frame.nx]:
-            return [goal]
-        cells = np.flatnonzero(frontiers[:, : frame.nx])
-        away = np.hypot(cells % frame.nx - goal % frame.nx, cells // frame.nx - goal // frame.nx)
-        return [int(cell) for cell in cells[away <= self._reach]] or [int(cells[np.argmin(away)])]
+    def _plan(self, escape: Escape, here: Point) -> None:
+        """Lay a path to the nearest frontier; give up those to which none leads."""
+        overlay, settling = self._overlay, self._settling
+        while overlay.any_frontier() or settling.take_up():
+            way = escape.way(here, overlay.frontiers(), settling.tried, settling.looked)
+            if way is not None:
+                lookout_m = _AT_LOOKOUT_CELLS * self.belief.frame.cell_m
+                overlay.note(overlay.in_sight(here, new=True))
+                overlay.lay(way.cells, lookout_m if way.lookout else None)
+                x_m, y_m = self.belief.frame.centre_m(way.cells[-1])
+                self._events.append(PathLaid(x_m, y_m, len(way.cells), way.in_sight))
+                return
+            if not escape.entry(here):
+                return  # where it stands by its map it cannot be: that tells nothing of frontiers
+            settling.ignore("no way leads there")
+        self._finish()
 
-    def _give_up(self, cells: list[int], why: str) -> None:
-        self._overlay.give_up(cells)
-        self._records.given_up += len(cells)
-        self._events += [FrontierGivenUp(*self.belief.frame.centre_m(cell), why) for cell in cells]
+    # ------------------------------------------------------------ the end
+
+    def _finish(self) -> None:
+        self._done_at = self.belief.version, self._ticks
+        self._events.append(Explored())
+
+    def _resumes(self, done_at: tuple[int, int], here: Point) -> bool:
+        """Return whether a robot that has done goes on: others have told it of frontiers, or of ways there."""
+        version, tick = done_at
+        if version == self.belief.version:
+            return False
+        if self._overlay.any_frontier():
+            self._done_at = None
+            return True
+        if self._escape is None or self._ticks - tick < self._period:
+            return False
+        self._done_at = None
+        self._settling.reconsider()
+        self._plan(self._escape, here)
+        return not self.done

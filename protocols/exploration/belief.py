@@ -4,7 +4,7 @@ The arithmetic is in :mod:`cosim.geometry.marking`. A map covers the floor's ext
 """
 
 import math
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,15 @@ from cosim.navigation.schemas import Floats
 from protocols.exploration.runs import Bools, Ints
 
 Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
+Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
+
+
+_DIAGONAL: Final = False
+"""Whether an unknown cell is a frontier by an empty one that it has a corner in common with.
+
+The paper's "adjacent" may be either. A beam does not pass a corner: where two walls meet, an unknown cell behind the
+corner would be a frontier that nobody ever sees.
+"""
 
 
 class Frame(NamedTuple):
@@ -52,6 +61,8 @@ class Belief:
         self.frame = frame
         self.evidence = np.zeros((frame.ny, frame.nx), np.int8)
         self.frontier: Bytes = np.zeros((frame.ny, (frame.nx + 7) // 8 * 8), np.uint8)
+        self.vain: Bytes = np.zeros_like(self.frontier)
+        """Frontiers that somebody has looked at from near by, and that are there all the same."""
         self.version = 0
         """Grows with each change."""
         self._weights = weights
@@ -74,7 +85,7 @@ class Belief:
             *self._weights,
             bodies,
             self._changed,
-            True,
+            _DIAGONAL,
         )
         self.version += count > 0
         return self._changed[:count]
@@ -84,7 +95,7 @@ class Belief:
         told = np.where(occupied, OCCUPIED, EMPTY).astype(np.uint8)
         scratch = np.empty(len(cells), np.int32)
         weight = self._weights.hit
-        self.version += merge_cells(self.evidence, self.frontier, cells, told, newer, weight, scratch, True) > 0
+        self.version += merge_cells(self.evidence, self.frontier, cells, told, newer, weight, scratch, _DIAGONAL) > 0
 
     def occupied(self, cells: Ints) -> Bools:
         """Return which of *cells* are occupied."""

@@ -1,78 +1,46 @@
-"""The way out of a local minimum: a path to a frontier, laid into the robot's own map as unexplored cells.
+"""The way out of a local minimum: where to a robot that is caught goes, and by which cells (paper 001, section 3.6).
 
-Paper 001, sections 3.6 and 3.7. The schemas are drawn along it as to any frontier; cells of the path are taken back
-when the robot is as near to them as obstacles repel it, and all when a frontier is in sight within the sensors' range.
+Ways lead over cells that are known to be empty and keep away from obstacles. The goal is the nearest frontier, those in
+line of sight with absolute preference. A robot is wider than a cell, which the paper leaves out: to a frontier beside a
+wall it does not come. So it goes to a lookout, a place from which the frontier is in sight within the sensors' range.
 """
 
-import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.geometry.astar import clearance_cost, in_sight, lookouts, nearest, nearest_frontier, passable_cells
+from cosim.geometry.astar import astar, clearance_cost, in_sight, lookouts, nearest, nearest_frontier, passable_cells
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Point
+from cosim.geometry.planning import Bools, Ints, Point, Singles
 from protocols.exploration.belief import Belief, Bytes
+from protocols.exploration.information import most_useful
 from protocols.exploration.parameters import EscapeParameters
 
 _SLACK_CELLS: Final = 0.5
 """So much wider than its body a robot plans."""
+_SURE: Final = 0.9
+"""Share of the sensors' range from which a lookout looks."""
 
 
-class Overlay:
-    """What one robot adds to the frontiers of the map, its path, and what it leaves out, as it has given it up."""
+class Way(NamedTuple):
+    """A way to a frontier, or to where one can be seen."""
 
-    def __init__(self, belief: Belief) -> None:
-        self._belief = belief
-        self.path: Bytes = np.zeros_like(belief.frontier)
-        self.given_up: Bytes = np.zeros_like(belief.frontier)
-        self.underway = False
-        """Whether any cell of a path is left."""
-        self._any_given_up = False
+    cells: list[Cell]
+    in_sight: bool
+    """Whether its end is in line of sight."""
+    lookout: bool
+    """Whether it ends where a frontier can be seen, not at one."""
 
-    def attracting(self) -> Bytes:
-        """Return what attracts the robot: a grid as ``marking`` has frontiers."""
-        frontier = self._belief.frontier
-        if self._any_given_up:
-            frontier = self.frontiers()
-        return frontier | self.path if self.underway else frontier
 
-    def frontiers(self) -> Bytes:
-        """Return the frontiers that have not been given up."""
-        return self._belief.frontier & ~self.given_up
+class Ground(NamedTuple):
+    """Where a robot can go, by its map."""
 
-    def lay(self, cells: "list[Cell]") -> None:
-        """Let a path of cells seem unexplored."""
-        nx = self._belief.frame.nx
-        self.path[:] = 0
-        for cell in cells:
-            self.path[cell // nx, cell % nx] = 1
-        self.underway = bool(cells)
-
-    def pass_by(self, place_m: Point, reach_m: float) -> bool:
-        """Take back the cells of the path that are near; return whether there were any."""
-        if not self.underway:
-            return False
-        frame = self._belief.frame
-        (left, low), size = frame.origin_m, frame.cell_m
-        rows, columns = np.nonzero(self.path)
-        away = np.hypot(left + (columns + 0.5) * size - place_m[0], low + (rows + 0.5) * size - place_m[1])
-        near = away <= reach_m
-        self.path[rows[near], columns[near]] = 0
-        self.underway = not near.all()
-        return bool(near.any())
-
-    def clear(self) -> None:
-        """Take back the whole path."""
-        self.path[:] = 0
-        self.underway = False
-
-    def give_up(self, cells: "list[Cell]") -> None:
-        """Leave frontier cells out from now on."""
-        nx = self._belief.frame.nx
-        for cell in cells:
-            self.given_up[cell // nx, cell % nx] = 1
-        self._any_given_up = True
+    clear: Bools
+    """Known to be empty."""
+    passable: Bools
+    """The body fits in."""
+    extra: Singles
+    """What it costs to be there."""
 
 
 class Escape:
@@ -82,47 +50,79 @@ class Escape:
         self._own = parameters
         self._belief = belief
         size = belief.frame.cell_m
-        self._radius = radius_m / size + _SLACK_CELLS
+        self._body = radius_m / size
         self._clear = max(parameters.clearance_m / size, 1.0)
         self._reach = range_m / size
+        self._ground: tuple[int, Ground] | None = None
 
-    def way(self, here_m: Point, frontiers: Bytes) -> tuple[list[Cell], bool] | None:
-        """Return the cells to the nearest of *frontiers*, and whether it is in sight; None if no way leads to one.
+    def ground(self) -> Ground:
+        """Return where the robot can go by the map of now."""
+        belief = self._belief
+        if self._ground is None or self._ground[0] != belief.version:
+            evidence = belief.evidence
+            passable = passable_cells(evidence, self._body + _SLACK_CELLS)
+            extra = clearance_cost(evidence > 0, self._clear, self._own.clearance_cost)
+            self._ground = belief.version, Ground(evidence < 0, passable, extra)
+        return self._ground[1]
 
-        Who is too wide to come to any goes where one can be seen within the sensors' range.
+    def entry(self, here_m: Point) -> list[Cell]:
+        """Return the cells from a place to the nearest one where the body fits, by the map; none if there is no way.
+
+        A robot may stand, and stand well, where its body and the slack of its plans do not fit into the cells that are
+        known to be empty: beside a wall that both of its cells seem to hold, or where it has not seen the floor under
+        its body. Ways to there lead over empty cells, if there are any about it.
         """
-        evidence = self._belief.evidence
-        nx = self._belief.frame.nx
-        start = self._belief.frame.cell_at(here_m)
-        passable = passable_cells(evidence, self._radius)
-        extra = clearance_cost(evidence > 0, self._clear, self._own.clearance_cost)
-        clear = evidence < 0
-        goals = frontiers[:, :nx].astype(np.bool_)
-        found = nearest_frontier(passable, clear, extra, start, goals, self._own.cost)
-        if found is None:
-            watch = lookouts(passable, clear, goals, self._reach * 0.9)
-            found = nearest(passable, extra, start, watch, self._own.cost) if watch.any() else None
-        if found is None:
-            return None
-        cells = [int(cell) for cell in found]
-        goal = np.zeros_like(goals)
-        goal.flat[cells[-1]] = True
-        return cells, bool(in_sight(clear, start, goal).any())
+        belief, ground = self._belief, self.ground()
+        start = belief.frame.cell_at(here_m)
+        if ground.passable.flat[start]:
+            return [start]
+        under = self._under(here_m) & (belief.evidence <= 0)
+        way = nearest(ground.clear | under, np.zeros_like(ground.extra), start, ground.passable)
+        return [] if way is None else [int(cell) for cell in way]
 
-    def sees(self, here_m: Point, frontiers: Bytes) -> bool:
-        """Return whether one of *frontiers* is in line of sight within the sensors' range."""
+    def _under(self, here_m: Point) -> Bools:
+        """Return the cells that have their centres under the body."""
         frame = self._belief.frame
-        cell = frame.cell_at(here_m)
-        iy, ix = divmod(cell, frame.nx)
-        reach = math.ceil(self._reach)
-        rows = slice(max(iy - reach, 0), min(iy + reach + 1, frame.ny))
-        columns = slice(max(ix - reach, 0), min(ix + reach + 1, frame.nx))
-        goals = np.ascontiguousarray(frontiers[rows, columns], np.bool_)
+        rows, columns = np.ogrid[: frame.ny, : frame.nx]
+        (left, low), size = frame.origin_m, frame.cell_m
+        across = np.hypot(columns + 0.5 - (here_m[0] - left) / size, rows + 0.5 - (here_m[1] - low) / size)
+        result: Bools = across <= self._body
+        return result
+
+    def way(self, here_m: Point, frontiers: Bytes, tried: Bytes, looked: Bools) -> Way | None:
+        """Return the way to the nearest of *frontiers*, or to a lookout for one; None if none leads there.
+
+        Those that were *tried* are only looked at; from places that have been *looked* from nobody looks again.
+        """
+        nx = self._belief.frame.nx
+        entry = self.entry(here_m)
+        if not entry:
+            return None
+        ground, start = self.ground(), entry[-1]
+        goals = frontiers[:, :nx].astype(np.bool_)
+        direct = goals & ~tried[:, :nx].astype(np.bool_)
+        seen = in_sight(ground.clear, start, goals)
+        for wanted in (seen, goals) if self._own.choice == "nearest" else (goals,):
+            found, lookout = self._direct(ground, start, direct & wanted), False
+            if found is None:
+                found, lookout = self._watch(ground, start, wanted, looked), True
+            if found is not None:
+                cells = entry[:-1] + [int(cell) for cell in found]
+                return Way(cells, wanted is seen or bool(seen.flat[cells[-1]]), lookout)
+        return None
+
+    def _direct(self, ground: Ground, start: Cell, goals: Bools) -> Ints | None:
+        """Return the way to the nearest of *goals*, or the most useful one; they are entered and not passed."""
         if not goals.any():
-            return False
-        gy, gx = np.nonzero(goals)
-        far = (gy + rows.start - iy) ** 2 + (gx + columns.start - ix) ** 2 > self._reach**2
-        goals[gy[far], gx[far]] = False
-        clear = np.ascontiguousarray(self._belief.evidence[rows, columns] < 0)
-        here = (iy - rows.start) * goals.shape[1] + ix - columns.start
-        return bool(in_sight(clear, here, goals).any())
+            return None
+        own = self._own
+        if own.choice == "nearest":
+            return nearest_frontier(ground.passable, ground.clear, ground.extra, start, goals, own.cost)
+        evidence, weight = self._belief.evidence, own.information
+        cell = most_useful(evidence, ground.passable, ground.extra, start, goals, self._reach, weight, own.cost)
+        return None if cell is None else astar(ground.passable, ground.extra, start, cell, own.cost)
+
+    def _watch(self, ground: Ground, start: Cell, goals: Bools, looked: Bools) -> Ints | None:
+        """Return the way to the nearest place from which one of *goals* is in sight; nearest by the way's length."""
+        watch = lookouts(ground.passable, ground.clear, goals, self._reach * _SURE) & ~looked
+        return nearest(ground.passable, ground.extra, start, watch, self._own.cost) if watch.any() else None

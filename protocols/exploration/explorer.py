@@ -1,7 +1,7 @@
 """An explorer: marks its map, tells others of it, and goes where its behaviour, or a rival of it, leads."""
 
 import math
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from protocols.exploration.belief import Belief
 from protocols.exploration.journal import BadBytes
 from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters
+from protocols.exploration.positioning import Given, Positioning, turned
 from protocols.exploration.records import Records
 from protocols.exploration.sharing import Sharing
 from protocols.exploration.steering import Steering, without_lone
+
+_ROUNDING: Final = 1e-9
 
 
 class Leader(Protocol):
@@ -47,6 +50,7 @@ class Explorer:
         sharing: Sharing | None,
         records: Records,
         events: list[Event],
+        positioning: Positioning | None = None,
     ) -> None:
         """Explore with the map *belief*; tell others of it by *sharing*, if each has its own."""
         self.me = me
@@ -61,6 +65,12 @@ class Explorer:
         self._steering = Steering(parameters.steering, self._beams, knowledge.radii_m[me], knowledge.speeds_mps[me])
         self._commands: list[Command] = []
         self._here: Point | None = None
+        self._positioning = Given() if positioning is None else positioning
+        self.place_m: Point | None = None
+        """Where it takes itself to be on its map."""
+        self._heading: float | None = None
+        self._pace = 0.0
+        self._gained = False
         self._driving = False
 
     # ------------------------------------------------------------ the contract of machines
@@ -80,24 +90,28 @@ class Explorer:
             self.belief.merge(*told)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take no notice: maps are told to whom it may concern."""
+        """Take news about links, if maps are told over such."""
+        if self._sharing is not None:
+            self._sharing.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Mark what is seen, tell it, and go on."""
-        here = observation.x_m, observation.y_m
-        self._count(observation, here)
-        self._here = here
+        self._count(observation)
         ranges_m = without_lone(observation.ranges_m) if self._doubtful else observation.ranges_m
-        changed = self.belief.mark(here, ranges_m, self._beams, self._bodies(observation, now))
+        found, turned_rad, share = self._positioning.locate(observation, ranges_m, self._beams)
+        here = self.place_m = found.x_m, found.y_m
+        beams = self._beams if turned_rad == 0.0 else turned(self._beams, turned_rad)
+        changed = self.belief.mark(here, ranges_m, beams, self._bodies(found, now))
         if self._sharing is not None:
             self._sharing.changed(changed, self.belief.occupied(changed).tolist())
-            self._sharing.tick(*here, now)
-        heading = self._leader.lead(observation, len(changed) > 0)
-        if heading is not None:
-            self._commands.append(self._steering.drive(heading, observation.heading_rad, ranges_m))
+            self._sharing.tick(*here, now, observation.visible)
+        heading = self._lead(found, len(changed) > 0, share)
+        if heading is not None and share > 0.0:
+            order = self._steering.drive(heading - turned_rad, observation.heading_rad, ranges_m)
+            self._commands.append(Drive(share * order.speed_mps, share * order.turn_radps))
         elif self._driving:
             self._commands.append(Drive(0.0, 0.0))
-        self._driving = heading is not None
+        self._driving = heading is not None and share > 0.0
 
     def wake(self, now: Time) -> None:
         """Do nothing: there are no deadlines."""
@@ -126,6 +140,21 @@ class Explorer:
 
     # ------------------------------------------------------------ moving
 
+    def _lead(self, found: Observation, gained: bool, share: float) -> float | None:
+        """Return the desired heading. With a *share* of its speed the leader is asked as much less often.
+
+        So it takes a robot that is slow, or waits, for no more stalled than another: its time is the robot's way.
+        """
+        self._pace += share
+        self._gained |= gained
+        if self._pace < 1.0 - _ROUNDING:
+            self.records.waited += share == 0.0
+            return self._heading
+        self._pace -= 1.0
+        self._heading = self._leader.lead(found, self._gained)
+        self._gained = False
+        return self._heading
+
     def _bodies(self, observation: Observation, now: Time) -> Floats:
         """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
         knowledge = self.knowledge
@@ -141,9 +170,11 @@ class Explorer:
                 bodies.append((x, y, knowledge.radii_m[other] + slack_m))
         return np.array(bodies, np.float64).reshape(-1, 3)
 
-    def _count(self, observation: Observation, here: Point) -> None:
-        records = self.records
+    def _count(self, observation: Observation) -> None:
+        records, here = self.records, (observation.x_m, observation.y_m)
+        records.ticks += 1
         records.way_m += 0.0 if self._here is None else math.dist(here, self._here)
         records.blocked += observation.blocked
         records.escape_steps += self._leader.underway
         records.steps += not self._leader.underway
+        self._here = here

@@ -37,11 +37,12 @@ class PathLeft:
 
 @dataclass(frozen=True, slots=True)
 class FrontierGivenUp:
-    """A robot will not go to a frontier any more."""
+    """A robot will not go to a frontier any more: connected cells, whose middle is there."""
 
     x_m: float = field(metadata=_X_M)
     y_m: float = field(metadata=_Y_M)
     why: str = field(metadata=_WHY)
+    cells: int = field(default=1, metadata=_CELLS)
 
 
 @dataclass(frozen=True, slots=True)

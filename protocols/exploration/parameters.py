@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from cosim.navigation.slam import SlamParameters
 from cosim.settings import Settings
 
 
@@ -17,6 +18,12 @@ class SchemaParameters(Settings):
     robot_range_scale: float = Field(default=2.5, gt=0, description="d_robot over d_obstacle")
     robot_gain_scale: float = Field(default=20.0, ge=0, description="Gain_robot over Gain_obstacle")
     in_sight: bool = Field(default=False, description="only obstacles in line of sight repel (section 3.3)")
+    information: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of a frontier's gain that grows with the unknown about it (section 5.1); 0: all draw alike",
+    )
 
     @property
     def robot_m(self) -> float:
@@ -52,6 +59,12 @@ class EscapeParameters(Settings):
     )
     clearance_m: float = Field(default=0.6, ge=0, description="m, from an obstacle, nearer cells cost more")
     clearance_cost: float = Field(default=5.0, ge=0, description="of a cell next to an obstacle, in steps")
+    choice: Literal["nearest", "utility"] = Field(
+        default="nearest", description="the frontier to go to: the nearest (3.6), or the most useful one (5.1)"
+    )
+    information: float = Field(
+        default=0.5, ge=0, le=1, description="by utility: weight of the information; that of the way's cost is the rest"
+    )
 
 
 class SteeringParameters(Settings):
@@ -79,12 +92,96 @@ class RivalParameters(Settings):
     cost_weight: float = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
 
 
+class LinkParameters(Settings):
+    """How robot 0 keeps a piconet of all, for radios that carry nothing without a link."""
+
+    patience_s: float = Field(default=6.0, gt=0, description="s, the host waits no longer for the end of a page")
+    page_s: float = Field(
+        default=5.0, gt=0, description="s from one page in vain to the next, of a robot that is likely to be near"
+    )
+    page_most_s: float = Field(
+        default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
+    )
+
+    @model_validator(mode="after")
+    def _waits_grow(self) -> "LinkParameters":
+        if not self.page_s <= self.page_most_s:
+            raise ValueError(f"page_s {self.page_s} is not <= page_most_s {self.page_most_s}")
+        return self
+
+
 class SharingParameters(Settings):
     """How maps are merged by messages."""
 
     period_s: float = Field(default=1.0, gt=0, description="s, from one telling to the next")
     octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
     again: int = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
+    links: LinkParameters | None = Field(
+        default=None, description="talk over the links of a piconet: what Bluetooth needs; by default to all in reach"
+    )
+
+
+class SpeedControlParameters(Settings):
+    """How a filter sets speed and rate of turn, by the spread of its particles (section 5.2, figure 5)."""
+
+    enabled: bool = Field(default=True, description="without it the robot drives as fast as the steering says")
+    slow_m: float = Field(default=0.05, ge=0, description="m of spread, up to which a robot has all of its speed")
+    stop_m: float = Field(default=0.15, gt=0, description="m, from which it waits; between them speed falls linearly")
+    resume_m: float = Field(default=0.1, ge=0, description="m, down to which it goes on waiting")
+    creep: float = Field(default=0.2, gt=0, le=1, description="the least share of its speed that a moving robot has")
+    wait_s: float = Field(default=20.0, gt=0, description="s, the longest wait: there may be nothing to see")
+    creep_s: float = Field(default=10.0, gt=0, description="s for which it then goes on, whatever the spread")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "SpeedControlParameters":
+        if not self.slow_m < self.stop_m:
+            raise ValueError(f"slow_m {self.slow_m} is not < stop_m {self.stop_m}")
+        if not self.resume_m <= self.stop_m:
+            raise ValueError(f"resume_m {self.resume_m} is not <= stop_m {self.stop_m}")
+        return self
+
+
+class PositioningParameters(Settings):
+    """How a robot knows where it is on its map (sections 4.3 and 5.2)."""
+
+    kind: Literal["given", "slam"] = Field(
+        default="given",
+        description="what it is told: true positions, as in the paper, or odometry if the senses drift; or a filter",
+    )
+    filter: SlamParameters = Field(
+        default=SlamParameters(), description="the filter; its range_m is not used: a beam reaches as the scanner does"
+    )
+    control: SpeedControlParameters = SpeedControlParameters()
+    doubtful: bool = Field(
+        default=False,
+        description="evidence of cells is counted, as with false returns: who errs sees walls where there are none",
+    )
+    margin_m: float = Field(
+        default=0.0, ge=0, description="m, by which maps reach beyond the floor: who errs may draw over its edge"
+    )
+
+
+class BeaconParameters(Settings):
+    """How robots stay in each other's sight, as beacons (section 5.2)."""
+
+    pattern: Literal["free", "visibility", "leapfrog"] = Field(
+        default="free",
+        description="no beacons; each keeps others in sight while all move; or one half moves while the other stands",
+    )
+    least: int = Field(default=1, ge=1, description="how many others a robot keeps in sight")
+    keep_m: float = Field(default=5.0, gt=0, description="m, the farthest that those may be away")
+    near_m: float = Field(default=2.5, gt=0, description="m, the distance from which on they attract")
+    gain: float = Field(default=100.0, ge=0, description="attraction of each of them, over the distance's square")
+    slot_s: float = Field(default=10.0, gt=0, description="s, leapfrog: after so long the halves change their roles")
+    patience_s: float = Field(
+        default=60.0, gt=0, description="s without progress, after which a robot does without the others for as long"
+    )
+
+    @model_validator(mode="after")
+    def _attract_before_they_hold(self) -> "BeaconParameters":
+        if not self.near_m < self.keep_m:
+            raise ValueError(f"near_m {self.near_m} is not < keep_m {self.keep_m}")
+        return self
 
 
 class Parameters(Settings):
@@ -107,3 +204,13 @@ class Parameters(Settings):
     steering: SteeringParameters = SteeringParameters()
     rivals: RivalParameters = RivalParameters()
     sharing: SharingParameters = SharingParameters()
+    beacons: BeaconParameters = BeaconParameters()
+    positioning: PositioningParameters = PositioningParameters()
+
+    @model_validator(mode="after")
+    def _beacons_fit(self) -> "Parameters":
+        if self.beacons.pattern != "free" and self.algorithm != "schemas":
+            raise ValueError(f"beacons.pattern {self.beacons.pattern} is one of schemas, not of {self.algorithm}")
+        if self.beacons.pattern == "leapfrog" and self.positioning.kind != "given":
+            raise ValueError("beacons.pattern leapfrog counts ticks, and a filter stops that: expected positions given")
+        return self

@@ -5,6 +5,8 @@ counts are the cells that can be covered at all (:func:`protocols.exploration.tr
 """
 
 import math
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -16,6 +18,7 @@ from cosim.protocol import Death, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.exploration.belief import Belief
 from protocols.exploration.knowledge import Knowledge
+from protocols.exploration.runs import Bools
 from protocols.exploration.truth import coverable_cells, first_in_way_m
 
 LOOK_TICKS: Final = 2
@@ -75,19 +78,36 @@ class CoverageReferee:
         """Note that a robot sees nothing any more; its body stays in the way."""
         self._dead.add(death.robot)
 
+    def coverage(self) -> float:
+        """Return the share of what can be covered that has been by now; NaN if nothing can be."""
+        whole = np.count_nonzero(self._wanted)
+        return float(np.count_nonzero(self._since[self._wanted] >= 0) / whole) if whole else math.nan
+
+    def times_s(self, shares: Sequence[float]) -> list[float]:
+        """Return when each of *shares* of what can be covered had been; NaN for what never was."""
+        since = self._since[self._wanted]
+        ordered = np.sort(since[since >= 0])
+        return [when_s(ordered, share * len(since)) for share in shares]
+
     def verdict(self, now: Time) -> dict[str, float]:
         """Return how much of what can be covered was, when, and how much of that by two robots or more."""
-        wanted = coverable_cells(self._frame, self._surroundings)
-        whole = int(np.count_nonzero(wanted))
-        since = self._since[wanted]
-        since = np.sort(since[since >= 0])
+        wanted = self._wanted
+        covered = int(np.count_nonzero(self._since[wanted] >= 0))
         twice = int(np.count_nonzero(self._covered[:, wanted].sum(axis=0) > 1))
         return {
-            **{f"time_{round(100 * share)}_s": when_s(since, share * whole) for share in SHARES},
-            "coverage": len(since) / whole if whole else math.nan,
-            "cells_missed": float(whole - len(since)),
-            "covered_twice": twice / len(since) if len(since) else math.nan,
+            **{
+                f"time_{round(100 * share)}_s": time_s
+                for share, time_s in zip(SHARES, self.times_s(SHARES), strict=True)
+            },
+            "coverage": self.coverage(),
+            "cells_missed": float(np.count_nonzero(wanted) - covered),
+            "covered_twice": twice / covered if covered else math.nan,
         }
+
+    @cached_property
+    def _wanted(self) -> Bools:
+        """What can be covered, flat; only found out if somebody asks."""
+        return coverable_cells(self._frame, self._surroundings)
 
 
 def when_s(since: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", cells: float) -> float:

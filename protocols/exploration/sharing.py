@@ -5,8 +5,12 @@ pieces of whose maps it has, and whom it asks for more, one of those who have cl
 them to all, since others may lack them as well; those who are not asked are silent. So little is told twice but what
 was lost, and pieces come over any number of robots to those who have never been in reach of their author. Nothing is
 acknowledged but by these counts. Who asks in vain asks another the next time.
+
+Where radios need links, each talks to whom its part in a piconet lets it talk to, and the master says again what slaves
+have said.
 """
 
+import math
 from collections.abc import Collection, Iterator
 from typing import Any, Final, NamedTuple
 
@@ -14,7 +18,7 @@ import numpy as np
 
 from cosim.errors import WireError
 from cosim.geometry.planning import Point
-from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.units import MS, Time, to_seconds
 from protocols.exploration.frames import (
     ENTRY_BYTES,
@@ -33,6 +37,7 @@ from protocols.exploration.frames import (
 )
 from protocols.exploration.journal import BadBytes
 from protocols.exploration.ledger import Ledger
+from protocols.exploration.piconet import MASTER, Piconet
 from protocols.exploration.records import Records
 from protocols.exploration.runs import Bools, Ints, fits, from_runs, to_runs
 
@@ -72,11 +77,13 @@ class Sharing:
         records: Records,
         start: Time,
         certain: bool = True,
+        piconet: Piconet | None = None,
     ) -> None:
         """Tell maps of so many *cells* each *period*, in frames of at most so many *octets*, *most* again at a time.
 
         Robots tell one after the other, so that they do not all contend for the air. *certain*: there are no false
-        returns. What a robot has told before it booted again is to it what any other has told.
+        returns. What a robot has told before it booted again is to it what any other has told. Without a *piconet* all
+        in reach hear what it tells.
         """
         self.me = me
         self.ledger = Ledger()
@@ -106,9 +113,11 @@ class Sharing:
         self._claims: dict[Stream, dict[Address, tuple[int, int]]] = {}
         """How many pieces others have said to have, and in what period."""
         self._places: dict[Address, tuple[Point, Time, int]] = {}
+        """Where the others have said that they were, when, and in what period."""
         self.places_m: dict[Address, Point] = {}
         """Where the others were when they were heard last."""
-        """Where the others have said that they were, when, and in what period."""
+        self._here: Point | None = None
+        self._piconet = piconet
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:
@@ -135,8 +144,11 @@ class Sharing:
         if self._versions is not None:
             self._versions[cells] = _NEWEST
 
-    def tick(self, x_m: float, y_m: float, now: Time) -> None:
-        """Tell what is new, and what is known, if it is time."""
+    def tick(self, x_m: float, y_m: float, now: Time, seen: Collection[Address] = ()) -> None:
+        """Tell what is new, and what is known, if it is time; *seen* are the robots in sight."""
+        self._here = x_m, y_m
+        if self._piconet is not None:
+            self._piconet.tick(self._here, self.places_m, seen, now)
         if 0 <= now - self._last < self._period:
             return
         self._last = now
@@ -170,7 +182,15 @@ class Sharing:
             ours, claims = self.ledger.count(stream), self._claims.get(stream, {})
             having = sorted(other for other, (count, beat) in claims.items() if count > ours and self._lately(beat))
             if ours or having:
-                yield Entry(stream, ours, having[self._beat % len(having)] if having else self.me)
+                yield Entry(stream, ours, self._whom(having))
+
+    def _whom(self, having: list[Address]) -> Address:
+        """Return whom of those who have more to ask: each in turn, but a piconet's master rather than its slaves."""
+        if not having:
+            return self.me
+        if self._piconet is not None and MASTER in having:
+            return MASTER
+        return having[self._beat % len(having)]
 
     def _tell(self, piece: Piece) -> None:
         self._stirred = self._beat
@@ -178,15 +198,25 @@ class Sharing:
         self._say(piece)
 
     def _say(self, message: Message) -> None:
-        data = encode(self.me, message)
-        self._records.frames += 1
-        self._records.payload_bytes += len(data)
-        self._outbox.append(Outgoing(BROADCAST, data))
+        self._send(encode(self.me, message))
+
+    def _send(self, data: bytes) -> None:
+        """Send a frame to all who can be reached, if anybody can."""
+        audience = BROADCAST if self._piconet is None else self._piconet.audience
+        if audience is not None:
+            self._records.frames += 1
+            self._records.payload_bytes += len(data)
+            self._outbox.append(Outgoing(audience, data))
 
     def drain(self) -> list[Outgoing | LinkCommand]:
-        """Return what is to be sent, once."""
+        """Return what is to be sent, and the link commands, once."""
         outbox, self._outbox = self._outbox, []
-        return outbox
+        return outbox if self._piconet is None else [*self._piconet.drain(), *outbox]
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take news about links, if any are needed."""
+        if self._piconet is not None:
+            self._piconet.link(event, now)
 
     # ------------------------------------------------------------ hearing
 
@@ -200,15 +230,23 @@ class Sharing:
             return None
         if sender == self.me:
             return None
+        if self._piconet is not None and self._piconet.relays(sender, reception):
+            self._send(data)
         if isinstance(message, Piece):
             return self._learn(message)
+        self._note(sender, message, now)
+        self._answer(message)
+        return None
+
+    def _note(self, sender: Address, message: Summary, now: Time) -> None:
+        """Note where the sender is, and what it has."""
         self._places[sender] = (message.x_m, message.y_m), now, self._beat
         self.places_m[sender] = message.x_m, message.y_m
         for stream, count, _ in message.entries:
             if stream != self._stream:  # nobody has more of that
                 self._claims.setdefault(stream, {})[sender] = count, self._beat
-        self._answer(message)
-        return None
+        if self._piconet is not None and self._here is not None:
+            self._piconet.heard(math.dist(self._here, self.places_m[sender]))
 
     def _check(self, sender: Address, message: Message) -> None:
         """Raise WireError for a message that nobody of this team can have sent."""

@@ -13,12 +13,17 @@ from cosim.machine import Address, Event
 from cosim.navigation.schemas import Floats
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
+from protocols.exploration.beacons import Tethered
 from protocols.exploration.behaviour import Behaviour
 from protocols.exploration.belief import Belief, frame_of
+from protocols.exploration.escaping import Escape
 from protocols.exploration.explorer import Explorer, Leader
 from protocols.exploration.journal import EVENTS
 from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters, SchemaParameters
+from protocols.exploration.piconet import MOST_ROBOTS, piconet_of
+from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
+from protocols.exploration.positioning import Filtered, Positioning
 from protocols.exploration.records import Records
 from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.rivals import Rival
@@ -46,8 +51,12 @@ METRICS: Final = (
     Metric("way_m", "m", "driven by all robots"),
     Metric("stalls", "1", "times that robots were caught in local minima"),
     Metric("escape_share", "1", "share of the steps on paths out of local minima"),
+    Metric("share_frontier", "1", "share of the steps in which the sum of frontiers and path was the strongest schema"),
+    Metric("share_obstacle", "1", "share of the steps in which that of obstacles was"),
+    Metric("share_robot", "1", "share of the steps in which that of robots was; NaN for all if no schema led any step"),
     Metric("blocked_ticks", "1", "ticks in which a wall or a body held a robot up"),
     Metric("given_up", "1", "frontier cells that robots gave up"),
+    Metric("waited_share", "1", "share of the ticks in which robots waited to be localised again"),
     Metric("frames", "1", "messages that all robots have sent"),
     Metric("payload_bytes", "B", "bytes in these messages"),
 )
@@ -81,10 +90,14 @@ def _clear(surroundings: Surroundings, walls: SegmentGrid, places: Floats) -> bo
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     """Return what all robots know; raise UserError for a floor that is too large, or for ranges that do not fit."""
     _check_ranges(parameters.schemas, surroundings.scan_range_m)
-    frame = frame_of(surroundings.bounds_m, parameters.cell_m)
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    margin_m = parameters.positioning.margin_m
+    frame = frame_of((x_min - margin_m, y_min - margin_m, x_max + margin_m, y_max + margin_m), parameters.cell_m)
     if frame.nx * frame.ny > MOST_CELLS:
         raise UserError(f"protocol.parameters.cell_m: {frame.nx} x {frame.ny} cells, at most {MOST_CELLS} in all")
     size, range_m = len(surroundings.starts_m), surroundings.scan_range_m
+    if parameters.sharing.links is not None and size > MOST_ROBOTS:
+        raise UserError(f"protocol.parameters.sharing.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
     shares = parameters.map == "shared"
     return Knowledge(
         size=size,
@@ -110,7 +123,7 @@ def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
 
 
 def _weights(parameters: Parameters) -> Weights:
-    return DOUBTFUL if parameters.false_returns else CERTAIN
+    return DOUBTFUL if parameters.false_returns or parameters.positioning.doubtful else CERTAIN
 
 
 def make(
@@ -121,12 +134,24 @@ def make(
     sharing, belief = None, knowledge.shared
     if belief is None:
         own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
-        certain = not parameters.false_returns
+        certain = not (parameters.false_returns or parameters.positioning.doubtful)
         period = from_seconds(own.period_s)
-        sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start, certain)
+        piconet = None if own.links is None else piconet_of(me, knowledge.size, own.links)
+        sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start, certain, piconet)
         belief = Belief(knowledge.frame, _weights(parameters), knowledge.range_m)
-    leader = _leader(parameters, knowledge, me, belief, sharing, records, events)
-    return Explorer(parameters, knowledge, me, belief, leader, sharing, records, events)
+    leader = _leader(parameters, knowledge, me, belief, sharing, records, events, start)
+    positioning = _positioning(parameters, knowledge, stream, events)
+    return Explorer(parameters, knowledge, me, belief, leader, sharing, records, events, positioning)
+
+
+def _positioning(
+    parameters: Parameters, knowledge: Knowledge, stream: np.random.Generator, events: list[Event]
+) -> Positioning | None:
+    """Return a robot's filter; None if it takes what it is told for its place."""
+    own = parameters.positioning
+    if own.kind == "given":
+        return None
+    return Filtered(own, knowledge.frame, knowledge.range_m, knowledge.radii_m, knowledge.tick, stream, events.append)
 
 
 def _leader(
@@ -137,14 +162,22 @@ def _leader(
     sharing: Sharing | None,
     records: Records,
     events: list[Event],
+    start: Time,
 ) -> Leader:
-    radius_m = knowledge.radii_m[me]
-    if parameters.algorithm == "schemas":
-        return Behaviour(parameters, belief, records, events, radius_m, knowledge.range_m, knowledge.tick)
+    radius_m, tick = knowledge.radii_m[me], knowledge.tick
     places_m = knowledge.places_m if sharing is None else sharing.places_m
+    if parameters.algorithm == "schemas":
+        behaviour = Behaviour(parameters, belief, records, events, radius_m, knowledge.range_m, tick)
+        if parameters.beacons.pattern == "free":
+            return behaviour
+        escape = Escape(parameters.escape, belief, radius_m, knowledge.range_m)
+        own, reading, size = parameters.beacons, parameters.escape.cost, knowledge.size
+        return Tethered(own, behaviour, belief, me, size, escape, reading, places_m, start, tick)
     ticks = max(1, round(from_seconds(parameters.rivals.plan_s) / knowledge.tick))
-    own, planning, algorithm = parameters.rivals, parameters.escape, parameters.algorithm
-    return Rival(algorithm, own, planning, belief, records, events, me, radius_m, knowledge.range_m, places_m, ticks)
+    choosing, planning, algorithm = parameters.rivals, parameters.escape, parameters.algorithm
+    return Rival(
+        algorithm, choosing, planning, belief, records, events, me, radius_m, knowledge.range_m, places_m, ticks
+    )
 
 
 def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:
@@ -160,11 +193,23 @@ def measure(machines: Sequence[Explorer]) -> dict[str, float]:
         "way_m": sum(each.way_m for each in records),
         "stalls": float(sum(each.stalls for each in records)),
         "escape_share": sum(each.escape_steps for each in records) / steps if steps else 0.0,
+        **_schema_shares(records),
         "blocked_ticks": float(sum(each.blocked for each in records)),
         "given_up": float(sum(each.given_up for each in records)),
+        "waited_share": sum(each.waited for each in records) / max(sum(each.ticks for each in records), 1),
         "frames": float(sum(each.frames for each in records)),
         "payload_bytes": float(sum(each.payload_bytes for each in records)),
     }
+
+
+def _schema_shares(records: Sequence[Records]) -> dict[str, float]:
+    counts = {
+        "share_frontier": sum(each.by_frontiers for each in records),
+        "share_obstacle": sum(each.by_obstacles for each in records),
+        "share_robot": sum(each.by_robots for each in records),
+    }
+    steps = sum(counts.values())
+    return {name: count / steps if steps else math.nan for name, count in counts.items()}
 
 
 SPEC = ProtocolSpec(
@@ -176,7 +221,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
-    events=EVENTS,
+    events=(*EVENTS, *POSITIONING_EVENTS),
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,

@@ -3,9 +3,26 @@
 Or, beyond the paper, it has learnt nothing for long: drawn to a frontier that it cannot see, a robot may circle.
 """
 
-from collections import deque
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from cosim.geometry.planning import Point
+from cosim.jit import njit
+
+Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@njit(cache=True)
+def longer_side(places: Floats) -> float:
+    """Return the longer side of the box about *places* (n, 2)."""
+    low_x = low_y = math.inf
+    high_x = high_y = -math.inf
+    for k in range(places.shape[0]):
+        low_x, high_x = min(low_x, places[k, 0]), max(high_x, places[k, 0])
+        low_y, high_y = min(low_y, places[k, 1]), max(high_y, places[k, 1])
+    return max(high_x - low_x, high_y - low_y)
 
 
 class Stalling:
@@ -15,19 +32,18 @@ class Stalling:
         self._box_m = box_m
         self._patience = patience_ticks
         self._barren = 0
-        self._xs: deque[float] = deque(maxlen=ticks)
-        self._ys: deque[float] = deque(maxlen=ticks)
+        self._places = np.zeros((ticks, 2))
+        self._noted = 0
 
     def note(self, place_m: Point, gain: bool) -> None:
         """Note where the robot is at a tick, and whether it has come to know a cell, or on along its path."""
         self._barren = 0 if gain else self._barren + 1
-        self._xs.append(place_m[0])
-        self._ys.append(place_m[1])
+        self._places[self._noted % len(self._places)] = place_m
+        self._noted += 1
 
     def begin(self) -> None:
         """Forget all places: something else is tried from now on."""
-        self._xs.clear()
-        self._ys.clear()
+        self._noted = 0
         self._barren = 0
 
     @property
@@ -35,6 +51,4 @@ class Stalling:
         """Whether the whole time has been noted, and the longer side of the box is shorter than it should be."""
         if self._barren > self._patience:
             return True
-        if len(self._xs) < (self._xs.maxlen or 0):
-            return False
-        return max(max(self._xs) - min(self._xs), max(self._ys) - min(self._ys)) < self._box_m
+        return self._noted >= len(self._places) and bool(longer_side(self._places) < self._box_m)

@@ -19,8 +19,8 @@ _HEADINGS: Final = 36
 """Headings that are tried, on both sides of the desired one."""
 _CLEAR_S: Final = 1.0
 """So long the robot could drive on along a heading that is taken."""
-_STOP_S: Final = 0.3
-"""It stands if it could not even drive on for so long."""
+_STOP_S: Final = 0.5
+"""It stands if it could not even drive on for so long: who comes towards it needs as much to stop as it does itself."""
 
 
 @njit(cache=True)

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.machine import Address, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Connected, LinkCommand, Lost, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import MS, S, Time
 from protocols.exploration.frames import Message, Piece, decode
+from protocols.exploration.piconet import MASTER, Piconet
 from protocols.exploration.records import Records
 from protocols.exploration.sharing import Sharing
 
@@ -18,15 +19,26 @@ UNKNOWN, EMPTY, OCCUPIED = 0, 1, 2
 
 
 class Team:
-    """Robots of which each hears whom *reach* says, unless a frame is lost."""
+    """Robots of which each hears whom *reach* says, unless a frame is lost; with *links*, if it has a link to them."""
 
-    def __init__(self, size: int, certain: bool = True, octets: int = 60, again: int = 4, loss: float = 0.0) -> None:
+    def __init__(
+        self,
+        size: int,
+        certain: bool = True,
+        octets: int = 60,
+        again: int = 4,
+        loss: float = 0.0,
+        links: bool = False,
+    ) -> None:
         self.reach: Callable[[Address, Address], bool] = lambda teller, hearer: True
         self.now: Time = 0
         self.loss = loss
         self.frames: list[tuple[Address, bytes]] = []
         """All that was sent, and by whom."""
-        self._settings = certain, octets, again
+        self.pages: list[Address] = []
+        """All who were paged, in order."""
+        self._settings = certain, octets, again, links
+        self._linked: set[Address] = set()
         self._luck = np.random.default_rng(size)
         self._certain = certain
         self.records = [Records() for _ in range(size)]
@@ -34,8 +46,9 @@ class Team:
         self.maps = np.zeros((size, CELLS), np.int8)
 
     def _robot(self, me: Address, size: int) -> Sharing:
-        certain, octets, again = self._settings
-        return Sharing(me, size, CELLS, PERIOD, octets, again, self.records[me], self.now, certain)
+        certain, octets, again, links = self._settings
+        piconet = Piconet(me, size, 6 * S, S, 8 * S) if links else None
+        return Sharing(me, size, CELLS, PERIOD, octets, again, self.records[me], self.now, certain, piconet)
 
     def boot(self, me: Address) -> None:
         """Have a robot boot again: it has forgotten everything."""
@@ -49,9 +62,9 @@ class Team:
             self.maps[me, cell] = state
             self.robots[me].changed(np.array([cell], np.int32), [state == OCCUPIED])
 
-    def hear(self, me: Address, sender: Address, data: bytes) -> None:
+    def hear(self, me: Address, sender: Address, data: bytes, broadcast: bool = True) -> None:
         """Have a robot hear a frame, and take over what it tells."""
-        told = self.robots[me].receive(data, Reception(sender, True), self.now)
+        told = self.robots[me].receive(data, Reception(sender, broadcast), self.now)
         if told is not None:
             take = told.newer | (self.maps[me, told.cells] == UNKNOWN)
             self.maps[me, told.cells[take]] = np.where(told.occupied[take], OCCUPIED, EMPTY)
@@ -60,15 +73,40 @@ class Team:
         """Have all robots tell what is due, and hear it, and the answers to it."""
         for robot in self.robots:
             robot.tick(1.0 * robot.me, 0.0, self.now)
+        self._lose_links()
         while sent := [(robot.me, item) for robot in self.robots for item in robot.drain()]:
             for teller, item in sent:
-                assert isinstance(item, Outgoing)
+                if not isinstance(item, Outgoing):
+                    self._command(teller, item)
+                    continue
                 self.frames.append((teller, item.payload))
-                for hearer in range(len(self.robots)):
-                    heard = hearer != teller and self.reach(teller, hearer) and self._luck.random() >= self.loss
-                    if heard:
-                        self.hear(hearer, teller, item.payload)
+                to_all = item.destination == BROADCAST
+                for hearer in range(len(self.robots)) if to_all else (item.destination,):
+                    if hearer != teller and self._carries(teller, hearer) and self._luck.random() >= self.loss:
+                        self.hear(hearer, teller, item.payload, to_all)
         self.now += TICK
+
+    def _carries(self, teller: Address, hearer: Address) -> bool:
+        if self._settings[-1] and (MASTER not in (teller, hearer) or not {teller, hearer} - {MASTER} <= self._linked):
+            return False
+        return self.reach(teller, hearer)
+
+    def _command(self, me: Address, command: LinkCommand) -> None:
+        if isinstance(command, Page):
+            peer = command.peer
+            self.pages.append(peer)
+            if self.reach(me, peer):
+                self._linked.add(peer)
+                self.robots[me].link(Connected(peer, Role.MASTER), self.now)
+                self.robots[peer].link(Connected(me, Role.SLAVE), self.now)
+            else:
+                self.robots[me].link(PageFailed(peer), self.now)
+
+    def _lose_links(self) -> None:
+        for peer in [peer for peer in self._linked if not self.reach(MASTER, peer)]:
+            self._linked.discard(peer)
+            self.robots[MASTER].link(Lost(peer), self.now)
+            self.robots[peer].link(Lost(MASTER), self.now)
 
     def pass_periods(self, count: int) -> None:
         for _ in range(count * PERIOD // TICK):

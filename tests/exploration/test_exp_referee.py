@@ -142,6 +142,12 @@ def test_what_is_unknown_or_outside_cannot_be_covered() -> None:
     assert max(centres()[cell][0] for cell in found) == pytest.approx(0.55)
 
 
+def test_where_nothing_can_be_covered_there_is_no_share_of_it() -> None:
+    verdict = judge(around(LEFT, forbidden=lambda points: np.ones(len(points), np.bool_))).verdict(0)
+    assert math.isnan(verdict["coverage"])
+    assert verdict["cells_missed"] == 0.0
+
+
 @pytest.mark.parametrize("range_m", [0.75, 1.3])
 def test_what_can_be_covered_is_what_shapely_sees_from_where_the_team_can_get(range_m: float) -> None:
     surroundings = around(LEFT, scan_range_m=range_m)
@@ -211,6 +217,16 @@ def test_coverage_is_the_share_of_what_can_be_covered_that_beams_have_passed() -
     assert len({str(time) for time in times.values()}) > 1
 
 
+def test_the_truth_is_looked_at_from_the_first_tick_on_every_so_many() -> None:
+    surroundings, other = around(LEFT), (0.213, 1.337)
+    referee, missed = judge(surroundings), []
+    for tick, (x, y) in enumerate([LEFT, *[other] * LOOK_TICKS]):
+        referee.look(np.array([x]), np.array([y]), tick)
+        missed.append(referee.verdict(tick)["cells_missed"])
+    assert 0 < missed[LOOK_TICKS] < missed[0] < np.count_nonzero(coverable_cells(frame(surroundings), surroundings))
+    assert missed[:LOOK_TICKS] == [missed[0]] * LOOK_TICKS
+
+
 def test_covered_twice_are_cells_that_another_robot_covers_too_not_the_same_one_again() -> None:
     places = LEFT, (0.213, 1.337)
     surroundings = around(*places)
@@ -227,14 +243,15 @@ def test_covered_twice_are_cells_that_another_robot_covers_too_not_the_same_one_
     assert verdict["coverage"] == len(first | second) / len(wanted)
 
 
-def test_a_body_hides_what_is_behind_it() -> None:
-    near = LEFT, (LEFT[0], LEFT[1] + 0.4)
-    surroundings = around(*near)
+@pytest.mark.parametrize(("away_m", "radius_m"), [(0.4, RADIUS_M), (0.93, 0.37)])  # the second: its rim is in range
+def test_a_body_hides_what_is_behind_it(away_m: float, radius_m: float) -> None:
+    near = LEFT, (LEFT[0], LEFT[1] + away_m)
+    surroundings = around(*near, radii_m=(RADIUS_M, radius_m))
     open_view = passed_by_hand(surroundings, near[0])
-    hidden = open_view - passed_by_hand(surroundings, near[0], [[*near[1], RADIUS_M]])
+    hidden = open_view - passed_by_hand(surroundings, near[0], [[*near[1], radius_m]])
     assert len(hidden) > 5
     referee = judge(surroundings)
-    referee.died(Death(1, 0, *near[1], RADIUS_M))  # sees nothing, and stays
+    referee.died(Death(1, 0, *near[1], radius_m))  # sees nothing, and stays
     look(referee, *near)
     wanted = set(np.flatnonzero(coverable_cells(frame(surroundings), surroundings)).tolist())
     assert referee.verdict(0)["coverage"] == len((open_view - hidden) & wanted) / len(wanted)
@@ -266,6 +283,7 @@ def test_a_cell_is_covered_since_the_first_robot_covered_it() -> None:
 def test_a_share_is_reached_with_the_cell_that_completes_it() -> None:
     since = np.array([1, 2, 2, 5]) * S
     wanted = {0.0: 1.0, 1.0: 1.0, 1.01: 2.0, 3.0: 2.0, 3.01: 5.0, 4.0: 5.0}
+    wanted[0.1 * 3 * 10] = 2.0  # three but for rounding
     assert {cells: when_s(since, cells) for cells in wanted} == wanted
     assert math.isnan(when_s(since, 4.01))
 

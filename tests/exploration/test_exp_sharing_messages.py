@@ -5,15 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from cosim.geometry.marking import CERTAIN, DOUBTFUL, states
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Machine, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.testing import check_machine
 from cosim.units import S, Time
+from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.frames import Entry, Message, Piece, Stream, Summary, encode
 from protocols.exploration.journal import BadBytes
 from protocols.exploration.records import Records
 from protocols.exploration.sharing import AWAY_PERIODS, QUIET_PERIODS, Sharing
-from tests.exploration.sharing_scene import CELLS, OCCUPIED, PERIOD, Team
+from tests.exploration.sharing_scene import CELLS, EMPTY, OCCUPIED, PERIOD, UNKNOWN, Team
 
 
 def last_entries(team: Team, me: Address) -> dict[Stream, Entry]:
@@ -88,6 +90,29 @@ def test_what_nobody_of_the_team_can_have_sent_is_noted(sender: Address, message
     assert robot.receive(data, Reception(2, True), 0) is None
     assert robot.bad == [BadBytes(2, len(data))]
     assert robot.ledger.counts == {}
+
+
+@pytest.mark.parametrize("certain", [True, False])
+def test_pieces_in_whatever_order_and_however_often_make_the_same_map(certain: bool) -> None:
+    """Merging is commutative and idempotent, down to the frontier."""
+    stream = np.random.default_rng(4)
+    frames = []
+    for number in range(8):
+        for author in (0, 1):
+            runs = stream.integers(0, CELLS - 4, 6).astype(np.uint32) << 10 | stream.integers(0, 2, 6) << 9 | 3
+            stamp = int(stream.integers(0, 1000))
+            frames.append(encode(author, Piece(Stream(author, 0), number, stamp, runs.astype(np.uint32))))
+    found = []
+    for _ in range(6):
+        robot = Sharing(2, 3, CELLS, PERIOD, 60, 4, Records(), 0, certain)
+        belief = Belief(Frame((0.0, 0.0), 0.1, 20, CELLS // 20), CERTAIN if certain else DOUBTFUL, 1.0)
+        for k in [*stream.permutation(len(frames)), *stream.permutation(len(frames))]:
+            told = robot.receive(frames[k], Reception(0, True), 0)
+            if told is not None:
+                belief.merge(*told)
+        found.append((states(belief.evidence).tolist(), belief.frontier.tolist(), robot.ledger.counts))
+    assert all(each == found[0] for each in found)
+    assert {UNKNOWN, EMPTY, OCCUPIED} == {state for row in found[0][0] for state in row}
 
 
 def test_what_is_known_is_not_learnt_again() -> None:

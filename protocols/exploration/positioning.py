@@ -1,0 +1,212 @@
+"""Where a robot takes itself to be on its map, and how fast it may go for that (paper 001, section 5.2 and figure 5).
+
+The filter of :mod:`cosim.navigation.slam` runs on odometry and scans and on maps of its own; its estimate is where the
+robot marks its map. The filter also sets speed and rate of turn, while the schemas go on to set the direction: all of
+the speed up to one spread of its particles, falling linearly above it, none from a second one on ("commanded to wait in
+place to continually observe surroundings"). Turning in place would show a scanner that looks all around nothing new.
+
+Who has nothing to see may wait for ever. So a robot waits for so long at most, then creeps on for a while whatever the
+spread, and may wait again.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+from cosim.machine import Event
+from cosim.navigation.schemas import Floats
+from cosim.navigation.slam import Slam, SlamEstimate, share_of_speed
+from cosim.observation import Observation, Sighting
+from cosim.randomness import Draws
+from cosim.units import S, Time
+from protocols.exploration.belief import Frame
+from protocols.exploration.parameters import PositioningParameters, SpeedControlParameters
+
+_BODY_SLACK_M: Final = 0.1
+"""A beam that ends so near to the body of a robot in sight has met that robot."""
+_TELL_S: Final = 1.0
+"""So often a robot notes in the trace where it takes itself to be."""
+
+_WHY = {"meaning": "what has made the robot think so"}
+_X_M = {"unit": "m", "meaning": "where it is"}
+_Y_M = {"unit": "m", "meaning": "where it is"}
+_HEADING = {"unit": "rad", "meaning": "where it heads"}
+_SPREAD = {"unit": "m", "meaning": "root mean square distance of the particles from their mean"}
+_SHARE = {"unit": "1", "meaning": "of its speed that it may drive with"}
+
+
+@dataclass(frozen=True, slots=True)
+class Localised:
+    """Where a robot with a filter takes itself to be, once a second."""
+
+    x_m: float = field(metadata=_X_M)
+    y_m: float = field(metadata=_Y_M)
+    heading_rad: float = field(metadata=_HEADING)
+    spread_m: float = field(metadata=_SPREAD)
+    share: float = field(metadata=_SHARE)
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A robot waits in place, since it does not know well enough where it is."""
+
+    spread_m: float = field(metadata=_SPREAD)
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """A robot that has waited goes on."""
+
+    spread_m: float = field(metadata=_SPREAD)
+    why: str = field(metadata=_WHY)
+
+
+EVENTS: Final = (Localised, Waiting, Resumed)
+Tell: TypeAlias = Callable[[Event], None]
+
+
+class Position(NamedTuple):
+    """What a robot senses, told in the frame of its map."""
+
+    observation: Observation
+    """With pose and sightings in the map's frame."""
+    turned_rad: float
+    """By which the map's frame is turned against that in which beams and headings are sensed, counter-clockwise."""
+    share: float
+    """Of its speed, with which the robot may drive: 0 is to wait."""
+
+
+class Positioning(Protocol):
+    """What tells a robot where it is."""
+
+    def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
+        """Return what the robot knows of its place; to be asked once a tick.
+
+        *ranges_m* (n,), along the unit vectors *beams* (n, 2), are as the robot senses them.
+        """
+
+
+class Given:
+    """The pose is what the robot is told: the truth, as in the paper, or odometry if that errs."""
+
+    def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
+        """Return *observation* as it is."""
+        return Position(observation, 0.0, 1.0)
+
+
+class SpeedControl:
+    """How much of its speed one robot may have."""
+
+    def __init__(self, parameters: SpeedControlParameters, tick: Time, tell: Tell) -> None:
+        self._own = parameters
+        self._wait_ticks = round(parameters.wait_s * S / tick)
+        self._creep_ticks = round(parameters.creep_s * S / tick)
+        self._tell = tell
+        self._waited = 0
+        """Ticks of waiting until now; 0 if it does not wait."""
+        self._creeps = 0
+        """Ticks for which it is still to creep on, whatever the spread."""
+
+    def share(self, spread_m: float) -> float:
+        """Return the share of its speed for the next tick, after a tick with an estimate of this spread."""
+        own = self._own
+        share = share_of_speed(spread_m, own.slow_m, own.stop_m)
+        if self._creeps:
+            self._creeps -= 1
+            return max(share, own.creep)
+        if spread_m >= (own.resume_m if self._waited else own.stop_m):
+            return self._wait(spread_m)
+        if self._waited:
+            self._resume(spread_m, "localised")
+        return max(share, own.creep)
+
+    def _wait(self, spread_m: float) -> float:
+        if not self._waited:
+            self._tell(Waiting(spread_m))
+        self._waited += 1
+        if self._waited <= self._wait_ticks:
+            return 0.0
+        self._resume(spread_m, "waited long enough")
+        self._creeps = self._creep_ticks
+        return self._own.creep
+
+    def _resume(self, spread_m: float, why: str) -> None:
+        self._waited = 0
+        self._tell(Resumed(spread_m, why))
+
+
+class Filtered:
+    """The pose is the estimate of a filter, which begins at the first pose that the robot is told: that is certain."""
+
+    def __init__(
+        self,
+        parameters: PositioningParameters,
+        frame: Frame,
+        range_m: float,
+        radii_m: tuple[float, ...],
+        tick: Time,
+        stream: np.random.Generator,
+        tell: Tell,
+    ) -> None:
+        """Localise on maps with the cells of *frame*, by scans that reach *range_m*."""
+        self._filter = parameters.filter.model_copy(update={"range_m": range_m})
+        self._frame = frame
+        self._radii_m = radii_m
+        self._draws = Draws(int(stream.integers(2**62)), "slam")
+        self._tell = tell
+        self._control = SpeedControl(parameters.control, tick, tell) if parameters.control.enabled else None
+        self._told_ticks = max(1, round(_TELL_S * S / tick))
+        self._ticks = 0
+        self._slam: Slam | None = None
+
+    def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
+        """Return *observation* in the frame of the map; *ranges_m* (n,) along *beams* (n, 2) as they are sensed."""
+        told = observation.x_m, observation.y_m, observation.heading_rad
+        if len(ranges_m) != len(beams):  # a robot without a scanner
+            return Position(observation, 0.0, 1.0)
+        if self._slam is None:
+            frame = self._frame
+            shape = frame.ny, frame.nx
+            self._slam = Slam(shape, frame.origin_m, frame.cell_m, told, beams, self._draws, self._filter)
+        found = self._slam.observe(told, self._without_bodies(observation, ranges_m, beams))
+        share = 1.0 if self._control is None else self._control.share(found.spread_m)
+        if self._ticks % self._told_ticks == 0:
+            self._tell(Localised(found.x_m, found.y_m, found.heading_rad, found.spread_m, share))
+        self._ticks += 1
+        return Position(_moved(observation, found), math.remainder(found.heading_rad - told[2], math.tau), share)
+
+    def _without_bodies(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Floats:
+        """Return the ranges; NaN where a beam has met a robot that is in sight.
+
+        One of which only an edge shows may not be in sight, and is taken for a wall for that time.
+        """
+        if not observation.sightings:
+            return ranges_m
+        met = np.zeros(len(ranges_m), np.bool_)
+        for other, x, y in observation.sightings:
+            place = np.array([x - observation.x_m, y - observation.y_m])
+            along = beams @ place
+            aside = np.abs(beams @ np.array([-place[1], place[0]]))
+            reach = self._radii_m[other] + _BODY_SLACK_M
+            met |= (along > 0.0) & (aside < reach) & (np.abs(ranges_m - along) < reach)
+        return np.where(met, np.nan, ranges_m)
+
+
+def turned(directions: Floats, angle_rad: float) -> Floats:
+    """Return unit vectors (n, 2) turned counter-clockwise."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    return np.ascontiguousarray(directions @ np.array([[cos, sin], [-sin, cos]]))
+
+
+def _moved(observation: Observation, found: SlamEstimate) -> Observation:
+    """Return *observation* in the frame in which the robot is where it was *found*."""
+    turned = found.heading_rad - observation.heading_rad
+    cos, sin = math.cos(turned), math.sin(turned)
+    sightings = []
+    for other, x, y in observation.sightings:
+        dx, dy = x - observation.x_m, y - observation.y_m
+        sightings.append(Sighting(other, found.x_m + cos * dx - sin * dy, found.y_m + sin * dx + cos * dy))
+    return observation._replace(x_m=found.x_m, y_m=found.y_m, heading_rad=found.heading_rad, sightings=tuple(sightings))

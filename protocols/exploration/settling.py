@@ -1,0 +1,111 @@
+"""Which frontiers a robot does without: what it has looked at in vain, and where no way leads."""
+
+from typing import Final
+
+import numpy as np
+from scipy import ndimage
+
+from cosim.geometry.planning import Bools, Point
+from cosim.machine import Event
+from protocols.exploration.belief import Belief, Bytes
+from protocols.exploration.journal import FrontierGivenUp
+from protocols.exploration.overlay import Overlay
+from protocols.exploration.records import Records
+from protocols.exploration.runs import Ints
+
+_ROUNDS: Final = 3
+"""So often frontiers that were not reached are tried once more."""
+_LOOKED_CELLS: Final = 2.5
+"""So near to a place from which has been looked nobody looks again."""
+_TOUCHING: Final = np.ones((3, 3), np.int8)
+
+
+class Settling:
+    """What one robot has found out of the frontiers that are left, in the map and in its own *overlay*."""
+
+    def __init__(self, belief: Belief, overlay: Overlay, records: Records, events: list[Event]) -> None:
+        self._belief = belief
+        self._overlay = overlay
+        self._records = records
+        self._events = events
+        self.tried: Bytes = np.zeros_like(belief.frontier)
+        """Frontiers that paths have led to: they are only looked at from now on."""
+        self.looked: Bools = np.zeros(belief.evidence.shape, np.bool_)
+        """Places near to those from which it has looked at the end of a path."""
+        self._named: Bytes = np.zeros_like(belief.frontier)
+        """Frontiers that it has given up, if only for a time."""
+        self._postponed = False
+        self._rounds = 0
+
+    def look(self, here_m: Point, others: bool) -> None:
+        """Take note that a path has ended here: what is in sight and still a frontier is there in vain.
+
+        With *others* about, bodies may have hidden it, and it is only tried.
+        """
+        seen = self._overlay.in_sight(here_m)
+        frame, goal = self._belief.frame, self._overlay.goal
+        self._about(here_m)
+        if goal is not None and self._belief.frontier[divmod(goal, frame.nx)]:
+            self.tried[divmod(goal, frame.nx)] = 1
+        if len(seen) and not others:
+            self._belief.vain[np.divmod(seen, frame.nx)] = 1
+            self._name(seen, "nothing new is seen there")
+
+    def _about(self, here_m: Point) -> None:
+        frame = self._belief.frame
+        (left, low), size = frame.origin_m, frame.cell_m
+        rows, columns = np.ogrid[: frame.ny, : frame.nx]
+        away = np.hypot(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1])
+        self.looked |= away <= _LOOKED_CELLS * size
+
+    def postpone(self) -> None:
+        """Leave the goal of the last path out, with all frontiers that it is connected with, until nothing is left."""
+        overlay, nx = self._overlay, self._belief.frame.nx
+        goal = overlay.goal
+        if goal is None:
+            return
+        row, column = divmod(goal, nx)
+        left = overlay.frontiers()[:, :nx]
+        group, _ = ndimage.label(left, structure=_TOUCHING)
+        if group[row, column]:
+            overlay.ignored[:, :nx] |= group == group[row, column]
+            self._postponed = True
+        else:
+            self._about(self._belief.frame.centre_m(goal))
+
+    def take_up(self) -> bool:
+        """Let frontiers that were not reached draw again; return whether there are any."""
+        again = self._postponed and self._rounds < _ROUNDS
+        self._postponed = False
+        if again:
+            self._rounds += 1
+            self._overlay.ignored[:] = 0
+        return again and self._overlay.any_frontier()
+
+    def ignore(self, why: str) -> None:
+        """Give up all frontiers that are left."""
+        cells = np.flatnonzero(self._overlay.frontiers()[:, : self._belief.frame.nx])
+        self._overlay.ignored[np.divmod(cells, self._belief.frame.nx)] = 1
+        self._name(cells.astype(np.int32), why)
+
+    def reconsider(self) -> None:
+        """Take up again what was ignored: the map has changed."""
+        self._overlay.ignored[:] = 0
+
+    def _name(self, cells: Ints, why: str) -> None:
+        """Tell of frontiers that are given up, group by group, but of none twice."""
+        frame = self._belief.frame
+        rows, columns = np.divmod(cells, frame.nx)
+        new = self._named[rows, columns] == 0
+        rows, columns = rows[new], columns[new]
+        self._named[rows, columns] = 1
+        self._records.given_up += len(rows)
+        mask = np.zeros((frame.ny, frame.nx), np.bool_)
+        mask[rows, columns] = True
+        groups, count = ndimage.label(mask, structure=_TOUCHING)
+        of_cell = groups[rows, columns]
+        for group in range(1, count + 1):
+            own = of_cell == group
+            x, y = float(columns[own].mean()) + 0.5, float(rows[own].mean()) + 0.5
+            place = frame.origin_m[0] + x * frame.cell_m, frame.origin_m[1] + y * frame.cell_m
+            self._events.append(FrontierGivenUp(*place, why, int(own.sum())))

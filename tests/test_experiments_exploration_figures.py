@@ -1,0 +1,189 @@
+"""Figures of explorations: what had been seen when, the map as it grows, and the report that draws them."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from cosim.geometry.marking import EMPTY, OCCUPIED, UNKNOWN
+from cosim.scenario import Scenario
+from cosim.units import S
+from experiments.exploration_teams import figures, growing
+from experiments.exploration_teams.curves import POINTS, coverage_over_time, curve
+from experiments.exploration_teams.exploring import COLUMNS, measure
+from experiments.exploration_teams.growing import Exploration, chosen, watch
+
+NONE = pd.DataFrame()
+
+
+def row(pace_s: float, ended_s: float, coverage: float, **axes: Any) -> dict[str, Any]:
+    """Return a run that sees a hundredth of the floor in every *pace_s*, until it has seen *coverage*."""
+    times = {name: 100 * share * pace_s if share <= coverage else math.nan for name, share in POINTS.items()}
+    return axes | times | {"simulated_s": ended_s, "coverage": coverage}
+
+
+def test_the_curve_of_a_run_passes_through_all_that_its_row_tells():
+    run = pd.Series(row(10.0, 800.0, 0.64))
+    assert curve(run, np.array([0.0, 50.0, 100.0, 250.0, 600.0])).tolist() == pytest.approx([0, 0.05, 0.1, 0.25, 0.6])
+    # from 60 % on nothing is told but where it ended, 200 s and four hundredths later
+    assert curve(run, np.array([700.0, 800.0, 9000.0])).tolist() == pytest.approx([0.62, 0.64, 0.64])
+
+
+@pytest.fixture
+def runs() -> pd.DataFrame:
+    paces = {"schemas": 10.0, "nearest": 8.0, "utility": 7.0, "assignment": 6.0}
+    rows = [
+        row(pace * (1 + replicate / 10) / robots, 1500.0, 1.0, map=floor, algorithm=name, robots=robots)
+        | {"replicate": replicate, "until_95_s": 95 * pace / robots, "covered_twice": 0.1 * robots}
+        for floor in ("empty", "office")
+        for name, pace in paces.items()
+        for robots in (1, 4)
+        for replicate in range(4)
+    ]
+    return pd.DataFrame(rows)
+
+
+def drawn(runs: pd.DataFrame, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return the panels of the figure of the coverage over time."""
+    kept: list[Any] = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
+    coverage_over_time(runs, folder, "curves.png", (1, 4, 8), ("algorithm", figures.NAMES))
+    return kept
+
+
+def test_coverage_over_time_has_a_panel_a_map_and_team_with_a_line_an_algorithm(
+    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    panels = drawn(runs, tmp_path, monkeypatch)
+    titles = ["empty map, 1 robot", "office, 1 robot", "empty map, 4 robots", "office, 4 robots"]
+    assert [panel.get_title() for panel in panels] == titles
+    for panel in panels:
+        assert [line.get_label() for line in panel.get_lines()] == list(figures.NAMES.values())
+
+
+def test_its_lines_are_medians_in_the_band_of_the_middle_half(
+    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    panel = drawn(runs, tmp_path, monkeypatch)[0]
+    line, band = panel.get_lines()[0], panel.collections[0].get_paths()[0].vertices
+    times, median = line.get_data()
+    assert times[-1] == pytest.approx(99 * 13.0)  # the slowest of schemas, 13 s a hundredth
+    middle = np.searchsorted(times, 400.0)
+    at = times[middle]
+    shares = np.sort([at / pace / 100 for pace in (10.0, 11.0, 12.0, 13.0)])
+    assert median[middle] == pytest.approx(np.median(shares))
+    heights = np.sort(np.unique(band[np.isclose(band[:, 0], at), 1].round(9)))
+    assert heights.tolist() == pytest.approx(np.percentile(shares, [25, 75]).tolist())
+
+
+def test_results_without_what_the_curves_need_have_none(runs: pd.DataFrame, tmp_path: Path):
+    lines = ("algorithm", figures.NAMES)
+    assert coverage_over_time(NONE, tmp_path, "curves.png", (1, 4), lines) == []
+    assert coverage_over_time(runs.drop(columns="seen_30_s"), tmp_path, "curves.png", (1, 4), lines) == []
+    assert coverage_over_time(runs, tmp_path, "curves.png", (8,), lines) == []
+    assert not list(tmp_path.iterdir())
+
+
+# ---------------------------------------------------------------- one run
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of a floor of two small rooms with a door."""
+    path = tmp_path_factory.mktemp("floor") / "rooms.yaml"
+    walls = [[4.0, 0.0, 4.0, 1.5], [4.0, 3.0, 4.0, 5.0]]
+    path.write_text(yaml.safe_dump({"name": "rooms", "bounds_m": [0.0, 0.0, 9.0, 5.0], "walls": walls}))
+    return path
+
+
+def small(room: Path, *sets: str) -> Scenario:
+    starts = "choice={team.starts: [[1, 1], [1, 2]]}"
+    return chosen([f"scenario.floorplan.map={room}", "robots=2", starts, "scenario.duration_s=120", *sets])
+
+
+@pytest.fixture(scope="module")
+def run(room: Path) -> Exploration:
+    return watch(small(room), 1)
+
+
+@pytest.mark.slow
+def test_the_map_is_kept_as_soon_as_so_much_has_been_seen(run: Exploration):
+    assert len(run.pictures) > 1
+    coverages = [picture.coverage for picture in run.pictures]
+    assert coverages == sorted(coverages)
+    assert coverages[-1] >= 0.99
+    assert all(picture.time % (5 * S) == 0 for picture in run.pictures)
+    known = [int((picture.cells != UNKNOWN).sum()) for picture in run.pictures]
+    assert known == sorted(set(known))
+    last = run.pictures[-1].cells
+    assert last.shape == (52, 92)
+    assert (last == EMPTY).sum() > 0.95 * 45 / 0.01  # of 9 m x 5 m in cells of 10 cm
+    assert (last == OCCUPIED).sum() > 200
+    assert run.extent_m == pytest.approx((-0.1, 9.1, -0.1, 5.1))
+
+
+@pytest.mark.slow
+def test_the_ways_are_those_until_the_last_picture(run: Exploration):
+    assert set(run.ways) == {0, 1}
+    for way, start in zip(run.ways.values(), ((1, 1), (1, 2)), strict=True):
+        assert way[0].tolist() == [0.0, *start]
+        assert run.pictures[-1].time - 5 * S < way[-1, 0] < run.pictures[-1].time
+        steps = np.hypot(*np.diff(way[:, 1:], axis=0).T)
+        assert 0 < steps.max() <= 0.03 + 1e-9  # 0.3 m/s, a tenth of a second
+
+
+@pytest.mark.slow
+def test_a_run_that_sees_less_is_watched_to_its_end(room: Path):
+    run = watch(small(room, "scenario.duration_s=12"), 1, (0.1, 0.999))
+    assert [picture.time for picture in run.pictures] == [5 * S, 12 * S]
+    assert run.pictures[-1].coverage < 0.999
+
+
+@pytest.mark.slow
+def test_the_coverage_that_is_watched_is_that_of_the_metrics(room: Path):
+    scenario = small(room, "scenario.duration_s=10")
+    plain = scenario.model_dump(mode="json") | {"floorplan": {"map": str(room)}}
+    found = measure({"scenario": plain}, 1)
+    assert set(found) == {column.name for column in COLUMNS}
+    assert watch(scenario, 1).pictures[-1].coverage == found["coverage"]
+    at = [found[name] for name in ("seen_10_s", "seen_20_s", "seen_30_s")]
+    assert at == sorted(at)
+    assert found["time_50_s"] == found["seen_50_s"] or math.isnan(found["time_50_s"] + found["seen_50_s"])
+
+
+@pytest.mark.slow
+def test_the_pictures_are_drawn(run: Exploration, tmp_path: Path):
+    growing.draw_growth(run, tmp_path / "growth.png")
+    growing.draw_ways(run, tmp_path / "ways.png")
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in ("growth.png", "ways.png"))
+
+
+@pytest.mark.slow
+def test_the_command_draws_the_run_that_its_words_choose(
+    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "run.png"
+    words = [f"scenario.floorplan.map={room}", "robots=1", "scenario.duration_s=6"]
+    growing.main([str(path), "--seed", "2", *(word for each in words for word in ("--set", each))])
+    assert path.stat().st_size > 10_000
+    assert capsys.readouterr().out.strip() == str(path)
+
+
+@pytest.mark.slow
+def test_the_report_watches_the_first_run_of_four_robots_on_the_last_floor(
+    runs: pd.DataFrame, run: Exploration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    watched: list[tuple[Scenario, int]] = []
+    monkeypatch.setattr(figures, "watch", lambda scenario, seed: watched.append((scenario, seed)) or run)
+    names = {path.name for path in figures.draw(runs.assign(seed=runs["replicate"] + 7), NONE, tmp_path)}
+    assert names >= {"time_by_size.png", "coverage_over_time.png", "map_growth.png", "ways.png"}
+    ((scenario, seed),) = watched
+    assert seed == 7
+    assert scenario.team.size == 4
+    assert scenario.floorplan.map is not None
+    assert Path(scenario.floorplan.map).name == "explore_office.yaml"
+    assert scenario.protocol.parameters.model_dump()["algorithm"] == "schemas"
