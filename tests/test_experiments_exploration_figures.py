@@ -1,6 +1,7 @@
 """Figures of explorations: what had been seen when, the map as it grows, and the report that draws them."""
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from cosim.units import S
 from experiments.exploration_teams import figures, growing
 from experiments.exploration_teams.curves import POINTS, coverage_over_time, curve
 from experiments.exploration_teams.exploring import COLUMNS, measure
-from experiments.exploration_teams.growing import Exploration, chosen, watch
+from experiments.exploration_teams.growing import SHARES, Exploration, chosen, watch
 
 NONE = pd.DataFrame()
 
@@ -114,8 +115,9 @@ def run(room: Path) -> Exploration:
 def test_the_map_is_kept_as_soon_as_so_much_has_been_seen(run: Exploration):
     assert len(run.pictures) > 1
     coverages = [picture.coverage for picture in run.pictures]
-    assert coverages == sorted(coverages)
     assert coverages[-1] >= 0.99
+    for before, coverage in pairwise([0.0, *coverages]):
+        assert any(before < share <= coverage for share in SHARES)
     assert all(picture.time % (5 * S) == 0 for picture in run.pictures)
     known = [int((picture.cells != UNKNOWN).sum()) for picture in run.pictures]
     assert known == sorted(set(known))
@@ -150,9 +152,16 @@ def test_the_coverage_that_is_watched_is_that_of_the_metrics(room: Path):
     found = measure({"scenario": plain}, 1)
     assert set(found) == {column.name for column in COLUMNS}
     assert watch(scenario, 1).pictures[-1].coverage == found["coverage"]
-    at = [found[name] for name in ("seen_10_s", "seen_20_s", "seen_30_s")]
+
+
+@pytest.mark.slow
+def test_a_run_tells_when_each_tenth_had_been_seen(room: Path):
+    plain = small(room).model_dump(mode="json") | {"floorplan": {"map": str(room)}}
+    found = measure({"scenario": plain}, 1)
+    at = [found[f"seen_{tenth}0_s"] for tenth in range(1, 10)]
     assert at == sorted(at)
-    assert found["time_50_s"] == found["seen_50_s"] or math.isnan(found["time_50_s"] + found["seen_50_s"])
+    assert at[0] < at[-1] <= found["time_95_s"]
+    assert at[4] == found["time_50_s"]
 
 
 @pytest.mark.slow

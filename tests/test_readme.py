@@ -48,6 +48,15 @@ def test_the_lines_on_radio_and_faults_are_a_scenario() -> None:
     assert made.team.carried == ((0, 1),) * 3 + ((0,),) * 6
 
 
+def test_the_exploration_is_a_scenario() -> None:
+    (scout,) = re.findall(r"```\n(name: scout.*?)```", README, re.DOTALL)
+    made = Scenario.model_validate(yaml.safe_load(scout))
+    assert made.protocol.spec.name == "exploration"
+    parameters = made.protocol.parameters.model_dump()
+    assert (parameters["algorithm"], parameters["map"]) == ("schemas", "messages")
+    assert made.team.senses.beam_range_m == 2.5
+
+
 def test_every_experiment_is_in_the_table() -> None:
     folders = sorted(path.parent.name for path in Path(__file__).parents[1].glob("experiments/*/sweep.yaml"))
     assert folders

@@ -184,6 +184,17 @@ def test_on_a_loop_through_two_rooms_the_error_is_less_than_half_of_dead_reckoni
     assert len(cells) > 200
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("power", "covers"), [(0.1, False), (0.03, True)])
+def test_the_spread_covers_the_error_only_where_a_beam_counts_for_little(power, covers, seed):
+    poses = course(LOOP)
+    found, _ = drive(slam_at(poses[0], seed, particles=30, power=power), TWO_ROOMS, poses, seed)
+    error, spread = math.sqrt((off(found, poses) ** 2).mean()), math.sqrt((found[:, 3] ** 2).mean())
+    assert (error < spread) == covers
+    assert error < 0.12
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_uncertainty_grows_where_nothing_is_seen_and_falls_on_return(seed):
     poses = course(AWAY_AND_BACK)

@@ -83,8 +83,10 @@ def stricter_truer(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -
 
 
 def localised(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether waits mostly end with the robot localised again, where it waits at all; no wait says nothing."""
-    return above(runs, [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()], "waits_localised", MOSTLY)
+    """Answer whether waits mostly end with the robot localised again, at each threshold at which it waits at all."""
+    arms = [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()]
+    waiting = [(label, arm) for label, arm in arms if values_of(runs, arm, "waits_localised").notna().any()]
+    return above(runs, waiting, "waits_localised", MOSTLY)
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

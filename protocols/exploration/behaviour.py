@@ -25,7 +25,7 @@ from cosim.observation import Observation
 from cosim.units import S
 from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape
-from protocols.exploration.forces import attract, forces
+from protocols.exploration.forces import Forces, forces
 from protocols.exploration.information import Attraction
 from protocols.exploration.journal import Explored, PathLaid, PathLeft, Stalled
 from protocols.exploration.overlay import Overlay
@@ -40,6 +40,7 @@ _TRIES: Final = 3
 """Frontiers that so many paths in a row have not led to are left for later."""
 _LOOK_TICKS: Final = 5
 """So often a robot on a path looks whether a frontier is in sight."""
+_WALKED: Final = "walked"
 _AT_LOOKOUT_CELLS: Final = 1.0
 """So near to a lookout a robot looks."""
 
@@ -81,11 +82,13 @@ class Behaviour:
         """Whether it was caught at the last tick; without an escape it is caught once, for however long."""
         self._done_at: tuple[int, int] | None = None
         """The map's version and the tick when nothing was left to explore."""
+        self._stale = False
+        """Whether the map has changed since, and there are frontiers to which no way led."""
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to explore that has not been given up."""
-        return self._done_at is not None
+        """Whether nothing is left to explore that has not been given up, by the map as it is."""
+        return self._done_at is not None and self._done_at[0] == self.belief.version and not self._stale
 
     @property
     def underway(self) -> bool:
@@ -119,26 +122,40 @@ class Behaviour:
 
     def _heading(self, here: Point, observation: Observation) -> float | None:
         """Return where the sum of all schemas points, or None if it is zero (equation 2)."""
-        schemas, overlay, belief = self._schemas, self._overlay, self.belief
-        (left, low), size = belief.frame.origin_m, belief.frame.cell_m
-        grids = belief.frontier, overlay.ignored, belief.vain, overlay.path, self._failed > 0 and overlay.underway
-        reaches = schemas.frontier_m, schemas.obstacle_m, schemas.in_sight
-        fx, fy, ox, oy = forces(*grids, self._scratch, belief.evidence, left, low, size, *here, *reaches)
-        if self._attraction is not None:
-            attract(*grids, left, low, size, *here, schemas.frontier_m, self._scratch)
-            fx, fy = self._attraction.to(here, self._scratch)
-        fx, fy, ox, oy = (
-            schemas.frontier_gain * fx,
-            schemas.frontier_gain * fy,
-            -schemas.obstacle_gain * ox,
-            -schemas.obstacle_gain * oy,
-        )
-        rx, ry = self._from_robots(here, observation)
-        x, y = fx + ox + rx + self.pull[0], fy + oy + ry + self.pull[1]
+        schemas, robots = self._schemas, self._from_robots(here, observation)
+        fx, fy, ox, oy = self._fields(here)
+        fx, fy = schemas.frontier_gain * fx, schemas.frontier_gain * fy
+        ox, oy = -schemas.obstacle_gain * ox, -schemas.obstacle_gain * oy
+        x, y = fx + ox + robots[0] + self.pull[0], fy + oy + robots[1] + self.pull[1]
         if x * x + y * y <= _NOTHING * _NOTHING:
             return None
-        self._records.drawn(fx * fx + fy * fy, ox * ox + oy * oy, rx * rx + ry * ry)
+        self._records.drawn(fx * fx + fy * fy, ox * ox + oy * oy, robots[0] * robots[0] + robots[1] * robots[1])
         return math.atan2(y, x)
+
+    def _fields(self, here: Point) -> Forces:
+        """Return the sums over frontiers and path, and over obstacles, with gain 1."""
+        schemas, overlay, belief = self._schemas, self._overlay, self.belief
+        (left, low), size = belief.frame.origin_m, belief.frame.cell_m
+        fields = forces(
+            belief.frontier,
+            overlay.ignored,
+            belief.vain,
+            overlay.path,
+            self._failed > 0 and overlay.underway,
+            self._scratch,
+            belief.evidence,
+            left,
+            low,
+            size,
+            here[0],
+            here[1],
+            schemas.frontier_m,
+            schemas.obstacle_m,
+            schemas.in_sight,
+        )
+        if self._attraction is None:
+            return fields
+        return (*self._attraction.to(here, self._scratch), *fields[2:])
 
     def _from_robots(self, here: Point, observation: Observation) -> Vector:
         """Return the force of the robots in sight (equation 5)."""
@@ -163,13 +180,22 @@ class Behaviour:
         if not overlay.underway:
             return False
         walked = overlay.pass_by(here, self._schemas.obstacle_m)
-        if not overlay.underway:
-            self._leave("walked")
+        why = self._why_leave(here)
+        if why is not None:
+            self._leave(why)
+        if why == _WALKED:
             self._settling.look(here, bool(observation.sightings))
-        elif self._ticks % _LOOK_TICKS == 0 and len(new := overlay.in_sight(here, new=True)):
-            overlay.note(new)
-            self._leave("frontier in sight")
         return walked
+
+    def _why_leave(self, here: Point) -> str | None:
+        overlay = self._overlay
+        if not overlay.underway:
+            return _WALKED
+        if self._ticks % _LOOK_TICKS:
+            return None
+        new = overlay.new_in_sight(here)
+        overlay.note(new)
+        return "frontier in sight" if len(new) else None
 
     def _leave(self, why: str) -> None:
         self._overlay.clear()
@@ -203,8 +229,8 @@ class Behaviour:
             way = escape.way(here, overlay.frontiers(), settling.tried, settling.looked)
             if way is not None:
                 lookout_m = _AT_LOOKOUT_CELLS * self.belief.frame.cell_m
-                overlay.note(overlay.in_sight(here, new=True))
-                overlay.lay(way.cells, lookout_m if way.lookout else None)
+                overlay.note(overlay.new_in_sight(here))
+                overlay.lay(way.cells[1:] or way.cells, lookout_m if way.lookout else None)
                 x_m, y_m = self.belief.frame.centre_m(way.cells[-1])
                 self._events.append(PathLaid(x_m, y_m, len(way.cells), way.in_sight))
                 return
@@ -222,14 +248,15 @@ class Behaviour:
     def _resumes(self, done_at: tuple[int, int], here: Point) -> bool:
         """Return whether a robot that has done goes on: others have told it of frontiers, or of ways there."""
         version, tick = done_at
-        if version == self.belief.version:
-            return False
+        if version != self.belief.version:
+            self._done_at = self.belief.version, tick
+            self._stale = self._escape is not None and self._overlay.any_ignored()
         if self._overlay.any_frontier():
-            self._done_at = None
+            self._done_at, self._stale = None, False
             return True
-        if self._escape is None or self._ticks - tick < self._period:
+        if self._escape is None or not self._stale or self._ticks - tick < self._period:
             return False
-        self._done_at = None
+        self._done_at, self._stale = None, False
         self._settling.reconsider()
         self._plan(self._escape, here)
         return not self.done

@@ -2,7 +2,9 @@
 
 Ways lead over cells that are known to be empty and keep away from obstacles. The goal is the nearest frontier, those in
 line of sight with absolute preference. A robot is wider than a cell, which the paper leaves out: to a frontier beside a
-wall it does not come. So it goes to a lookout, a place from which the frontier is in sight within the sensors' range.
+wall it does not come. So it goes to a lookout, a place from which the frontier is in sight within the sensors' range;
+at last also to places where it is if the cells at the ends of walls are not wholly occupied: narrow gaps show more to a
+robot than to its map.
 """
 
 from typing import Final, NamedTuple
@@ -20,6 +22,18 @@ _SLACK_CELLS: Final = 0.5
 """So much wider than its body a robot plans."""
 _SURE: Final = 0.9
 """Share of the sensors' range from which a lookout looks."""
+
+
+def jambs(clear: Bools) -> Bools:
+    """Return the cells that are not *clear*, shape (ny, nx), beside which two clear ones meet at a corner.
+
+    There a wall ends or turns, and part of the cell may be empty: a line of sight may pass it, a robot may not.
+    """
+    beside = np.pad(clear, 1)
+    across = beside[:-2, 1:-1] | beside[2:, 1:-1]
+    along = beside[1:-1, :-2] | beside[1:-1, 2:]
+    result: Bools = ~clear & across & along
+    return result
 
 
 class Way(NamedTuple):
@@ -107,9 +121,9 @@ class Escape:
             if found is None:
                 found, lookout = self._watch(ground, start, wanted, looked), True
             if found is not None:
-                cells = entry[:-1] + [int(cell) for cell in found]
-                return Way(cells, wanted is seen or bool(seen.flat[cells[-1]]), lookout)
-        return None
+                return Way(entry[:-1] + found.tolist(), wanted is seen, lookout)
+        found = self._watch(ground._replace(clear=ground.clear | jambs(ground.clear)), start, goals, looked)
+        return None if found is None else Way(entry[:-1] + found.tolist(), False, True)
 
     def _direct(self, ground: Ground, start: Cell, goals: Bools) -> Ints | None:
         """Return the way to the nearest of *goals*, or the most useful one; they are entered and not passed."""

@@ -104,7 +104,7 @@ class Explorer:
         changed = self.belief.mark(here, ranges_m, beams, self._bodies(found, now))
         if self._sharing is not None:
             self._sharing.changed(changed, self.belief.occupied(changed).tolist())
-            self._sharing.tick(*here, now, observation.visible)
+            self._sharing.tick(*here, now, found.sightings)
         heading = self._lead(found, len(changed) > 0, share)
         if heading is not None and share > 0.0:
             order = self._steering.drive(heading - turned_rad, observation.heading_rad, ranges_m)

@@ -77,18 +77,27 @@ def forces(
 
 @njit(cache=True)
 def seen_frontiers(
-    frontier: Bytes, without: Bytes, vain: Bytes, evidence: Evidence, cell: int, reach: float, found: Ints
+    frontier: Bytes,
+    without: Bytes,
+    vain: Bytes,
+    evidence: Evidence,
+    through: bool,
+    cell: int,
+    reach: float,
+    found: Ints,
 ) -> int:
     """Return how many frontiers are in sight of *cell* within *reach* (cells), and list them in *found*, as it holds.
 
-    Sight passes cells that are known to be empty, and none but those; see :func:`cosim.geometry.planning.in_view`.
-    Frontiers that are in *without* or *vain* are not asked for.
+    Sight passes cells that are known to be empty, and none but those, or *through* frontiers as well; see
+    :func:`cosim.geometry.planning.in_view`. Frontiers that are in *without* or *vain* are not asked for.
     """
     words, own, other = frontier.view(np.uint64), without.view(np.uint64), vain.view(np.uint64)
     ny, nx = evidence.shape
     iy, ix, most = cell // nx, cell % nx, int(reach)
     y0, y1, x0, x1 = max(iy - most, 0), min(iy + most + 1, ny), max(ix - most, 0), min(ix + most + 1, nx)
     clear = evidence[y0:y1, x0:x1] < 0
+    if through:
+        clear |= frontier[y0:y1, x0:x1] != 0
     width, here, count = x1 - x0, (iy - y0) * (x1 - x0) + ix - x0, 0
     clear[iy - y0, ix - x0] = True
     for y in range(y0, y1):
@@ -99,11 +108,12 @@ def seen_frontiers(
                 asked = frontier[y, x] != 0 and without[y, x] == 0 and vain[y, x] == 0
                 if not asked or (y - iy) ** 2 + (x - ix) ** 2 > reach * reach or count == found.shape[0]:
                     continue
+                before = clear[y - y0, x - x0]
                 clear[y - y0, x - x0] = True
                 if in_view(clear, here, (y - y0) * width + x - x0):
                     found[count] = y * nx + x
                     count += 1
-                clear[y - y0, x - x0] = False
+                clear[y - y0, x - x0] = before
     return count
 
 

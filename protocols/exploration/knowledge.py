@@ -6,6 +6,7 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.exploration.belief import Belief, Frame
+from protocols.exploration.targets import Targets
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,5 +24,7 @@ class Knowledge:
     beams: int
     shared: Belief | None
     """The map that all have in common; None if each has its own."""
+    targets: Targets | None
+    """What robots with a map in common, and an algorithm that chooses frontiers, have in common beside it."""
     places_m: dict[Address, Point]
     """Where the others are, as all know who have a map in common; empty if each has its own."""

@@ -48,6 +48,10 @@ class Overlay:
         """Return whether there are any."""
         return any_left(self._belief.frontier, self.ignored, self._belief.vain)
 
+    def any_ignored(self) -> bool:
+        """Return whether any frontier is ignored."""
+        return bool((self._belief.frontier & self.ignored).any())
+
     # ------------------------------------------------------------ the path
 
     def lay(self, cells: Iterable[Cell], goal_m: float | None = None) -> None:
@@ -79,13 +83,18 @@ class Overlay:
 
     # ------------------------------------------------------------ what is in sight
 
-    def in_sight(self, place_m: Point, new: bool = False) -> Ints:
-        """Return the frontiers (n,) in line of sight within the sensors' range, a view; with *new* those not noted."""
+    def new_in_sight(self, place_m: Point) -> Ints:
+        """Return the frontiers (n,) in line of sight within the sensors' range that are not noted, a view."""
+        return self._seen(place_m, self.noted, False)
+
+    def in_sight(self, place_m: Point) -> Ints:
+        """Return those (n,) that draw it and are in sight there, if need be behind others of them, a view."""
+        return self._seen(place_m, self.ignored, True)
+
+    def _seen(self, place_m: Point, without: Bytes, through: bool) -> Ints:
         belief = self._belief
-        cell = belief.frame.cell_at(place_m)
-        without = self.noted if new else self.ignored
-        count = seen_frontiers(belief.frontier, without, belief.vain, belief.evidence, cell, self._reach, self._found)
-        return self._found[:count]
+        cell, grids = belief.frame.cell_at(place_m), (belief.frontier, without, belief.vain, belief.evidence)
+        return self._found[: seen_frontiers(*grids, through, cell, self._reach, self._found)]
 
     def note(self, cells: Ints) -> None:
         """Let *cells* end no path any more."""

@@ -13,10 +13,19 @@ class SchemaParameters(Settings):
 
     frontier_m: float = Field(default=5.0, gt=0, description="m, d_frontier: how far frontiers attract")
     frontier_gain: float = Field(default=1.0, ge=0, description="Gain_frontier, of each frontier cell")
-    obstacle_m: float = Field(default=0.5, gt=0, description="m, d_obstacle: how far obstacles repel")
-    obstacle_gain: float = Field(default=0.3, ge=0, description="Gain_obstacle, of each occupied cell")
-    robot_range_scale: float = Field(default=2.5, gt=0, description="d_robot over d_obstacle")
-    robot_gain_scale: float = Field(default=20.0, ge=0, description="Gain_robot over Gain_obstacle")
+    obstacle_m: float = Field(
+        default=0.6,
+        gt=0,
+        description="m, d_obstacle: how far obstacles repel; body, radius of its turns, and a cell more",
+    )
+    obstacle_gain: float = Field(
+        default=1.0,
+        ge=0,
+        description="Gain_obstacle, of each occupied cell; by default a wall ahead outweighs a path to it where "
+        "the robot must begin to turn: 2 sqrt(d_obstacle^2 - D^2) / (cell D d_obstacle) against 1 / (cell d_obstacle)",
+    )
+    robot_range_scale: float = Field(default=2.0, gt=0, description="d_robot over d_obstacle")
+    robot_gain_scale: float = Field(default=6.0, ge=0, description="Gain_robot over Gain_obstacle")
     in_sight: bool = Field(default=False, description="only obstacles in line of sight repel (section 3.3)")
     information: float = Field(
         default=0.0,
@@ -88,7 +97,10 @@ class RivalParameters(Settings):
     """How algorithms choose frontiers that the schemas are compared with."""
 
     least_cells: int = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
-    plan_s: float = Field(default=2.0, gt=0, description="s, from one choice to the next")
+    plan_s: float = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
+    patience_s: float = Field(
+        default=6.0, gt=0, description="s without way made, after which a robot goes round others, or gives the goal up"
+    )
     cost_weight: float = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
 
 

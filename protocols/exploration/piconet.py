@@ -75,7 +75,7 @@ class Piconet:
         self._reach_m = max(self._reach_m, away_m)
 
     def tick(self, here: Point, places_m: Mapping[Address, Point], seen: Collection[Address], now: Time) -> None:
-        """Page who is due, if any: *places_m* is where the others were heard last, *seen* are those in sight."""
+        """Page who is due, if any: *places_m* is where the others were last, *seen* are those in sight."""
         if self.me != MASTER:
             return
         if self._paging is not None:

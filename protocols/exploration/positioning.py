@@ -191,7 +191,7 @@ class Filtered:
             along = beams @ place
             aside = np.abs(beams @ np.array([-place[1], place[0]]))
             reach = self._radii_m[other] + _BODY_SLACK_M
-            met |= (along > 0.0) & (aside < reach) & (np.abs(ranges_m - along) < reach)
+            met |= (aside < reach) & (np.abs(ranges_m - along) < reach)
         return np.where(met, np.nan, ranges_m)
 
 

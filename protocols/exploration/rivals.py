@@ -1,82 +1,41 @@
-"""What the paper's behaviour is compared with: algorithms that choose a frontier, and go there by the planned way.
+"""What the paper's behaviour is compared with: robots that choose a frontier, and go there by the planned way.
 
-- ``nearest``: the frontier of the cheapest way; robots share maps and do not coordinate (Yamauchi, "Frontier-based
-  exploration using multiple robots", Agents 1998).
-- ``utility``: Burgard, Moors, Stachniss and Schneider, "Coordinated multi-robot exploration", IEEE Trans. Robotics
-  21(3), 2005: again and again the robot and frontier with the greatest utility less cost are taken out, and the utility
-  of frontiers near by falls. Costs count in shares of the greatest one that is finite.
-- ``assignment``: the assignment of the least sum of costs (Kuhn, 1955; Jonker and Volgenant, 1987).
-
-For the last two each robot works out what all should do, from the places that it knows of, and does its own part: who
-has the same map and the same places comes to the same end. Frontiers are Yamauchi's.
+How targets are chosen is in :mod:`protocols.exploration.targets`. A robot keeps its target until it has come there, as
+Yamauchi's does. It scans on its way, which his does not: so it also leaves a target that is no frontier any more, but
+no sooner than ``plan_s`` after the choice (Burgard et al. choose anew when a target is reached or a time has passed).
+What is a frontier still although the robot has come there is left out for good (Yamauchi's list of visited frontiers).
+A robot that makes no way for ``patience_s`` goes round those that stand near, to whatever frontier is nearest then;
+if there are none it gives the frontier up for itself (Yamauchi's list of inaccessible frontiers). Of two that drive
+close to each other that with the higher number waits.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
-from cosim.geometry.astar import astar, clearance_cost, costs_from, passable_cells
-from cosim.geometry.frontiers import Frontier, yamauchi_frontiers
+from cosim.geometry.astar import astar
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Point, Singles
+from cosim.geometry.planning import Ints, Point
 from cosim.machine import Address, Event
 from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
-from protocols.exploration.belief import Belief
 from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid
-from protocols.exploration.parameters import EscapeParameters, RivalParameters
 from protocols.exploration.records import Records
+from protocols.exploration.targets import Targets
 
 _AHEAD_CELLS: Final = 5
 """So far along its way a robot heads."""
-_PATIENCE: Final = 3
-"""So many times of planning it stays at a frontier without a new cell before it gives it up."""
-_SLACK_CELLS: Final = 0.5
-"""So much wider than its body it plans."""
-
-
-def away_cells(cells: npt.NDArray[np.integer[Any]], nx: int) -> Floats:
-    """Return how far *cells* (n,), numbered ``iy * nx + ix``, are from each other: (n, n), in cells."""
-    return np.asarray(np.hypot(*(np.subtract.outer(part, part) for part in (cells % nx, cells // nx))))
-
-
-def by_utility(costs: Floats, away: Floats, reach: float, weight: float) -> list[int | None]:
-    """Return to which frontier each robot goes, None where no way leads to any.
-
-    *costs* (robots, frontiers), inf where no way leads; *away* (frontiers, frontiers) as *reach*, the scanner's range.
-    Utilities begin at 1. One falls by max(0, 1 - away / reach) when a frontier so far away is taken: the chance that
-    it is seen from there. Source: Burgard et al., 2005, Algorithm 1.
-    """
-    seen = np.clip(1.0 - away / reach, 0.0, None)
-    can: Bools = np.isfinite(costs)
-    share = np.where(can, costs, 0.0) / max(float(costs[can].max(initial=0.0)), 1.0)
-    utility, left = np.ones(costs.shape[1]), np.asarray([row.any() for row in can])
-    chosen: list[int | None] = [None] * len(costs)
-    while left.any():
-        gain = np.where(can & left[:, None], utility - weight * share, -math.inf)
-        row, group = divmod(int(gain.argmax()), costs.shape[1])
-        chosen[row] = group
-        left[row] = False
-        utility = utility - seen[group]
-    return chosen
-
-
-def by_assignment(costs: Floats) -> list[int | None]:
-    """Return to which frontier each robot goes, each to another: of the most that can go, those of the least sum.
-
-    *costs* (robots, frontiers), inf where no way leads; None for a robot that is left over.
-    """
-    can: Bools = np.isfinite(costs)
-    forbidden = 2.0 * len(costs) * (float(costs[can].max(initial=0.0)) + 1.0)
-    chosen: list[int | None] = [None] * len(costs)
-    for row, group in zip(*linear_sum_assignment(np.where(can, costs, forbidden)), strict=True):
-        if can[row, group]:
-            chosen[row] = int(group)
-    return chosen
+_ARRIVED_CELLS: Final = 3
+"""So near it has come to its target."""
+_LOOK_M: Final = 1.0
+"""So far about where it has come in vain nobody goes again, metres."""
+_NEAR_M: Final = 1.5
+"""Robots that are no farther from each other's edges may stand in each other's way, metres."""
+_CLOSE_M: Final = 0.3
+"""So close in front of a robot nobody with a lower number drives while it drives itself, edge to edge, metres."""
+_STILL_M: Final = 1e-3
+"""Who has moved less in a tick stands, metres."""
 
 
 class Rival:
@@ -84,41 +43,36 @@ class Rival:
 
     def __init__(
         self,
-        algorithm: str,
-        parameters: RivalParameters,
-        planning: EscapeParameters,
-        belief: Belief,
+        targets: Targets,
         records: Records,
         events: list[Event],
         me: Address,
-        radius_m: float,
-        range_m: float,
-        places_m: Mapping[Address, Point],
         plan_ticks: int,
+        patience_ticks: int,
     ) -> None:
-        """Lead *me*, of *radius_m*, by the map *belief* and the *places_m* of the others, as far as they are known."""
-        self.belief = belief
+        """Lead *me* to its *targets*."""
+        self.belief = targets.belief
         self.underway = False
-        self._algorithm = algorithm
-        self._own = parameters
-        self._planning = planning
+        self._targets = targets
         self._records = records
         self._events = events
         self._me = me
-        self._radius = radius_m / belief.frame.cell_m + _SLACK_CELLS
-        self._range = range_m / belief.frame.cell_m
-        self._places_m = places_m
         self._every = plan_ticks
-        self._ticks = 0
+        self._patience = patience_ticks
+        self._round = 0
+        self._since = plan_ticks
+        """Ticks since a target was chosen, or none was found."""
         self._way: list[Cell] = []
-        self._done_at: int | None = None
-        self._named: set[Cell] = set()
-        """Frontiers to which no way leads."""
-        self._dull: set[Cell] = set()
-        """Frontiers that it has come to, and nothing new was to be seen."""
         self._goal: Cell | None = None
+        self._left = math.inf
+        """The shortest that was left of its way."""
         self._barren = 0
-        """Ticks at the goal in which no cell came to be known."""
+        """Ticks in which that has not become shorter."""
+        self._done_at: int | None = None
+        self._seen_m: dict[Address, Point] = {}
+        """Where the others in sight were a tick ago."""
+        self._named = np.zeros(self.belief.evidence.shape, np.bool_)
+        """Frontiers to which no way leads."""
 
     @property
     def done(self) -> bool:
@@ -130,90 +84,144 @@ class Rival:
         if self.done:
             return None
         here = observation.x_m, observation.y_m
+        self._since += 1
+        moving = self._moving(observation)
+        if self._goal is None and self._since < self._every:
+            return None
+        if self._targets.round > self._round:
+            self._take_over(here)
+        if self._barren >= self._patience:
+            self._stuck(here, observation)
+        elif self._due(here, observation):
+            self._choose(here)
+        heading = self._heading(here)
+        return None if heading is None or self._gives_way(here, heading, moving) else heading
+
+    def _heading(self, here: Point) -> float | None:
+        """Return the heading to where the way leaves the robot's surroundings, and note how much of it is left."""
         frame = self.belief.frame
-        self._wait(here, gained)
-        if self._ticks % self._every == 0 or not self._way:
-            self._plan(here)
-        self._ticks += 1
         while len(self._way) > 1 and math.dist(frame.centre_m(self._way[0]), here) < _AHEAD_CELLS * frame.cell_m:
             del self._way[0]
         if not self._way:
             return None
         x, y = frame.centre_m(self._way[0])
+        left = len(self._way) + math.dist((x, y), here) / frame.cell_m
+        self._barren += 1
+        if left < self._left - 1.0:
+            self._left, self._barren = left, 0
         return math.atan2(y - here[1], x - here[0])
 
-    def _wait(self, here: Point, gained: bool) -> None:
-        """Give the goal up after a time at it in which nothing came to be known."""
-        frame, goal = self.belief.frame, self._goal
-        there = goal is not None and math.dist(frame.centre_m(goal), here) < _AHEAD_CELLS * frame.cell_m
-        self._barren = self._barren + 1 if there and not gained else 0
-        if goal is not None and self._barren > _PATIENCE * self._every:
-            self._dull.add(goal)
-            self._records.given_up += 1
-            self._events.append(FrontierGivenUp(*frame.centre_m(goal), "nothing new is seen there"))
-            self._way, self._goal, self._barren = [], None, 0
+    def _moving(self, observation: Observation) -> list[tuple[Address, Point]]:
+        """Return the robots in sight that have moved since the last tick, and where they are."""
+        before, self._seen_m = self._seen_m, {other: (x, y) for other, x, y in observation.sightings}
+        return [
+            (other, place_m)
+            for other, place_m in self._seen_m.items()
+            if other in before and math.dist(before[other], place_m) > _STILL_M
+        ]
 
-    def _plan(self, here: Point) -> None:
-        """Choose a frontier, and plan the way there."""
-        belief, own = self.belief, self._planning
-        frame = belief.frame
-        passable = passable_cells(belief.evidence, self._radius)
-        extra = clearance_cost(belief.evidence > 0, max(own.clearance_m / frame.cell_m, 1.0), own.clearance_cost)
-        found = yamauchi_frontiers(belief.evidence, self._own.least_cells)
-        groups = [group for group in found if group.centroid not in self._dull]
-        team = {**self._places_m, self._me: here}
-        costs = self._costs(passable, extra, team, groups)
-        mine = sorted(team).index(self._me)
-        chosen = self._choice(costs, mine, groups)
-        if chosen is None:
-            self._finish(groups)
+    def _gives_way(self, here: Point, heading: float, moving: list[tuple[Address, Point]]) -> bool:
+        """Return whether somebody with a lower number drives close in front."""
+        radii_m = self._targets.radii_m
+        for other, (x, y) in moving:
+            reach_m = radii_m[self._me] + radii_m[other] + _CLOSE_M
+            ahead = (x - here[0]) * math.cos(heading) + (y - here[1]) * math.sin(heading)
+            if other < self._me and ahead > 0.0 and math.dist((x, y), here) <= reach_m:
+                return True
+        return False
+
+    # ------------------------------------------------------------ targets
+
+    def _due(self, here: Point, observation: Observation) -> bool:
+        """Return whether it is time for another target; leave out what it has come to in vain."""
+        goal, targets, frame = self._goal, self._targets, self.belief.frame
+        if goal is None or not self._way:
+            return True
+        if math.dist(frame.centre_m(goal), here) > _ARRIVED_CELLS * frame.cell_m:
+            return self._since >= self._every and not targets.open(goal)
+        if targets.open(goal):
+            if len(self._about(here, observation)) and self._barren < self._patience // 2:
+                return False  # somebody may hide it
+            self._give_up(targets.in_vain(here, _LOOK_M), "nothing new is seen there")
+            targets.bar(self._me, np.array([goal], np.int32))
+        return True
+
+    def _choose(self, here: Point) -> None:
+        goal = self._targets.choose(self._me, here)
+        self._round = self._targets.round
+        self._set_out(here, goal)
+        if goal is None:
+            self._finish()
+
+    def _take_over(self, here: Point) -> None:
+        """Take the target that another's choice has for this robot."""
+        self._round = self._targets.round
+        goal = self._targets.goals.get(self._me)
+        if goal is not None and goal != self._goal and self._barren < self._patience:
+            self._set_out(here, goal)
+
+    def _set_out(self, here: Point, goal: Cell | None) -> None:
+        terrain, radius_m = self._targets.terrain, self._targets.radii_m[self._me]
+        self._since = 0
+        way: list[Cell] = []
+        entry = [] if goal is None else terrain.entry(here, radius_m)
+        if goal is not None and entry:
+            found = astar(terrain.passable(radius_m), terrain.extra(), entry[-1], goal, terrain.reading)
+            way = [] if found is None else entry[:-1] + [int(cell) for cell in found]
+        self._follow(way)
+
+    def _follow(self, way: list[Cell]) -> None:
+        self._way = way
+        self._goal = way[-1] if way else None
+        self._left, self._barren = math.inf, 0
+        if way:
+            x_m, y_m = self.belief.frame.centre_m(way[-1])
+            self._events.append(PathLaid(x_m, y_m, len(way), False))
+
+    # ------------------------------------------------------------ what cannot be come to
+
+    def _about(self, here: Point, observation: Observation) -> Floats:
+        """Return the places and radii of the robots in sight that are near, (n, 3)."""
+        radii_m = self._targets.radii_m
+        reach_m = _NEAR_M + radii_m[self._me]
+        near = [
+            (x, y, radii_m[other])
+            for other, x, y in observation.sightings
+            if math.dist((x, y), here) <= reach_m + radii_m[other]
+        ]
+        return np.array(near, np.float64).reshape(-1, 3)
+
+    def _stuck(self, here: Point, observation: Observation) -> None:
+        """Go round who stands near, or give the target up."""
+        bodies = self._about(here, observation)
+        self._since = 0
+        if len(bodies):
+            way = self._targets.way_to_nearest(self._me, here, self._targets.groups(), bodies)
+            self._follow([] if way is None else way)
             return
-        way = astar(passable, extra, frame.cell_at(here), groups[chosen].centroid, own.cost)
-        self._way = [] if way is None else [int(cell) for cell in way]
-        self._goal = groups[chosen].centroid
-        x_m, y_m = frame.centre_m(self._goal)
-        self._events.append(PathLaid(x_m, y_m, len(self._way), False))
+        if self._goal is not None:
+            cells = self._beside(self._goal)
+            self._targets.bar(self._me, cells)
+            self._give_up(cells, "no way is made there")
+        self._choose(here)
 
-    def _costs(self, passable: Bools, extra: Singles, team: Mapping[Address, Point], groups: list[Frontier]) -> Floats:
-        """Return what it costs each of *team*, in the order of their numbers, to come to each of *groups*."""
-        cells = [group.centroid for group in groups]
-        ends = np.zeros(passable.shape, np.bool_)
-        ends.flat[cells] = True
-        whose = sorted(team) if self._algorithm != "nearest" else [self._me]
-        rows = {
-            robot: costs_from(passable, extra, self.belief.frame.cell_at(team[robot]), ends, self._planning.cost).flat[
-                cells
-            ]
-            for robot in whose
-        }
-        nothing = np.full(len(cells), math.inf)
-        return np.array([rows.get(robot, nothing) for robot in sorted(team)]).reshape(len(team), len(cells))
+    def _beside(self, goal: Cell) -> Ints:
+        """Return the cells of frontiers that are near to *goal*."""
+        nx, groups = self.belief.frame.nx, self._targets.groups()
+        cells = np.concatenate([np.array([goal], np.int32), *groups])
+        away = np.hypot(cells % nx - goal % nx, cells // nx - goal // nx)
+        return np.unique(cells[away <= _AHEAD_CELLS])
 
-    def _choice(self, costs: Floats, mine: int, groups: list[Frontier]) -> int | None:
-        """Return which of *groups* this robot goes to; None if no way leads to any."""
-        own = costs[mine]
-        if not np.isfinite(own).any():
-            return None
-        nearest = int(own.argmin())
-        if self._algorithm == "nearest":
-            return nearest
-        if self._algorithm == "utility":
-            cells = np.array([group.centroid for group in groups])
-            chosen = by_utility(costs, away_cells(cells, self.belief.frame.nx), self._range, self._own.cost_weight)[
-                mine
-            ]
-        else:
-            chosen = by_assignment(costs)[mine]
-        return nearest if chosen is None else chosen
+    def _give_up(self, cells: Ints, why: str) -> None:
+        self._records.given_up += len(cells)
+        self._events += [FrontierGivenUp(*self.belief.frame.centre_m(cell), why) for cell in cells]
 
-    def _finish(self, groups: list[Frontier]) -> None:
+    def _finish(self) -> None:
         """Give up what no way leads to."""
-        self._way, self._goal = [], None
         self._done_at = self.belief.version
-        for group in groups:
-            if group.centroid not in self._named:
-                self._named.add(group.centroid)
-                self._records.given_up += len(group.cells)
-                place_m = self.belief.frame.centre_m(group.centroid)
-                self._events.append(FrontierGivenUp(*place_m, "no way leads there"))
+        groups = self._targets.groups()
+        cells = np.concatenate(groups) if groups else np.empty(0, np.int32)
+        new = cells[~self._named.flat[cells]]
+        self._named.flat[new] = True
+        self._give_up(new, "no way leads there")
         self._events.append(Explored())

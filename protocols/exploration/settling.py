@@ -15,7 +15,7 @@ from protocols.exploration.runs import Ints
 
 _ROUNDS: Final = 3
 """So often frontiers that were not reached are tried once more."""
-_LOOKED_CELLS: Final = 2.5
+_LOOKED_CELLS: Final = 3.0
 """So near to a place from which has been looked nobody looks again."""
 _TOUCHING: Final = np.ones((3, 3), np.int8)
 
@@ -32,9 +32,10 @@ class Settling:
         """Frontiers that paths have led to: they are only looked at from now on."""
         self.looked: Bools = np.zeros(belief.evidence.shape, np.bool_)
         """Places near to those from which it has looked at the end of a path."""
-        self._named: Bytes = np.zeros_like(belief.frontier)
+        self.named: Bytes = np.zeros_like(belief.frontier)
         """Frontiers that it has given up, if only for a time."""
-        self._postponed = False
+        self._postponed: Bytes = np.zeros_like(belief.frontier)
+        """Frontiers that are left for later."""
         self._rounds = 0
 
     def look(self, here_m: Point, others: bool) -> None:
@@ -68,19 +69,24 @@ class Settling:
         left = overlay.frontiers()[:, :nx]
         group, _ = ndimage.label(left, structure=_TOUCHING)
         if group[row, column]:
-            overlay.ignored[:, :nx] |= group == group[row, column]
-            self._postponed = True
+            own = group == group[row, column]
+            overlay.ignored[:, :nx] |= own
+            self._postponed[:, :nx] |= own
         else:
             self._about(self._belief.frame.centre_m(goal))
 
     def take_up(self) -> bool:
         """Let frontiers that were not reached draw again; return whether there are any."""
-        again = self._postponed and self._rounds < _ROUNDS
-        self._postponed = False
-        if again:
-            self._rounds += 1
-            self._overlay.ignored[:] = 0
-        return again and self._overlay.any_frontier()
+        if not self._postponed.any():
+            return False
+        cells = np.flatnonzero((self._belief.frontier & self._postponed)[:, : self._belief.frame.nx])
+        self._postponed[:] = 0
+        if self._rounds == _ROUNDS:
+            self._name(cells.astype(np.int32), "not reached")
+            return False
+        self._rounds += 1
+        self._overlay.ignored[np.divmod(cells, self._belief.frame.nx)] = 0
+        return self._overlay.any_frontier()
 
     def ignore(self, why: str) -> None:
         """Give up all frontiers that are left."""
@@ -96,9 +102,9 @@ class Settling:
         """Tell of frontiers that are given up, group by group, but of none twice."""
         frame = self._belief.frame
         rows, columns = np.divmod(cells, frame.nx)
-        new = self._named[rows, columns] == 0
+        new = self.named[rows, columns] == 0
         rows, columns = rows[new], columns[new]
-        self._named[rows, columns] = 1
+        self.named[rows, columns] = 1
         self._records.given_up += len(rows)
         mask = np.zeros((frame.ny, frame.nx), np.bool_)
         mask[rows, columns] = True

@@ -19,6 +19,7 @@ import numpy as np
 from cosim.errors import WireError
 from cosim.geometry.planning import Point
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.observation import Sighting
 from cosim.units import MS, Time, to_seconds
 from protocols.exploration.frames import (
     ENTRY_BYTES,
@@ -113,15 +114,15 @@ class Sharing:
         self._claims: dict[Stream, dict[Address, tuple[int, int]]] = {}
         """How many pieces others have said to have, and in what period."""
         self._places: dict[Address, tuple[Point, Time, int]] = {}
-        """Where the others have said that they were, when, and in what period."""
+        """Where the others have said that they were, or were seen, when, and in what period."""
         self.places_m: dict[Address, Point] = {}
-        """Where the others were when they were heard last."""
+        """Where the others were when they were heard or seen last."""
         self._here: Point | None = None
         self._piconet = piconet
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:
-        """Return who has said where it was, and how many seconds ago; those who have been heard lately."""
+        """Return where others were, and how many seconds ago: those who have been heard or seen lately."""
         return [
             (other, place, max(to_seconds(now - at), 0.0))
             for other, (place, at, beat) in self._places.items()
@@ -144,11 +145,13 @@ class Sharing:
         if self._versions is not None:
             self._versions[cells] = _NEWEST
 
-    def tick(self, x_m: float, y_m: float, now: Time, seen: Collection[Address] = ()) -> None:
-        """Tell what is new, and what is known, if it is time; *seen* are the robots in sight."""
+    def tick(self, x_m: float, y_m: float, now: Time, sightings: Collection[Sighting] = ()) -> None:
+        """Tell what is new, and what is known, if it is time; *sightings*: where others are seen, on the map."""
         self._here = x_m, y_m
+        for other, at_x, at_y in sightings:
+            self._stands(other, (at_x, at_y), now)
         if self._piconet is not None:
-            self._piconet.tick(self._here, self.places_m, seen, now)
+            self._piconet.tick(self._here, self.places_m, [other for other, _, _ in sightings], now)
         if 0 <= now - self._last < self._period:
             return
         self._last = now
@@ -240,13 +243,16 @@ class Sharing:
 
     def _note(self, sender: Address, message: Summary, now: Time) -> None:
         """Note where the sender is, and what it has."""
-        self._places[sender] = (message.x_m, message.y_m), now, self._beat
-        self.places_m[sender] = message.x_m, message.y_m
+        self._stands(sender, (message.x_m, message.y_m), now)
         for stream, count, _ in message.entries:
             if stream != self._stream:  # nobody has more of that
                 self._claims.setdefault(stream, {})[sender] = count, self._beat
         if self._piconet is not None and self._here is not None:
             self._piconet.heard(math.dist(self._here, self.places_m[sender]))
+
+    def _stands(self, other: Address, place_m: Point, now: Time) -> None:
+        self._places[other] = place_m, now, self._beat
+        self.places_m[other] = place_m
 
     def _check(self, sender: Address, message: Message) -> None:
         """Raise WireError for a message that nobody of this team can have sent."""

@@ -1,7 +1,7 @@
 """What cosim must know of exploration: the entry point ``exploration`` names ``SPEC``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -29,6 +29,8 @@ from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.rivals import Rival
 from protocols.exploration.runs import MOST_CELLS
 from protocols.exploration.sharing import Sharing
+from protocols.exploration.targets import Targets
+from protocols.exploration.terrain import Terrain
 
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
@@ -99,18 +101,36 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     if parameters.sharing.links is not None and size > MOST_ROBOTS:
         raise UserError(f"protocol.parameters.sharing.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
     shares = parameters.map == "shared"
+    shared = Belief(frame, _weights(parameters), range_m) if shares else None
+    places_m = dict(enumerate(surroundings.starts_m)) if shares else {}
+    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
     return Knowledge(
         size=size,
         tick=surroundings.tick,
         frame=frame,
         starts_m=tuple(surroundings.starts_m),
-        radii_m=surroundings.radii_m or (surroundings.radius_m,) * size,
+        radii_m=radii_m,
         speeds_mps=surroundings.speeds_mps or (surroundings.speed_mps,) * size,
         range_m=range_m,
         beams=surroundings.beams,
-        shared=Belief(frame, _weights(parameters), range_m) if shares else None,
-        places_m=dict(enumerate(surroundings.starts_m)) if shares else {},
+        shared=shared,
+        targets=None if shared is None else _targets(parameters, shared, radii_m, range_m, places_m),
+        places_m=places_m,
     )
+
+
+def _targets(
+    parameters: Parameters,
+    belief: Belief,
+    radii_m: Sequence[float],
+    range_m: float,
+    places_m: Mapping[Address, tuple[float, float]],
+) -> Targets | None:
+    """Return what chooses frontiers by a map, for all who have it; None if none are chosen."""
+    if parameters.algorithm == "schemas":
+        return None
+    terrain = Terrain(belief, parameters.escape)
+    return Targets(parameters.algorithm, parameters.rivals, belief, terrain, radii_m, range_m, places_m)
 
 
 def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
@@ -173,11 +193,11 @@ def _leader(
         escape = Escape(parameters.escape, belief, radius_m, knowledge.range_m)
         own, reading, size = parameters.beacons, parameters.escape.cost, knowledge.size
         return Tethered(own, behaviour, belief, me, size, escape, reading, places_m, start, tick)
-    ticks = max(1, round(from_seconds(parameters.rivals.plan_s) / knowledge.tick))
-    choosing, planning, algorithm = parameters.rivals, parameters.escape, parameters.algorithm
-    return Rival(
-        algorithm, choosing, planning, belief, records, events, me, radius_m, knowledge.range_m, places_m, ticks
-    )
+    targets = knowledge.targets or _targets(parameters, belief, knowledge.radii_m, knowledge.range_m, places_m)
+    assert targets is not None
+    spans_s = parameters.rivals.plan_s, parameters.rivals.patience_s
+    plan, patience = (max(1, round(from_seconds(span_s) / tick)) for span_s in spans_s)
+    return Rival(targets, records, events, me, plan, patience)
 
 
 def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:

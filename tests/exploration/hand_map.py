@@ -22,7 +22,7 @@ def drawn(picture: str, range_m: float = 2.5) -> Belief:
 
 def renew(belief: Belief) -> None:
     """Find the frontiers of a map that was changed by hand."""
-    belief.frontier[:] = frontier_grid(belief.evidence, True)
+    belief.frontier[:] = frontier_grid(belief.evidence, False)
     belief.version += 1
 
 

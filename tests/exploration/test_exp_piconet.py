@@ -15,18 +15,23 @@ from cosim.machine import (
     Disconnect,
     LinkCommand,
     Lost,
+    Outgoing,
     Page,
     PageFailed,
     Reception,
     Role,
     Scan,
 )
+from cosim.observation import Observation, Sighting
 from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
+from protocols.exploration.frames import Summary, encode
 from protocols.exploration.parameters import LinkParameters
 from protocols.exploration.piconet import Piconet, piconet_of
+from protocols.exploration.records import Records
+from protocols.exploration.sharing import Sharing
 from tests.exploration.sharing_scene import OCCUPIED, UNKNOWN, Team
 from tests.exploration.test_exp_laws import STARTS_M, maker
 from tests.exploration.test_exp_sharing import wander
@@ -110,14 +115,12 @@ def test_who_was_heard_from_less_than_half_of_the_reach_is_likely_to_be_near(hea
 def test_of_those_who_are_due_those_are_paged_first_who_have_waited_longest() -> None:
     piconet = master(4)
     order = []
-    for second in (0, 1, 2, 30, 31, 32):
-        (page,) = at(piconet, second * S, seen=(3,))
+    for second in (0, 1, 2, 30, 60, 90):
+        (page,) = at(piconet, second * S, seen=() if second else (3,))
         assert isinstance(page, Page)
         order.append(page.peer)
-        ends = second * S if page.peer != 1 else second * S + S - 1
-        piconet.link(PageFailed(page.peer), ends)
+        piconet.link(PageFailed(page.peer), second * S)
     assert order == [1, 2, 3, 1, 2, 3]
-    assert at(piconet, 37 * S, seen=(1, 3)) == [Page(1)]
 
 
 def test_who_was_lost_is_paged_again_after_the_shortest_time_and_then_more_rarely() -> None:
@@ -141,13 +144,14 @@ def test_a_radio_that_does_not_answer_is_waited_for_only_so_long() -> None:
 
 
 def test_the_end_of_another_page_ends_none() -> None:
-    piconet = master(3)
-    at(piconet, 0)
+    piconet = master(4)
+    assert at(piconet, 0) == [Page(1)]
     piconet.link(PageFailed(2), 0)
+    assert at(piconet, S) == []
     linked(piconet, 2)
     assert at(piconet, S) == []
     piconet.link(PageFailed(1), S)
-    assert at(piconet, 11 * S) == [Page(1)]
+    assert at(piconet, S) == [Page(3)]
 
 
 def test_a_clock_that_is_set_back_stops_no_paging() -> None:
@@ -196,6 +200,19 @@ def test_the_master_says_again_what_a_slave_has_said_if_there_are_others() -> No
     assert not piconet.relays(1, Reception(1, True))
     assert not piconet.relays(1, Reception(2, False))  # 2 has heard it from somebody
     assert not linked(slave(), 0).relays(1, Reception(1, False))
+
+
+@pytest.mark.parametrize("near", ["seen", "heard near", "heard far", "nothing"])
+def test_who_shares_pages_those_soon_who_were_seen_or_heard_near_by(near: str) -> None:
+    piconet = master(2)
+    sharing = Sharing(0, 2, 400, S, 60, 4, Records(), 0, piconet=piconet)
+    sharing.tick(0.0, 0.0, 0)
+    assert Page(1) in sharing.drain()
+    for away_m in {"heard near": (18.0, 9.0), "heard far": (9.0, 18.0)}.get(near, ()):
+        sharing.receive(encode(1, Summary(away_m, 0.0, ())), Reception(1, False), 0)
+    sharing.link(PageFailed(1), 0)
+    sharing.tick(0.0, 0.0, 5 * S, [Sighting(1, 1.0, 1.0)] if near == "seen" else [])
+    assert (Page(1) in sharing.drain()) == (near in ("seen", "heard near"))
 
 
 def test_slaves_that_are_never_in_reach_of_each_other_have_the_same_map_at_once() -> None:
@@ -268,6 +285,17 @@ def test_parameters_become_times() -> None:
     assert pages_of_one_that_never_answers(piconet, 12) == [0, 2, 5, 8, 11]
     with pytest.raises(ValidationError, match=r"page_s 2\.0 is not <= page_most_s 1\.0"):
         LinkParameters(page_s=2.0, page_most_s=1.0)
+
+
+def test_an_explorer_talks_over_its_links_and_remembers_whom_it_has_seen() -> None:
+    machine: Any = maker(wheels=False, map="messages", sharing={"links": {}})(0, 0)
+    seen = Observation(0.6, 0.6, 0.0, 0.0, True, False, (1,), (Sighting(1, 1.2, 0.6),))
+    machine.observe(seen, 0)
+    assert machine.outbox() == [Scan(False), Page(1)]
+    machine.link(Connected(1, Role.MASTER), 0)
+    machine.observe(Observation(0.6, 0.6, 0.0, 0.0, True, False), S)
+    assert [item.destination for item in machine.outbox() if isinstance(item, Outgoing)] == [BROADCAST]
+    assert machine._bodies(Observation(0.6, 0.6, 0.0, 0.0, True, False), S).tolist() == [[1.2, 0.6, 0.2 + 0.3]]
 
 
 @pytest.mark.slow

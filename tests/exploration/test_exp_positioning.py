@@ -308,9 +308,9 @@ def test_who_may_err_counts_evidence() -> None:
     """A wall that was seen once and then seen through is forgotten."""
     for doubtful in (False, True):
         _, knowledge = told_of_the_floor(false_returns=False, positioning={"doubtful": doubtful})
-        for range_m in (1.0, *[2.0] * 20):
-            knowledge.shared.mark((4.0, 4.0), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
-        row, column = divmod(knowledge.frame.cell_at((5.01, 4.0)), knowledge.frame.nx)
+        for range_m in (1.03, *[2.0] * 20):
+            knowledge.shared.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
+        row, column = divmod(knowledge.frame.cell_at((5.05, 4.03)), knowledge.frame.nx)
         assert (knowledge.shared.evidence[row, column] < 0) == doubtful
 
 

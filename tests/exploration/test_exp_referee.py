@@ -112,6 +112,11 @@ def test_every_robot_reaches_what_its_own_body_lets_it() -> None:
     found = set(np.flatnonzero(reachable_cells(frame(mixed), mixed)).tolist())
     small, large = reachable_by_hand(mixed, LEFT, 0.08), reachable_by_hand(mixed, BEHIND, 0.25)
     assert found == small | large
+    alike = around(LEFT, BEHIND)
+    left, behind = (reachable_by_hand(alike, start, RADIUS_M) for start in (LEFT, BEHIND))
+    assert set(np.flatnonzero(reachable_cells(frame(alike), alike)).tolist()) == left | behind
+    assert left - behind
+    assert behind - left
     through = around(LEFT, radii_m=(0.08,))
     assert found != large
     assert set(np.flatnonzero(reachable_cells(frame(through), through)).tolist()) == small
@@ -133,11 +138,12 @@ def test_a_robot_does_not_reach_the_other_side_of_a_wall_beside_which_it_starts(
     assert {centres()[cell][0] < 1.2 for cell in reachable} == {True}
 
 
-def test_what_is_unknown_or_outside_cannot_be_covered() -> None:
+@pytest.mark.parametrize("start", [(0.3, 0.4), (0.57, 0.4)])  # the second: beside what is unknown
+def test_what_is_unknown_or_outside_cannot_be_covered(start: tuple[float, float]) -> None:
     def half(points: Any) -> Any:
         return forbidden(points) | (np.asarray(points)[:, 0] > 0.6)
 
-    surroundings = around((0.3, 0.4), walls_m=DIVIDED, forbidden=half)
+    surroundings = around(start, walls_m=DIVIDED, forbidden=half)
     found = np.flatnonzero(coverable_cells(frame(surroundings), surroundings))
     assert max(centres()[cell][0] for cell in found) == pytest.approx(0.55)
 
@@ -255,6 +261,18 @@ def test_a_body_hides_what_is_behind_it(away_m: float, radius_m: float) -> None:
     look(referee, *near)
     wanted = set(np.flatnonzero(coverable_cells(frame(surroundings), surroundings)).tolist())
     assert referee.verdict(0)["coverage"] == len((open_view - hidden) & wanted) / len(wanted)
+
+
+def test_a_body_behind_a_wall_is_not_what_ends_a_beam() -> None:
+    places = (0.873, 0.641), (1.5371, 0.6173)
+    surroundings = around(*places, walls_m=DIVIDED)
+    wanted = set(np.flatnonzero(coverable_cells(frame(surroundings), surroundings)).tolist())
+    seen = passed_by_hand(surroundings, places[0], [[*places[1], RADIUS_M]]) & wanted
+    assert any(1.2 < centres()[cell][0] < 1.38 for cell in wanted - seen)
+    referee = judge(surroundings)
+    referee.died(Death(1, 0, *places[1], RADIUS_M))
+    look(referee, *places)
+    assert referee.verdict(0)["coverage"] == len(seen) / len(wanted)
 
 
 def test_a_cell_beyond_a_wall_on_its_edge_is_not_covered_by_a_hit_and_not_spoilt_by_many() -> None:

@@ -10,10 +10,13 @@ from cosim.geometry.planning import Point
 from cosim.machine import Event
 from cosim.navigation.schemas import Floats
 from protocols.exploration.belief import Belief
+from protocols.exploration.choosing import by_assignment, by_utility
 from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.parameters import EscapeParameters, RivalParameters
 from protocols.exploration.records import Records
-from protocols.exploration.rivals import Rival, away_cells, by_assignment, by_utility
+from protocols.exploration.rivals import Rival
+from protocols.exploration.targets import Targets
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import at, drawn, observed, renew
 
 INF = math.inf
@@ -30,7 +33,7 @@ def random_costs(seed: int) -> Floats:
 # ---------------------------------------------------------------- utility less cost (Burgard et al., 2005)
 
 
-def model(costs: list[list[float]], away: list[list[float]], reach: float, weight: float) -> dict[int, int]:
+def model(costs: list[list[float]], places: list[list[float]], reach: float, weight: float) -> dict[int, int]:
     """Return Algorithm 1 of the paper, step by step, in plain Python."""
     finite = [cost for row in costs for cost in row if cost < INF]
     most = max(finite, default=1.0)
@@ -48,7 +51,7 @@ def model(costs: list[list[float]], away: list[list[float]], reach: float, weigh
             return chosen
         chosen[best[1]] = best[2]
         for frontier in utility:
-            d = away[best[2]][frontier]
+            d = math.dist(places[best[2]], places[frontier])
             utility[frontier] -= 1.0 - d / reach if d < reach else 0.0
 
 
@@ -57,26 +60,20 @@ def test_utilities_are_dealt_out_as_the_algorithm_is_printed(weight: float) -> N
     several = 0
     for seed in range(60):
         costs = random_costs(seed)
-        cells = np.random.default_rng(seed + 1000).choice(40 * 30, costs.shape[1], replace=False)
-        away = away_cells(cells, 40)
-        expected = model(costs.tolist(), away.tolist(), 25.0, weight)
-        assert by_utility(costs, away, 25.0, weight) == [expected.get(robot) for robot in range(len(costs))]
+        places = np.random.default_rng(seed + 1000).uniform(0.0, 40.0, (costs.shape[1], 2))
+        expected = model(costs.tolist(), places.tolist(), 25.0, weight)
+        assert by_utility(costs, places, 25.0, weight) == [expected.get(robot) for robot in range(len(costs))]
         several += len(set(expected.values())) > 1
     assert several > 20
-
-
-def test_distances_between_frontiers_are_straight() -> None:
-    away = away_cells(np.array([0, 3 + 4 * 10, 9]), 10)
-    assert away.tolist() == [[0.0, 5.0, 9.0], [5.0, 0.0, pytest.approx(math.hypot(6, 4))], [9.0, away[1, 2], 0.0]]
 
 
 def test_a_second_robot_leaves_what_the_first_will_see() -> None:
     """Both are nearest to frontier 0, frontier 1 is beside it, frontier 2 far off."""
     costs = np.array([[10.0, 11.0, 20.0], [12.0, 13.0, 20.0]])
-    away = away_cells(np.array([0, 1, 30]), 100)
-    assert by_utility(costs, away, 25.0, 1.0) == [0, 2]
-    assert by_utility(costs, away, 25.0, 9.0) == [0, 0]  # if ways count for much
-    assert by_utility(costs, away, 0.5, 1.0) == [0, 1]  # if it will see frontier 0 only
+    places = np.array([[0.0, 0.0], [0.6, 0.8], [24.0, 18.0]])
+    assert by_utility(costs, places, 25.0, 1.0) == [0, 2]
+    assert by_utility(costs, places, 25.0, 9.0) == [0, 0]  # if ways count for much
+    assert by_utility(costs, places, 0.5, 1.0) == [0, 1]  # if it will see frontier 0 only
 
 
 # ---------------------------------------------------------------- assignment
@@ -125,18 +122,21 @@ CORRIDOR = """
 LEFT, RIGHT = at(1, 2), at(18, 2)
 
 
-def rival(algorithm: str, belief: Belief, places: dict[int, Point], me: int = 0) -> tuple[Rival, list[Event]]:
+def team(algorithm: str, belief: Belief, places: dict[int, Point], size: int = 4, least: int = 2) -> Targets:
+    """Return what chooses for robots that are points."""
+    own = RivalParameters(least_cells=least)
+    terrain = Terrain(belief, EscapeParameters())
+    return Targets(algorithm, own, belief, terrain, (0.0,) * size, 2.5, places)
+
+
+def rival(targets: Targets, me: int = 0) -> tuple[Rival, list[Event]]:
     events: list[Event] = []
-    own = RivalParameters(least_cells=2)
-    return (
-        Rival(algorithm, own, EscapeParameters(), belief, Records(), events, me, 0.0, 2.5, places, 10),
-        events,
-    )
+    return Rival(targets, Records(), events, me, 10, 30), events
 
 
 def goes_to(algorithm: str, places: list[Point], me: int) -> Point:
     """Return where a robot of a team goes in the corridor."""
-    leader, events = rival(algorithm, drawn(CORRIDOR), dict(enumerate(places)), me)
+    leader, events = rival(team(algorithm, drawn(CORRIDOR), dict(enumerate(places))), me)
     leader.lead(observed(places[me]), True)
     (laid,) = events
     assert isinstance(laid, PathLaid)
@@ -162,51 +162,166 @@ def test_who_is_left_over_goes_to_the_nearest() -> None:
     assert goes_to("assignment", places, 2) == pytest.approx(RIGHT)
 
 
-def test_a_robot_heads_along_its_way_and_plans_anew_after_a_time() -> None:
-    leader, events = rival("nearest", drawn(CORRIDOR), {})
+def test_a_robot_keeps_its_target_while_it_is_a_frontier() -> None:
+    """Even when another one has become the nearer."""
+    leader, events = rival(team("nearest", drawn(CORRIDOR), {}))
     for tick in range(25):
-        heading = leader.lead(observed(at(9 - 0.1 * tick, 2)), True)
+        heading = leader.lead(observed(at(9 + 0.1 * tick, 2)), True)
         assert heading is not None
         assert abs(heading) == pytest.approx(math.pi, abs=0.1)
-        assert len(events) == 1 + tick // 10
+    assert [type(event) for event in events] == [PathLaid]
 
 
-def test_a_robot_goes_on_to_a_frontier_that_is_near() -> None:
-    """Even if it is not to be seen from where the robot is."""
-    leader, _ = rival("nearest", drawn(CORRIDOR), {})
-    assert leader.lead(observed(at(3, 2)), True) == pytest.approx(math.pi)
-
-
-def test_a_frontier_at_which_nothing_new_is_seen_is_given_up_and_another_chosen() -> None:
+def test_a_target_that_is_no_frontier_any_more_is_left_after_a_time() -> None:
     belief = drawn(CORRIDOR)
-    leader, events = rival("nearest", belief, {})
-    for _ in range(31):
-        assert leader.lead(observed(at(2, 2)), False) is not None
-    assert all(isinstance(event, PathLaid) for event in events)
-    leader.lead(observed(at(2, 2)), False)
-    gone = [event for event in events if isinstance(event, FrontierGivenUp)]
-    assert gone == [FrontierGivenUp(*LEFT, "nothing new is seen there")]
+    leader, events = rival(team("nearest", belief, {}))
+    leader.lead(observed(at(8, 2)), True)
+    belief.evidence[1:4, 0] = 127
+    renew(belief)
+    headings = [leader.lead(observed(at(8, 2)), True) for _ in range(11)]
+    assert [heading == pytest.approx(0.0) for heading in headings] == [False] * 9 + [True] * 2
+    assert [type(event) for event in events] == [PathLaid] * 2
+    assert (events[1].x_m, events[1].y_m) == pytest.approx(RIGHT)  # type: ignore[attr-defined]
+
+
+def test_the_target_is_the_cell_of_the_group_that_the_cheapest_way_leads_to() -> None:
+    """Not the middle of a long frontier."""
+    belief = drawn("?????????? .......... .......... ..........")
+    for ix in (2, 5, 7):
+        leader, events = rival(team("nearest", belief, {}))
+        leader.lead(observed(at(ix, 0)), True)
+        (laid,) = events
+        assert isinstance(laid, PathLaid)
+        assert (laid.x_m, laid.y_m) == pytest.approx(at(ix, 2))
+
+
+@pytest.mark.parametrize("algorithm", ["nearest", "assignment"])
+def test_who_has_come_to_a_frontier_in_vain_leaves_it_and_all_in_sight_near_by_for_good(algorithm: str) -> None:
+    belief = drawn(CORRIDOR)
+    targets = team(algorithm, belief, {})
+    leader, events = rival(targets)
+    for ix in (5, 2):
+        leader.lead(observed(at(ix, 2)), False)
+    assert [type(event) for event in events[:4]] == [PathLaid] + [FrontierGivenUp] * 3
+    gone = {(event.x_m, event.y_m, event.why) for event in events[1:4] if isinstance(event, FrontierGivenUp)}
+    assert gone == {(*at(1, iy), "nothing new is seen there") for iy in (1, 2, 3)}
+    assert isinstance(events[4], PathLaid)
+    assert (events[4].x_m, events[4].y_m) == pytest.approx(RIGHT)
+    belief.version += 1
+    other, seen = rival(targets, 1)
+    other.lead(observed(at(3, 2)), True)
+    assert isinstance(seen[0], PathLaid)
+    assert (seen[0].x_m, seen[0].y_m) == pytest.approx(RIGHT), "nor does another with the same map go there"
+
+
+def test_a_robot_waits_with_that_while_another_may_hide_what_is_there() -> None:
+    leader, events = rival(team("nearest", drawn(CORRIDOR), {}))
+    for ix in (4, 3, 2):
+        leader.lead(observed(at(ix, 2), at(1, 1)), False)
+    assert [type(event) for event in events] == [PathLaid]
+    for _ in range(17):
+        leader.lead(observed(at(2, 2), at(1, 1)), False)
+    assert FrontierGivenUp in [type(event) for event in events], "but not for ever"
+
+
+def test_who_makes_no_way_goes_round_who_stands_near() -> None:
+    belief = drawn(CORRIDOR)
+    leader, events = rival(team("nearest", belief, {}))
+    for _ in range(32):
+        leader.lead(observed(at(7, 2), at(5, 1), at(5, 2), at(5, 3)), False)
+    assert [type(event) for event in events] == [PathLaid] * 2
+    assert (events[1].x_m, events[1].y_m) == pytest.approx(RIGHT)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("algorithm", ["nearest", "utility", "assignment"])
+def test_who_makes_no_way_alone_gives_the_target_up(algorithm: str) -> None:
+    leader, events = rival(team(algorithm, drawn(CORRIDOR), {}))
+    for _ in range(32):
+        leader.lead(observed(at(7, 2)), False)
+    assert events[1:4] == [FrontierGivenUp(*at(1, iy), "no way is made there") for iy in (1, 2, 3)]
+    assert isinstance(events[4], PathLaid)
+    assert (events[4].x_m, events[4].y_m) == pytest.approx(RIGHT)
+
+
+def test_of_two_that_drive_close_to_each_other_that_with_the_higher_number_waits() -> None:
+    belief = drawn(CORRIDOR)
+    high, low = at(8, 2), at(7, 2)
+
+    def drives(me: int, here: Point, others: list[list[Point]]) -> bool:
+        leader, _ = rival(team("nearest", belief, {}, 9), me)
+        return [leader.lead(observed(here, *places), True) is not None for places in others][-1]
+
+    beside = (low[0] - 0.1, low[1])
+    assert drives(8, low, [[at(2, 2)]])
+    assert not drives(8, (beside[0] + 0.25, low[1]), [[beside], [(beside[0] - 0.01, low[1])]])
+    assert drives(8, (beside[0] + 0.25, low[1]), [[beside], [beside]]), "who stands is gone round"
+    assert drives(0, (beside[0] + 0.25, low[1]), [[beside], [(beside[0] - 0.01, low[1])]]), "the other waits"
+    assert drives(8, (beside[0] + 0.45, low[1]), [[beside], [(beside[0] - 0.01, low[1])]]), "there is room"
+    assert drives(8, low, [[(low[0] + 0.2, low[1])], [(low[0] + 0.21, low[1])]]), "the other is behind"
+    assert drives(8, high, [[], [beside]]), "nothing is known of how it drives"
+
+
+def test_a_choice_for_one_is_a_choice_for_all_with_the_same_map() -> None:
+    """Robot 1 has been alone with the left frontier; robot 0 comes to be nearer to it."""
+    belief, places = drawn(CORRIDOR), {1: at(6, 2)}
+    targets = team("assignment", belief, places)
+    second, events = rival(targets, 1)
+    second.lead(observed(at(6, 2)), True)
+    first, _ = rival(targets, 0)
+    first.lead(observed(at(3, 2)), True)
+    assert len(events) == 1
+    assert second.lead(observed(at(6, 2)), True) == pytest.approx(0.0)
     assert isinstance(events[-1], PathLaid)
     assert (events[-1].x_m, events[-1].y_m) == pytest.approx(RIGHT)
-    patient, events = rival("nearest", belief, {})
-    for tick in range(80):
-        patient.lead(observed(at(2, 2)), tick % 20 == 0)
-    assert not any(isinstance(event, FrontierGivenUp) for event in events)
+
+
+def test_a_robot_that_stands_where_it_does_not_fit_finds_its_way_out() -> None:
+    """By its map the wall is in its cell; the floor under it is unknown."""
+    belief = drawn("######## #......? #......? #..??..? #......? #......? ########")
+    terrain = Terrain(belief, EscapeParameters())
+    assert terrain.entry(at(4, 4), 0.45) == [4 * 8 + 4]
+    assert not terrain.passable(0.45)[5, 4]
+    assert terrain.entry(at(4, 5), 0.45) == [5 * 8 + 4, 4 * 8 + 4]
+    assert terrain.entry(at(4, 6), 0.45) == [6 * 8 + 4, 5 * 8 + 4, 4 * 8 + 4]
+    assert terrain.entry(at(4, 3), 0.45) in ([3 * 8 + 4, 4 * 8 + 4], [3 * 8 + 4, 2 * 8 + 4])
+    belief.evidence[1:, 3] = 127
+    belief.evidence[1:, 5] = 127
+    belief.evidence[1, :] = 127
+    belief.version += 1
+    assert terrain.entry(at(4, 6), 0.45) == []
+
+
+def test_terrain_is_worked_out_once_for_each_version_of_the_map() -> None:
+    belief = drawn(CORRIDOR)
+    terrain = Terrain(belief, EscapeParameters())
+    passable, extra = terrain.passable(0.0), terrain.extra()
+    assert passable.sum() == 3 * 18
+    assert terrain.passable(0.0) is passable
+    assert terrain.extra() is extra
+    assert terrain.passable(0.4) is not passable
+    belief.evidence[2, 5] = 127
+    assert terrain.passable(0.0) is passable
+    belief.version += 1
+    assert not terrain.passable(0.0)[2, 5]
+    assert terrain.extra()[2, 6] > extra[2, 6]
 
 
 def test_frontiers_that_no_way_leads_to_are_named_once_and_the_robot_stands() -> None:
     belief = drawn("########## #...#....? #...#....? #...#....? ##########")
-    leader, events = rival("utility", belief, {})
+    leader, events = rival(team("utility", belief, {}))
     assert not leader.done
     assert [leader.lead(observed(at(2, 2)), False) for _ in range(5)] == [None] * 5
     assert leader.done
-    assert events == [FrontierGivenUp(*at(8, 2), "no way leads there"), Explored()]
+    names = [FrontierGivenUp(*at(8, iy), "no way leads there") for iy in (1, 2, 3)]
+    assert events == [*names, Explored()]
     belief.evidence[2, 4] = -1
     renew(belief)
     assert not leader.done
-    assert leader.lead(observed(at(2, 2)), True) == pytest.approx(0.0)
+    headings = [leader.lead(observed(at(2, 2)), True) for _ in range(10)]
+    assert headings[4] is None, "it looks at the map again after a time only"
+    assert headings[-1] == pytest.approx(0.0)
     belief.evidence[2, 4] = 127
     renew(belief)
     leader._way = []
     leader.lead(observed(at(2, 2)), True)
-    assert [type(event) for event in events[2:]] == [PathLaid, Explored]
+    assert [type(event) for event in events[4:]] == [PathLaid, Explored]

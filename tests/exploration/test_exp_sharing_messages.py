@@ -7,7 +7,7 @@ import pytest
 
 from cosim.geometry.marking import CERTAIN, DOUBTFUL, states
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Machine, Outgoing, Reception
-from cosim.observation import Observation
+from cosim.observation import Observation, Sighting
 from cosim.testing import check_machine
 from cosim.units import S, Time
 from protocols.exploration.belief import Belief, Frame
@@ -149,6 +149,17 @@ def test_where_others_are_is_known_for_a_while() -> None:
         robot.tick(0.0, 0.0, k * PERIOD)
         assert len(robot.places(k * PERIOD)) == 1
     robot.tick(0.0, 0.0, (AWAY_PERIODS + 1) * PERIOD)
+    assert robot.places((AWAY_PERIODS + 1) * PERIOD) == []
+
+
+def test_where_others_were_seen_counts_as_well() -> None:
+    """Who is seen no more, as a wall hides it, and out of reach, is near for a while still."""
+    robot = alone()
+    robot.tick(0.0, 0.0, 0, [Sighting(2, 1.0, 2.0)])
+    assert robot.places(S) == [(2, (1.0, 2.0), 1.0)]
+    assert robot.places_m == {2: (1.0, 2.0)}
+    for k in range(1, AWAY_PERIODS + 2):
+        robot.tick(0.0, 0.0, k * PERIOD)
     assert robot.places((AWAY_PERIODS + 1) * PERIOD) == []
 
 

@@ -1,5 +1,7 @@
 """What exploration checks before it begins, where it puts a team, and what it tells the machines."""
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,11 +9,21 @@ import pytest
 import shapely
 
 from cosim.errors import UserError
+from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
 from cosim.protocol import Surroundings
 from cosim.units import MS
 from protocols.exploration import spec
 from protocols.exploration.parameters import Parameters
+from protocols.exploration.records import Records
 from protocols.exploration.spec import SPEC, place, prepare
+
+
+@dataclass
+class Counted:
+    """A machine that has counted."""
+
+    records: Records
+
 
 WALL = [[4.0, 0.0, 4.0, 3.0]]
 
@@ -40,7 +52,7 @@ def test_machines_are_told_what_their_range_scanners_are_like() -> None:
 @pytest.mark.parametrize(
     ("range_m", "message"),
     [
-        (0.5, r"protocol\.parameters\.schemas\.obstacle_m: 0\.5 is not < 0\.5, team\.senses\.beam_range_m"),
+        (0.6, r"protocol\.parameters\.schemas\.obstacle_m: 0\.6 is not < 0\.6, team\.senses\.beam_range_m"),
         (5.0, r"protocol\.parameters\.schemas\.frontier_m: 5\.0 is not > 5\.0, team\.senses\.beam_range_m"),
     ],
 )
@@ -49,7 +61,7 @@ def test_obstacles_repel_within_the_scanners_range_and_frontiers_attract_beyond_
 ) -> None:
     with pytest.raises(UserError, match=message):
         prepare(Parameters(), around((1.0, 1.0), scan_range_m=range_m))
-    prepare(Parameters(), around((1.0, 1.0), scan_range_m=0.51))
+    prepare(Parameters(), around((1.0, 1.0), scan_range_m=0.61))
     prepare(Parameters(), around((1.0, 1.0), scan_range_m=4.99))
 
 
@@ -87,3 +99,37 @@ def test_a_floor_without_room_for_the_team_is_refused(monkeypatch: pytest.Monkey
     )
     with pytest.raises(UserError, match=r"team\.starts: found no place"):
         place(Parameters(), tiny, 4, np.random.default_rng(1))
+
+
+def test_the_strongest_schemas_are_counted_as_shares_of_the_steps_in_which_any_led() -> None:
+    first, second = Records(), Records()
+    for frontiers, obstacles, robots in ((3.0, 1.0, 2.0), (1.0, 1.0, 0.5), (1.0, 2.0, 2.0)):
+        first.drawn(frontiers, obstacles, robots)
+    second.drawn(0.1, 0.2, 0.3)
+    shares = [Counted(records) for records in (first, second)]
+    measured = SPEC.measure(shares)
+    found = [measured[f"share_{schema}"] for schema in ("frontier", "obstacle", "robot")]
+    assert found == [0.5, 0.25, 0.25]
+    assert math.isnan(SPEC.measure([Counted(Records())])["share_frontier"])
+
+
+def test_the_default_gain_turns_a_robot_away_from_a_wall_ahead_that_a_path_leads_to() -> None:
+    """A line of path cells from d_obstacle on, straight through a wall, against that wall where it must begin to turn.
+
+    Then its turn, of a radius of speed over rate, ends beside the wall: both from the fields as they are computed.
+    """
+    parameters, cell, radius = Parameters(), 0.1, 0.25
+    schemas, steering = parameters.schemas, parameters.steering
+    away = radius + steering.speed_mps / steering.turn_radps + steering.speed_mps * 0.1
+    n = 120
+    x, y = 0.5 * n * cell, 0.5 * n * cell + 0.5 * cell
+    column = round((x + away) / cell)  # the wall's near edge
+    x = column * cell - away
+    evidence, path = np.zeros((n, n), np.int8), np.zeros((n, n), np.uint8)
+    evidence[:, column] = 127
+    centres = (np.arange(n) + 0.5) * cell
+    path[n // 2, (centres >= x + schemas.obstacle_m) & (centres <= x + schemas.frontier_m)] = 1
+    drawn = schemas.frontier_gain * sum_of_frontiers(path, 0.0, 0.0, cell, x, y, schemas.frontier_m)[0]
+    repelled = schemas.obstacle_gain * sum_of_obstacles(evidence, 0.0, 0.0, cell, x, y, schemas.obstacle_m, False)[0]
+    assert 0.0 < drawn < repelled
+    assert drawn == pytest.approx(1.0 / (cell * schemas.obstacle_m), rel=0.2)

@@ -74,13 +74,13 @@ def test_a_robot_without_a_scanner_drives_on() -> None:
 
 @given(angles, angles, scans)
 def test_a_robot_never_drives_into_what_a_beam_has_met(desired: float, heading: float, scan: Floats) -> None:
-    """For the time to the next look, and twice again: the disc with its margin is moved on, bit by bit."""
+    """For the time that it and one who comes towards it need to stop: the disc is moved on, with its margin."""
     speed = steering().drive(desired, heading, scan).speed_mps
     assert speed in (0.0, SPEED)
     beams, met = beam_directions(36), np.isfinite(scan)
     points = beams[met] * scan[met, None]
     ahead = points[points @ (math.cos(heading), math.sin(heading)) > 0.0]
-    for seconds in np.linspace(0.0, 0.3, 16) if speed else []:
+    for seconds in np.linspace(0.0, 0.5, 26) if speed else []:
         place = speed * seconds * np.array((math.cos(heading), math.sin(heading)))
         assert (np.hypot(*(ahead - place).T) > RADIUS + MARGIN - 1e-9).all()
 
@@ -94,7 +94,7 @@ def test_a_robot_stands_only_where_something_is_before_it(heading: float, scan: 
             * scan[met, None]
             @ np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
         )
-        near = (points[:, 0] > 0) & (points[:, 0] < 0.3 * SPEED + RADIUS + MARGIN + 1e-9)
+        near = (points[:, 0] > 0) & (points[:, 0] < 0.5 * SPEED + RADIUS + MARGIN + 1e-9)
         assert (near & (np.abs(points[:, 1]) < RADIUS + MARGIN + 1e-9)).any()
 
 
@@ -157,3 +157,23 @@ def test_what_one_beam_alone_has_met_is_not_there() -> None:
     assert without_lone(np.array([9.0, 1.0, 9.0, 2.0, 3.0])).tolist() == [9.0, 9.0, 9.0, 3.0, 3.0]
     assert without_lone(np.array([1.0, 9.0, 9.0, 9.0])).tolist() == [9.0] * 4
     assert without_lone(np.empty(0)).tolist() == []
+
+
+def test_two_robots_that_come_towards_each_other_stop_in_time() -> None:
+    """Head on, a tick late, and at 1 m/s^2: at the least limit of acceleration that bodies have."""
+    beams = beam_directions(360)
+    place, speed, ordered = np.array((0.0, 2.0)), np.array((SPEED, SPEED)), np.array((SPEED, SPEED))
+    robots = steering(360), steering(360)
+    for _ in range(60):
+        orders = []
+        for me, heading in ((0, 0.0), (1, math.pi)):
+            to = place[1 - me] - place[me]
+            along, aside = beams[:, 0] * to, beams[:, 1] * to
+            half = np.sqrt(np.maximum(RADIUS**2 - aside**2, 0.0))
+            scan = np.where((along > 0) & (np.abs(aside) < RADIUS), along - half, math.inf)
+            orders.append(robots[me].drive(heading, heading, scan).speed_mps)
+        speed = speed + np.clip(ordered - speed, -0.1, 0.1)
+        place = place + 0.1 * speed * np.array((1.0, -1.0))
+        ordered = np.array(orders)
+        assert place[1] - place[0] > 2 * RADIUS
+    assert (speed == 0.0).all()

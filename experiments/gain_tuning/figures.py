@@ -1,0 +1,61 @@
+"""Whether gains by search are better than those of an informed trial, search by search, and how the searches went."""
+
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from experiments.aggregation_search.comparison import Pair, less
+from experiments.exploration_teams.comparison import SLIGHT, sooner_than
+from experiments.gain_tuning.tuning import EVALUATION, GAINS, SEARCH, TRIAL, TUNED
+from experiments.reflection_tables.comparison import Answer
+
+PAIR: Final[Pair] = ("", {"gains": TUNED}, {"gains": TRIAL})
+
+
+def _evaluated(observations: pd.DataFrame) -> pd.DataFrame:
+    """Return what came out in the offices that no search has seen; empty if there is nothing."""
+    return observations[observations["stage"] == EVALUATION] if "stage" in observations else observations
+
+
+def _less(metric: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the tuned gains have less of *metric* than the trial's."""
+    return less(_evaluated(observations), [PAIR], metric)
+
+
+def no_slower(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether they take hardly longer; open where runs that were cut could decide it."""
+    return sooner_than(_evaluated(observations), [PAIR], SLIGHT)
+
+
+better: Final = partial(_less, "cost_s")
+touches_less: Final = partial(_less, "blocked_ticks")
+
+
+def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the gains that each search has found, beside those of the trial."""
+    if "stage" not in observations:
+        return {}
+    seen = _evaluated(observations)
+    columns = [*GAINS, "cost_s", "until_95_s", "reached", "blocked_ticks"]
+    return {"gains": seen.groupby(["gains", "replicate"])[columns].mean().reset_index()}
+
+
+def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw the least cost so far by candidate, a line a search."""
+    if "stage" not in observations:
+        return []
+    tried = observations[observations["stage"] == SEARCH]
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    plot = figure.subplots()
+    for replicate, own in tried.sort_values("number").groupby("replicate"):
+        plot.step(own["number"] + 1, own["cost_s"].cummin(), where="post", label=f"search {replicate}")
+    plot.set(xlabel="candidates tried", ylabel="least cost on the training offices, s")
+    plot.set_ylim(bottom=0)
+    plot.grid(alpha=0.3)
+    plot.legend(fontsize="small")
+    path = folder / "search.png"
+    figure.savefig(path, dpi=120)
+    return [path]

@@ -1,0 +1,171 @@
+"""Where the robots of a team are to go, by one map: the targets of the algorithms that choose frontiers.
+
+Frontiers are Yamauchi's (:mod:`cosim.geometry.frontiers`), without cells that somebody has come to, or that are in
+sight from there, and that are frontiers all the same. A target is a cell of one:
+
+- ``nearest``: that of the cheapest way; robots share maps and do not coordinate (B. Yamauchi, "Frontier-based
+  exploration using multiple robots", Agents 1998).
+- ``utility``: as Burgard et al. have it, every cell of a frontier is a target of its own.
+- ``assignment``: frontiers are assigned; a robot's target is the one's cell of the cheapest way. Who is left over goes
+  to the nearest.
+
+Yamauchi goes to a frontier's centroid. He scans where he arrives; here a robot scans all the time, and the centroid of
+what is left moves with every scan: the cheapest cell is heard in its place.
+For the last two all targets are chosen together, whenever a robot needs one. Who have a map in common have targets in
+common; else each robot works out what all should do, from the places that it knows of, and does its own part.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from cosim.geometry.astar import in_sight, nearest
+from cosim.geometry.frontiers import yamauchi_frontiers
+from cosim.geometry.grids import Cell
+from cosim.geometry.planning import Bools, Floats, Ints, Point
+from cosim.machine import Address
+from protocols.exploration.belief import Belief
+from protocols.exploration.choosing import by_assignment, by_utility
+from protocols.exploration.parameters import RivalParameters
+from protocols.exploration.terrain import Terrain
+
+
+class Targets:
+    """The targets of a team, by one map."""
+
+    def __init__(
+        self,
+        algorithm: str,
+        parameters: RivalParameters,
+        belief: Belief,
+        terrain: Terrain,
+        radii_m: Sequence[float],
+        range_m: float,
+        places_m: Mapping[Address, Point],
+    ) -> None:
+        """Choose by *belief* for robots of *radii_m* at *places_m*, as far as they are known; scans reach *range_m*."""
+        self.belief = belief
+        self.terrain = terrain
+        self.radii_m = radii_m
+        self.places_m = places_m
+        self.together = algorithm != "nearest"
+        self.goals: dict[Address, Cell] = {}
+        """The targets that were chosen last."""
+        self.round = 0
+        """How often targets have been chosen together."""
+        self._algorithm = algorithm
+        self._own = parameters
+        self._range = range_m / belief.frame.cell_m
+        self._vain: Bools = np.zeros(belief.evidence.shape, np.bool_)
+        self._barred: dict[Address, Bools] = {}
+
+    # ------------------------------------------------------------ frontiers
+
+    def groups(self) -> list[Ints]:
+        """Return the cells of all frontiers, without what is there in vain."""
+        frontiers = yamauchi_frontiers(self.belief.evidence, self._own.least_cells)
+        groups = [frontier.cells[~self._vain.flat[frontier.cells]] for frontier in frontiers]
+        return [group for group in groups if len(group)]
+
+    def open(self, cell: Cell) -> bool:
+        """Return whether a cell is one of a frontier still."""
+        nx = self.belief.frame.nx
+        iy, ix = divmod(cell, nx)
+        around = self.belief.evidence[max(iy - 1, 0) : iy + 2, max(ix - 1, 0) : ix + 2]
+        return bool(around.size and self.belief.evidence[iy, ix] < 0 and (around == 0).any()) and not self._vain[iy, ix]
+
+    def in_vain(self, here_m: Point, reach_m: float) -> Ints:
+        """Leave out, for all, the frontier cells in sight of a place within *reach_m*; return them."""
+        frame = self.belief.frame
+        mask = np.zeros(self._vain.shape, np.bool_)
+        for group in self.groups():
+            mask.flat[group] = True
+        cells = np.flatnonzero(mask)
+        rows, columns = np.divmod(cells, frame.nx)
+        (left, low), size = frame.origin_m, frame.cell_m
+        far = np.hypot(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1]) > reach_m
+        mask.flat[cells[far]] = False
+        seen = in_sight(self.terrain.clear(), frame.cell_at(here_m), mask)
+        self._vain |= seen
+        return np.flatnonzero(seen).astype(np.int32)
+
+    def bar(self, me: Address, cells: Ints) -> None:
+        """Leave out *cells* for one robot: it has not come to them."""
+        self._barred.setdefault(me, np.zeros(self._vain.shape, np.bool_)).flat[cells] = True
+
+    # ------------------------------------------------------------ choices
+
+    def choose(self, me: Address, here_m: Point) -> Cell | None:
+        """Choose a target for *me*, or for all of the team; return that of *me*, None if no way leads to any."""
+        groups = self.groups()
+        if not groups:
+            return None
+        if not self.together:
+            way = self.way_to_nearest(me, here_m, groups)
+            return None if way is None else way[-1]
+        team = {**self.places_m, me: here_m}
+        robots = sorted(team)
+        cells = np.concatenate(groups)
+        costs = np.array([self._costs(robot, team[robot], cells) for robot in robots])
+        choice = self._by_cells(costs, cells) if self._algorithm == "utility" else self._by_groups(costs, groups)
+        self.goals = {robot: int(cells[at]) for robot, at in zip(robots, choice, strict=True) if at is not None}
+        self.round += 1
+        return self.goals.get(me)
+
+    def way_to_nearest(
+        self, me: Address, here_m: Point, groups: list[Ints], bodies_m: Floats | None = None
+    ) -> list[Cell] | None:
+        """Return the cheapest way to a cell of *groups*; with *bodies_m* (n, 3), places and radii, round those."""
+        terrain, radius_m = self.terrain, self.radii_m[me]
+        ends = np.zeros(self._vain.shape, np.bool_)
+        for group in groups:
+            ends.flat[group] = True
+        if me in self._barred:
+            ends &= ~self._barred[me]
+        entry, passable = terrain.entry(here_m, radius_m), terrain.passable(radius_m)
+        if not entry:
+            return None
+        if bodies_m is not None:
+            room = ~self._covered(bodies_m, radius_m)
+            passable, ends = passable & room, ends & room
+        way = nearest(passable, terrain.extra(), entry[-1], ends, terrain.reading)
+        return None if way is None else entry[:-1] + [int(cell) for cell in way]
+
+    def _covered(self, bodies_m: Floats, radius_m: float) -> Bools:
+        """Return where a robot would touch one of *bodies_m*."""
+        frame = self.belief.frame
+        rows, columns = np.ogrid[: frame.ny, : frame.nx]
+        (left, low), size = frame.origin_m, frame.cell_m
+        covered = np.zeros(self._vain.shape, np.bool_)
+        for x_m, y_m, other_m in bodies_m:
+            off_x, off_y = left + (columns + 0.5) * size - x_m, low + (rows + 0.5) * size - y_m
+            covered |= off_x * off_x + off_y * off_y < (radius_m + other_m + 0.5 * size) ** 2
+        return covered
+
+    def _costs(self, robot: Address, place_m: Point, cells: Ints) -> Floats:
+        """Return what it costs a robot to come to each of *cells*, inf where no way leads."""
+        ends = np.zeros(self._vain.shape, np.bool_)
+        ends.flat[cells] = True
+        costs = self.terrain.costs(place_m, self.radii_m[robot], ends).flat[cells]
+        if robot in self._barred:
+            costs[self._barred[robot].flat[cells]] = math.inf
+        return costs
+
+    def _by_cells(self, costs: Floats, cells: Ints) -> list[int | None]:
+        nx = self.belief.frame.nx
+        places = np.stack((cells % nx, cells // nx), axis=1).astype(np.float64)
+        return by_utility(costs, places, self._range, self._own.cost_weight)
+
+    def _by_groups(self, costs: Floats, groups: list[Ints]) -> list[int | None]:
+        """Return for each robot a number of a cell: that of its group that it comes to most cheaply."""
+        starts = np.cumsum([0] + [len(group) for group in groups])
+        of_group = np.stack([costs[:, a:b].min(axis=1) for a, b in pairwise(starts.tolist())], axis=1)
+        choice: list[int | None] = []
+        for robot, group in enumerate(by_assignment(of_group)):
+            own = of_group[robot]
+            taken = int(own.argmin()) if group is None else group
+            a, b = starts[taken], starts[taken + 1]
+            choice.append(int(a + costs[robot, a:b].argmin()) if np.isfinite(own[taken]) else None)
+        return choice
