@@ -46,7 +46,42 @@ def test_recovery_forgets_if_it_is_told_to():
         assert (localizer.recovery.noted == 0) is forgets
 
 
+def test_the_tries_of_an_update_are_shared_among_the_poses_that_it_injects(monkeypatch):
+    own = LocalizationParameters(recovery_tries=9000)
+    localizer = Localizer(room_map(), beam_directions(60), Draws(1, "r"), own)
+    localizer.recovery = Recovery(1e-9, 1e-8, 1.0, 0.7, noted=10**10)
+    placed = []
+    monkeypatch.setattr(localizer, "_place", lambda poses, tries, ends: placed.append((len(poses), tries, len(ends))))
+    localizer.observe((0.0, 0.0, 0.0), scan((0.53, 3.02, 0.0)))
+    assert 1 < localizer.injected < 4500
+    assert placed == [(localizer.injected, 9000 // localizer.injected, 60)]
+
+
 # ---------------------------------------------------------------- the filter
+
+
+@pytest.mark.parametrize("aggregation", ["cubes", "product"])
+def test_a_scan_multiplies_weights_by_its_likelihood_and_its_fit_is_the_mean_of_a_beam(aggregation):
+    own = LocalizationParameters(least_particles=3, most_particles=3, aggregation=aggregation, product_power=0.4)
+    localizer = Localizer(room_map(), beam_directions(60), Draws(1, "w"), own)
+    before = np.array([0.5, 0.3, 0.2])
+    localizer.weights = before.copy()
+    p = np.array([[0.2, 0.5, 0.9, 0.4], [0.6, 0.6, 0.1, 0.3], [0.05, 0.2, 0.2, 0.7]])  # of four beams, by particle
+    if aggregation == "cubes":
+        localizer._weigh((p**3).sum(axis=1), 4)
+        likelihood, fits = 1.0 + (p**3).sum(axis=1), (p**3).mean(axis=1)
+    else:
+        localizer._weigh(np.log(p).sum(axis=1), 4)
+        likelihood, fits = p.prod(axis=1) ** 0.4, p.prod(axis=1) ** 0.25
+    assert localizer.weights == pytest.approx(before * likelihood / (before @ likelihood))
+    assert localizer.recovery.fast == pytest.approx(before @ fits)  # by the weights before the scan
+
+
+@pytest.mark.parametrize(("model", "noted"), [("likelihood_field", 0), ("beam", 1)])
+def test_a_scan_of_beams_that_all_reach_their_range_tells_the_beam_model_alone_something(model, noted):
+    localizer = Localizer(room_map(), beam_directions(60), Draws(1, "n"), LocalizationParameters(model=model))
+    localizer.observe((0.0, 0.0, 0.0), np.full(60, 8.0))
+    assert localizer.recovery.noted == noted
 
 
 def test_the_estimate_is_the_heaviest_cluster_and_its_headings_are_on_a_circle():

@@ -127,3 +127,16 @@ def test_noise_of_scans_leaves_sightings_alone() -> None:
         for one, other in zip(plain.look(), noisy.look(), strict=True):
             assert not np.array_equal(one.ranges_m, other.ranges_m)
             assert one.sightings == other.sightings
+
+
+def test_the_noise_of_a_beam_is_independent_of_the_error_of_a_sighting_with_its_number() -> None:
+    places, ticks = ((-0.5, 0.0), (0.5, 0.0)), 300
+    errors: dict[str, Any] = {"distance_error": 0.2, "range_noise_m": 0.05}
+    true_m = Scanners(*places).scans(1)[0, 1]
+    team, noise, away = Scanners(*places, **errors), [], []
+    for _ in range(ticks):
+        seen = team.look()[0]
+        noise.append(abs(seen.ranges_m[1] - true_m))
+        away.append(math.hypot(seen.sightings[0].x_m - seen.x_m, seen.sightings[0].y_m - seen.y_m))
+    assert np.std(away) > 0.05
+    assert abs(stats.spearmanr(noise, away).statistic) < 4.5 / math.sqrt(ticks)

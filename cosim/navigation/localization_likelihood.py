@@ -189,7 +189,8 @@ def grid_range(
             return limit_m
         ix, iy = int(across), int(up)
         if occupied[iy, ix]:
-            return gone * frame[2]
+            range_m: float = gone * frame[2]
+            return range_m
         jump = distance_m[iy, ix] * per_m - _CORNERS
         if jump <= 1.0:
             jump = math.inf
@@ -209,12 +210,11 @@ def beam_probability(read_m: float, true_m: float, model: Floats) -> float:
     *model* (BEAM_NUMBERS,) holds z_hit, z_short, z_max, z_rand, sigma_hit (m), lambda (1/m) and the range (m).
     """
     off = read_m - true_m
-    p = model[_HIT] * math.exp(-(off**2) / (2.0 * model[_SIGMA] ** 2))
+    p: float = model[_HIT] * math.exp(-(off**2) / (2.0 * model[_SIGMA] ** 2))
     if off < 0.0:
         p += model[_SHORT] * model[_LAMBDA] * math.exp(-model[_LAMBDA] * read_m)
-    if read_m < model[_RANGE]:
-        return p + model[_RANDOM] / model[_RANGE]
-    return p + model[_MOST]
+    p += model[_RANDOM] / model[_RANGE] if read_m < model[_RANGE] else model[_MOST]
+    return p
 
 
 @njit(cache=True)

@@ -90,7 +90,8 @@ def low_variance(weights: Floats, count: int, offset: float) -> Integers:
 def independent(weights: Floats, uniform: Floats) -> Integers:
     """Return which particles survive if each is drawn anew, one for each number of *uniform* (count,) in [0, 1)."""
     reached = np.cumsum(weights)
-    return np.minimum(np.searchsorted(reached, uniform * reached[-1], side="right"), len(weights) - 1)
+    at = np.searchsorted(reached, uniform * reached[-1], side="right")
+    return np.asarray(np.minimum(at, len(weights) - 1), np.int64)
 
 
 @dataclass

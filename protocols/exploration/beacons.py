@@ -208,7 +208,7 @@ class Tethered:
             other for other in beacons if other in observation.visible and self._away(here, other) <= self._own.keep_m
         ]
         guards = self._guards(here, [other for other in beacons if other < self._me])
-        if self._does_without(here, guards, gained) or not beacons or self._explores.done:
+        if self._does_without(here, guards, gained) or self._explores.done:
             return self._explore(observation, gained, [])
         if guards:
             return self._guarded(observation, gained, guards, reach)

@@ -5,12 +5,14 @@ What the paper leaves open, and how it is read here:
 - "Once the robot is within sensor range of a frontier (not necessarily the goal of its current path), the generated
   path is then removed" (3.7). But a robot that is caught has often stalled with a frontier in sight, and would take its
   path back at once. So a frontier ends one path at most, and none that was laid while it was in sight.
-- How an exploration ends. A frontier that is in line of sight within the sensors' range of where a path has ended, and
-  is there all the same, is *vain*: no beam meets it from there. All that share the map leave it out. A frontier to
+- How an exploration ends. A frontier that is in line of sight within the sensors' range of where three paths have
+  ended, and is there all the same, is *vain*: all that share the map leave it out. A frontier to
   which no way leads, nor to a place that it can be seen from, is ignored by the robot, and so is one that it has not
   reached by three paths; before it has done it tries those once more. Who has nothing left has done, as long as the map
   is what it is.
-- A robot that stalls on its path tries the next one without being drawn by frontiers: those behind walls may be many.
+- A robot that stalls on its path follows the next one alone: frontiers behind walls may be many, and where it is to
+  look from may be as near to a wall as its body fits, where obstacles would keep it off. The others still repel it, and
+  its sensors' own layer (5.1) keeps it from walls.
 """
 
 import math
@@ -123,7 +125,8 @@ class Behaviour:
     def _heading(self, here: Point, observation: Observation) -> float | None:
         """Return where the sum of all schemas points, or None if it is zero (equation 2)."""
         schemas, robots = self._schemas, self._from_robots(here, observation)
-        fx, fy, ox, oy = self._fields(here)
+        alone = self._failed > 0 and self._overlay.underway
+        fx, fy, ox, oy = self._fields(here, alone)
         fx, fy = schemas.frontier_gain * fx, schemas.frontier_gain * fy
         ox, oy = -schemas.obstacle_gain * ox, -schemas.obstacle_gain * oy
         x, y = fx + ox + robots[0] + self.pull[0], fy + oy + robots[1] + self.pull[1]
@@ -132,8 +135,8 @@ class Behaviour:
         self._records.drawn(fx * fx + fy * fy, ox * ox + oy * oy, robots[0] * robots[0] + robots[1] * robots[1])
         return math.atan2(y, x)
 
-    def _fields(self, here: Point) -> Forces:
-        """Return the sums over frontiers and path, and over obstacles, with gain 1."""
+    def _fields(self, here: Point, alone: bool) -> Forces:
+        """Return the sums over frontiers and path, and over obstacles, with gain 1; *alone* over the path only."""
         schemas, overlay, belief = self._schemas, self._overlay, self.belief
         (left, low), size = belief.frame.origin_m, belief.frame.cell_m
         fields = forces(
@@ -141,7 +144,7 @@ class Behaviour:
             overlay.ignored,
             belief.vain,
             overlay.path,
-            self._failed > 0 and overlay.underway,
+            alone,
             self._scratch,
             belief.evidence,
             left,
@@ -153,6 +156,8 @@ class Behaviour:
             schemas.obstacle_m,
             schemas.in_sight,
         )
+        if alone:
+            return fields[0], fields[1], 0.0, 0.0
         if self._attraction is None:
             return fields
         return (*self._attraction.to(here, self._scratch), *fields[2:])

@@ -20,8 +20,8 @@ from protocols.exploration.parameters import EscapeParameters
 
 _SLACK_CELLS: Final = 0.5
 """So much wider than its body a robot plans."""
-_SURE: Final = 0.9
-"""Share of the sensors' range from which a lookout looks."""
+_NEARER_CELLS: Final = 0.5
+"""So much nearer than the sensors' range is a lookout to what it looks at: robots do not stand on centres of cells."""
 
 
 def jambs(clear: Bools) -> Bools:
@@ -138,5 +138,5 @@ class Escape:
 
     def _watch(self, ground: Ground, start: Cell, goals: Bools, looked: Bools) -> Ints | None:
         """Return the way to the nearest place from which one of *goals* is in sight; nearest by the way's length."""
-        watch = lookouts(ground.passable, ground.clear, goals, self._reach * _SURE) & ~looked
+        watch = lookouts(ground.passable, ground.clear, goals, self._reach - _NEARER_CELLS) & ~looked
         return nearest(ground.passable, ground.extra, start, watch, self._own.cost) if watch.any() else None

@@ -57,7 +57,7 @@ class Overlay:
     def lay(self, cells: Iterable[Cell], goal_m: float | None = None) -> None:
         """Let a path of *cells* seem unexplored; with *goal_m*, the last of them is passed only so near to it."""
         self.clear()
-        laid = list(dict.fromkeys(int(cell) for cell in cells))
+        laid = list(cells)
         self._cells, self._left, self._goal_m = np.array(laid, np.int32), len(laid), goal_m
         self.goal = laid[-1] if laid else None
         rows, columns = np.divmod(self._cells, self._belief.frame.nx)

@@ -17,6 +17,8 @@ _ROUNDS: Final = 3
 """So often frontiers that were not reached are tried once more."""
 _LOOKED_CELLS: Final = 3.0
 """So near to a place from which has been looked nobody looks again."""
+LOOKS: Final = 3
+"""Frontiers that have been in sight from the ends of so many paths are there in vain."""
 _TOUCHING: Final = np.ones((3, 3), np.int8)
 
 
@@ -32,6 +34,8 @@ class Settling:
         """Frontiers that paths have led to: they are only looked at from now on."""
         self.looked: Bools = np.zeros(belief.evidence.shape, np.bool_)
         """Places near to those from which it has looked at the end of a path."""
+        self._looks: Bytes = np.zeros_like(belief.frontier)
+        """From how many ends of paths frontiers have been in sight."""
         self.named: Bytes = np.zeros_like(belief.frontier)
         """Frontiers that it has given up, if only for a time."""
         self._postponed: Bytes = np.zeros_like(belief.frontier)
@@ -39,18 +43,21 @@ class Settling:
         self._rounds = 0
 
     def look(self, here_m: Point, others: bool) -> None:
-        """Take note that a path has ended here: what is in sight and still a frontier is there in vain.
+        """Take note that a path has ended here: what is in sight and a frontier all the same may be there in vain.
 
-        With *others* about, bodies may have hidden it, and it is only tried.
+        With *others* about, bodies may have hidden it.
         """
         seen = self._overlay.in_sight(here_m)
         frame, goal = self._belief.frame, self._overlay.goal
         self._about(here_m)
         if goal is not None and self._belief.frontier[divmod(goal, frame.nx)]:
             self.tried[divmod(goal, frame.nx)] = 1
-        if len(seen) and not others:
-            self._belief.vain[np.divmod(seen, frame.nx)] = 1
-            self._name(seen, "nothing new is seen there")
+        if others:
+            return
+        self._looks[np.divmod(seen, frame.nx)] += 1
+        vain = seen[self._looks[np.divmod(seen, frame.nx)] >= LOOKS]
+        self._belief.vain[np.divmod(vain, frame.nx)] = 1
+        self._name(vain, "nothing new is seen there")
 
     def _about(self, here_m: Point) -> None:
         frame = self._belief.frame

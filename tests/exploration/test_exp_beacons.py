@@ -236,6 +236,7 @@ def test_who_is_alone_or_has_done_is_held_by_nobody() -> None:
     team = Team(1, 2)
     team.stub.done = True
     assert team.lead(at(5, 2), {0: at(20, 2)}) == 0.0
+    assert len(team.stub.pulls) == 1
     assert team.tethered.done
     team.stub.underway = True
     assert team.tethered.underway

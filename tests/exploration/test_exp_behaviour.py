@@ -9,6 +9,7 @@ import pytest
 from cosim.geometry.marking import CERTAIN
 from cosim.machine import Event
 from cosim.units import MS
+from protocols.exploration import settling
 from protocols.exploration.behaviour import Behaviour
 from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
@@ -263,7 +264,10 @@ def test_who_has_done_stays_so_when_the_map_changes_and_no_way_leads_anywhere_an
     assert led.records.given_up == 2
 
 
-def test_a_frontier_in_sight_where_a_path_has_ended_is_given_up_by_all_who_share_the_map() -> None:
+def test_a_frontier_in_sight_where_paths_have_ended_is_given_up_by_all_who_share_the_map(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(settling, "LOOKS", 1)
     belief = drawn(CORRIDOR)
     led, other = Led(belief), Led(belief)
     led.lead(2, 2)
@@ -281,7 +285,18 @@ def test_a_frontier_in_sight_where_a_path_has_ended_is_given_up_by_all_who_share
     assert (led.records.given_up, other.records.given_up) == (3, 0)
 
 
-def test_a_frontier_that_another_robot_may_hide_is_not_given_up() -> None:
+def test_a_frontier_that_was_looked_at_once_only_is_not_given_up() -> None:
+    led = Led(drawn(CORRIDOR))
+    led.lead(2, 2)
+    led.behaviour._overlay.note(np.array([30 * iy + 29 for iy in (1, 2, 3)], np.int32))
+    for ix in range(3, 29):
+        led.lead(ix, 2)
+    assert led.named(PathLeft) == [PathLeft("walked")]
+    assert led.named(FrontierGivenUp) == []
+
+
+def test_a_frontier_that_another_robot_may_hide_is_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, "LOOKS", 1)
     led = Led(drawn(CORRIDOR))
     led.lead(2, 2)
     led.behaviour._overlay.note(np.array([30 * iy + 29 for iy in (1, 2, 3)], np.int32))
@@ -318,20 +333,19 @@ def test_a_frontier_ends_one_path_only() -> None:
     assert len(led.named(PathLeft)) == 1
 
 
-def test_who_stalls_on_a_path_is_drawn_by_the_next_alone() -> None:
-    led = Led(drawn(CORRIDOR), escape={"period_s": 0.5}, schemas={"obstacle_gain": 0.0})
-    led.belief.evidence[2, 0] = 0
-    renew(led.belief)
-    led.behaviour._overlay.ignored[2, 0] = 0
-    led.lead(12, 2)
-    assert led.named(PathLaid)[0].in_sight
-    headings = [led.lead(12, 2) for _ in range(5)]
+def test_who_stalls_on_a_path_follows_the_next_alone() -> None:
+    led = Led(drawn(CORRIDOR), escape={"period_s": 0.5})
+    place, headings = at(25, 1), []
+    for _ in range(12):
+        headings.append(led.lead(25, 1))
     assert led.named(PathLeft) == [PathLeft("stalled")]
-    overlay = led.behaviour._overlay
-    assert overlay.underway
-    row = np.flatnonzero(overlay.path.any(axis=0))
-    side = 0.0 if row.mean() > 12 else math.pi
-    assert math.remainder((headings[-1] or 0.0) - side, math.tau) == pytest.approx(0.0, abs=0.3)
+    cells = np.array(led.path)
+    cells = cells[(cells != (25, 1)).any(axis=1)]
+    away = np.stack(at(cells[:, 0], cells[:, 1]), axis=1) - place
+    x, y = (away / np.hypot(*away.T)[:, None] ** 3).sum(axis=0)
+    assert headings[-1] == pytest.approx(math.atan2(y, x))
+    assert headings[0] is not None
+    assert headings[0] > 0.3  # off the wall
 
 
 def test_frontiers_that_three_paths_have_not_led_to_are_tried_once_more_at_the_end_and_then_given_up() -> None:

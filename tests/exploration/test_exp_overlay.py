@@ -52,16 +52,6 @@ def test_a_path_attracts_like_frontiers_and_is_in_no_other_map() -> None:
     assert not mine.underway
 
 
-def test_a_path_that_passes_a_cell_twice_has_it_once() -> None:
-    overlay, belief = over("########## #........? ##########")
-    overlay.lay([10 + 1, 10 + 2, 10 + 1, 10 + 3])
-    assert overlay.pass_by(at(1, 1), 0.1)
-    assert path_of(overlay.path, belief) == [(2, 1), (3, 1)]
-    assert overlay.pass_by(at(2, 1), 0.1)
-    assert overlay.pass_by(at(3, 1), 0.1)
-    assert not overlay.underway
-
-
 def test_cells_of_a_path_are_taken_back_where_the_robot_is_near() -> None:
     overlay, belief = over("########## #........? ##########")
     assert not overlay.pass_by(at(3, 1), 9.0)
