@@ -11,8 +11,8 @@ What the paper leaves open, and how it is read here:
   reached by three paths; before it has done it tries those once more. Who has nothing left has done, as long as the map
   is what it is.
 - A robot that stalls on its path follows the next one alone: frontiers behind walls may be many, and where it is to
-  look from may be as near to a wall as its body fits, where obstacles would keep it off. The others still repel it, and
-  its sensors' own layer (5.1) keeps it from walls.
+  look from may be as near to a wall as its body fits, where obstacles would keep it off. So only those repel it then
+  that it all but touches.
 """
 
 import math
@@ -74,6 +74,7 @@ class Behaviour:
         patience = math.inf if escape.patience_s is None else escape.patience_s * S / tick
         self._period = round(escape.period_s * S / tick)
         self._stalling = Stalling(self._period, escape.box_m, patience)
+        self._touching_m = radius_m + belief.frame.cell_m
         self._scratch = np.zeros_like(belief.frontier)
         schemas, weight = parameters.schemas, parameters.schemas.information
         self._attraction = Attraction(belief, schemas.frontier_m, range_m, weight) if weight else None
@@ -136,7 +137,10 @@ class Behaviour:
         return math.atan2(y, x)
 
     def _fields(self, here: Point, alone: bool) -> Forces:
-        """Return the sums over frontiers and path, and over obstacles, with gain 1; *alone* over the path only."""
+        """Return the sums over frontiers and path, and over obstacles, with gain 1.
+
+        With the path *alone*, only over that and obstacles that the body would touch if it came nearer by half a cell.
+        """
         schemas, overlay, belief = self._schemas, self._overlay, self.belief
         (left, low), size = belief.frame.origin_m, belief.frame.cell_m
         fields = forces(
@@ -153,12 +157,10 @@ class Behaviour:
             here[0],
             here[1],
             schemas.frontier_m,
-            schemas.obstacle_m,
+            min(schemas.obstacle_m, self._touching_m) if alone else schemas.obstacle_m,
             schemas.in_sight,
         )
-        if alone:
-            return fields[0], fields[1], 0.0, 0.0
-        if self._attraction is None:
+        if self._attraction is None or alone:
             return fields
         return (*self._attraction.to(here, self._scratch), *fields[2:])
 

@@ -15,7 +15,7 @@ from protocols.exploration.runs import Ints
 
 _ROUNDS: Final = 3
 """So often frontiers that were not reached are tried once more."""
-_LOOKED_CELLS: Final = 3.0
+_LOOKED_CELLS: Final = 2.0
 """So near to a place from which has been looked nobody looks again."""
 LOOKS: Final = 3
 """Frontiers that have been in sight from the ends of so many paths are there in vain."""

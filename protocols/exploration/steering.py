@@ -6,6 +6,7 @@ for a while, and stands while it turns if there is no room ahead.
 """
 
 import math
+from collections import deque
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,13 @@ _CLEAR_S: Final = 1.0
 """So long the robot could drive on along a heading that is taken."""
 _STOP_S: Final = 0.5
 """It stands if it could not even drive on for so long: who comes towards it needs as much to stop as it does itself."""
+
+_SCANS: Final = 5
+"""So many scans are remembered."""
+_BEHIND_RAD: Final = 0.5 * math.pi
+"""Who stands and is to turn by more goes on standing."""
+_ABOUT_RAD: Final = 0.75 * math.pi
+"""Who is to turn by more goes on turning to the side that it turns to."""
 
 
 @njit(cache=True)
@@ -71,19 +79,42 @@ class Steering:
         self._fast_mps = min(parameters.fast_mps or parameters.speed_mps, most_mps)
         self._half_m = None if parameters.margin_m is None else radius_m + parameters.margin_m
         self._side = 1
+        self._turns = 0.0
+        """To which side it turned last: 1 left, -1 right."""
+        self._stands = False
+        self._scans: deque[Floats] = deque(maxlen=_SCANS)
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
         """Return the order that turns the robot towards *desired_rad*; angles and beams in the robot's frame."""
         speed = self._fast_mps if float(ranges_m.min(initial=math.inf)) > self._own.fast_m else self._slow_mps
         half = self._half_m
         if half is not None:
+            ranges_m = self._remembered(ranges_m)
             desired_rad = self._free(desired_rad, ranges_m, speed, half)
-        error = math.remainder(desired_rad - heading_rad, math.tau)
+        error = self._on_one_side(math.remainder(desired_rad - heading_rad, math.tau))
         turn = min(max(self._own.turn_gain * error, -self._own.turn_radps), self._own.turn_radps)
         ahead = math.cos(heading_rad), math.sin(heading_rad)
-        if half is not None and free_m(ranges_m, self._beams, *ahead, half) < _STOP_S * speed:
-            speed = 0.0
-        return Drive(speed, turn)
+        room = math.inf if half is None else free_m(ranges_m, self._beams, *ahead, half)
+        # the end of a thin wall may be between two beams at the next tick
+        self._stands = room < _STOP_S * speed or (self._stands and abs(error) > _BEHIND_RAD)
+        return Drive(0.0 if self._stands else speed, turn)
+
+    def _remembered(self, ranges_m: Floats) -> Floats:
+        """Return for each beam the shortest of its last ranges: the end of a thin wall may be between two beams."""
+        self._scans.append(ranges_m)
+        if len({len(scan) for scan in self._scans}) > 1:
+            self._scans = deque([ranges_m], _SCANS)
+        return np.asarray(np.minimum.reduce(list(self._scans)))
+
+    def _on_one_side(self, error_rad: float) -> float:
+        """Return the error of the heading, counted on the side to which the robot turns already if it is nearly about.
+
+        Else a desired heading that trembles behind a robot would have it turn left and right, and drive straight on.
+        """
+        if abs(error_rad) > _ABOUT_RAD and error_rad * self._turns < 0.0:
+            error_rad += self._turns * math.tau
+        self._turns = math.copysign(1.0, error_rad)
+        return error_rad
 
     def _free(self, desired_rad: float, ranges_m: Floats, speed_mps: float, half_m: float) -> float:
         found = free_heading(ranges_m, self._beams, desired_rad, half_m, _CLEAR_S * speed_mps, self._side)

@@ -335,9 +335,9 @@ def test_a_frontier_ends_one_path_only() -> None:
 
 def test_who_stalls_on_a_path_follows_the_next_alone() -> None:
     led = Led(drawn(CORRIDOR), escape={"period_s": 0.5})
-    place, headings = at(25, 1), []
+    place, headings = at(25, 1.1), []
     for _ in range(12):
-        headings.append(led.lead(25, 1))
+        headings.append(led.lead(25, 1.1))
     assert led.named(PathLeft) == [PathLeft("stalled")]
     cells = np.array(led.path)
     cells = cells[(cells != (25, 1)).any(axis=1)]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from protocols.exploration.belief import Belief
+from cosim.geometry.marking import CERTAIN
+from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.forces import attract
 from protocols.exploration.overlay import Overlay
 from tests.exploration.hand_map import CELL_M, ORIGIN_M, at, drawn, path_of, renew
@@ -130,3 +131,17 @@ def test_frontiers_beside_frontiers_belong_to_what_was_looked_at() -> None:
     overlay, _ = over("#####? #....? #....? #....? #####?")
     assert cells(overlay, at(4, 2), new=True) == [17]
     assert cells(overlay, at(4, 2)) == [11, 17, 23]
+
+
+def test_a_frontier_has_an_edge_in_common_with_an_empty_cell() -> None:
+    """In a corner of two walls the cell behind the corner is none: nobody would ever see it."""
+    belief = Belief(Frame((0.0, 0.0), 1.0, 8, 8), CERTAIN, 9.0)
+    turns = np.radians(np.arange(0.0, 360.0, 2.0) + 0.5)
+    beams = np.stack((np.cos(turns), np.sin(turns)), axis=1)
+    with np.errstate(divide="ignore"):
+        walls = np.where(beams > 0, (6.0 - 3.3) / beams, (1.0 - 3.3) / beams).min(axis=1)
+    belief.mark((3.3, 3.3), walls, beams, np.empty((0, 3)))
+    assert (belief.evidence[1:6, 1:6] < 0).all()
+    assert not belief.frontier.any()
+    belief.merge(np.array([9], np.int32), np.array([True]), np.array([True]))
+    assert not belief.frontier.any()

@@ -177,3 +177,28 @@ def test_two_robots_that_come_towards_each_other_stop_in_time() -> None:
         ordered = np.array(orders)
         assert place[1] - place[0] > 2 * RADIUS
     assert (speed == 0.0).all()
+
+
+def test_a_robot_that_is_to_turn_about_turns_to_one_side_while_the_heading_trembles() -> None:
+    robot = steering()
+    first = robot.drive(math.pi - 0.05, 0.0, OPEN).turn_radps
+    assert first > 0.0
+    assert [robot.drive(math.pi + tremble, 0.1, OPEN).turn_radps for tremble in (0.3, -0.3, 0.3)] == [first] * 3
+    assert robot.drive(-math.pi / 2, 0.1, OPEN).turn_radps < 0.0
+
+
+def test_who_stands_before_something_and_is_to_turn_about_stands_until_it_has_turned() -> None:
+    robot, end_on = steering(), OPEN.copy()
+    end_on[0] = 0.3
+    assert robot.drive(math.pi, 0.0, end_on).speed_mps == 0.0
+    assert [robot.drive(math.pi, 0.2, OPEN).speed_mps for _ in range(20)] == [0.0] * 20
+    assert robot.drive(math.pi, math.pi / 2 - 0.01, OPEN).speed_mps == 0.0
+    assert robot.drive(math.pi, math.pi / 2 + 0.01, OPEN).speed_mps == SPEED
+    assert robot.drive(math.pi, 0.0, OPEN).speed_mps == SPEED
+
+
+def test_the_end_of_a_thin_wall_that_only_some_scans_meet_is_in_the_way() -> None:
+    robot, end_on = steering(), OPEN.copy()
+    end_on[0] = 0.3
+    assert [robot.drive(0.0, 0.0, OPEN if k % 5 else end_on).speed_mps for k in range(20)] == [0.0] * 20
+    assert [robot.drive(0.0, 0.0, OPEN).speed_mps for _ in range(3)] == [SPEED] * 3
