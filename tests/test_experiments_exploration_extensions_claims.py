@@ -20,6 +20,7 @@ from experiments.exploration_extensions import figures as extensions
 from experiments.exploration_extensions import watching
 from experiments.gain_tuning import figures as gains
 from experiments.gain_tuning import tuning
+from protocols.exploration.parameters import SchemaParameters
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 MODULES: dict[str, Any] = {"exploration_extensions": extensions, "gain_tuning": gains}
@@ -212,7 +213,7 @@ def test_gains_and_office_are_set_in_the_scenario() -> None:
     assert (scenario.duration_s, given.with_gains({}, 77).duration_s) == (33.0, 150.0)
     assert scenario.floorplan.office.seed == 77
     assert scenario.protocol.parameters.schemas.obstacle_m == 0.7
-    assert given.trial()["obstacle_m"] == 0.5
+    assert given.trial()["obstacle_m"] == SchemaParameters().obstacle_m
 
 
 @pytest.fixture

@@ -25,7 +25,6 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape
 from protocols.exploration.forces import Forces, forces
 from protocols.exploration.information import Attraction
@@ -35,6 +34,7 @@ from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
 from protocols.exploration.settling import Settling
 from protocols.exploration.stalling import Stalling
+from protocols.exploration.terrain import Terrain
 
 _NOTHING: Final = 1e-9
 """A sum of forces that is smaller is zero."""
@@ -53,14 +53,15 @@ class Behaviour:
     def __init__(
         self,
         parameters: Parameters,
-        belief: Belief,
+        terrain: Terrain,
         records: Records,
         events: list[Event],
         radius_m: float,
         range_m: float,
         tick: int,
     ) -> None:
-        """Lead a body of *radius_m*, whose sensors reach *range_m*, by the map *belief*."""
+        """Lead a body of *radius_m*, whose sensors reach *range_m*, by the map of *terrain*."""
+        belief = terrain.belief
         self.belief = belief
         self.pull: Vector = 0.0, 0.0
         """What else attracts it, as a force."""
@@ -69,7 +70,7 @@ class Behaviour:
         self._events = events
         self._overlay = Overlay(belief, range_m / belief.frame.cell_m)
         escape = parameters.escape
-        self._escape = Escape(escape, belief, radius_m, range_m) if escape.enabled else None
+        self._escape = Escape(escape, terrain, radius_m, range_m) if escape.enabled else None
         self._settling = Settling(belief, self._overlay, records, events)
         patience = math.inf if escape.patience_s is None else escape.patience_s * S / tick
         self._period = round(escape.period_s * S / tick)

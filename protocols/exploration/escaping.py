@@ -11,15 +11,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.geometry.astar import astar, clearance_cost, in_sight, lookouts, nearest, nearest_frontier, passable_cells
+from cosim.geometry.astar import astar, in_sight, lookouts, nearest, nearest_frontier
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Ints, Point, Singles
-from protocols.exploration.belief import Belief, Bytes
+from protocols.exploration.belief import Bytes
 from protocols.exploration.information import most_useful
 from protocols.exploration.parameters import EscapeParameters
+from protocols.exploration.terrain import Terrain
 
-_SLACK_CELLS: Final = 0.5
-"""So much wider than its body a robot plans."""
 _NEARER_CELLS: Final = 0.5
 """So much nearer than the sensors' range is a lookout to what it looks at: robots do not stand on centres of cells."""
 
@@ -60,48 +59,21 @@ class Ground(NamedTuple):
 class Escape:
     """Plans ways for one robot."""
 
-    def __init__(self, parameters: EscapeParameters, belief: Belief, radius_m: float, range_m: float) -> None:
+    def __init__(self, parameters: EscapeParameters, terrain: Terrain, radius_m: float, range_m: float) -> None:
         self._own = parameters
-        self._belief = belief
-        size = belief.frame.cell_m
-        self._body = radius_m / size
-        self._clear = max(parameters.clearance_m / size, 1.0)
-        self._reach = range_m / size
-        self._ground: tuple[int, Ground] | None = None
+        self._terrain = terrain
+        self._belief = terrain.belief
+        self._radius_m = radius_m
+        self._reach = range_m / terrain.belief.frame.cell_m
 
     def ground(self) -> Ground:
         """Return where the robot can go by the map of now."""
-        belief = self._belief
-        if self._ground is None or self._ground[0] != belief.version:
-            evidence = belief.evidence
-            passable = passable_cells(evidence, self._body + _SLACK_CELLS)
-            extra = clearance_cost(evidence > 0, self._clear, self._own.clearance_cost)
-            self._ground = belief.version, Ground(evidence < 0, passable, extra)
-        return self._ground[1]
+        terrain = self._terrain
+        return Ground(terrain.clear(), terrain.passable(self._radius_m), terrain.extra())
 
     def entry(self, here_m: Point) -> list[Cell]:
-        """Return the cells from a place to the nearest one where the body fits, by the map; none if there is no way.
-
-        A robot may stand, and stand well, where its body and the slack of its plans do not fit into the cells that are
-        known to be empty: beside a wall that both of its cells seem to hold, or where it has not seen the floor under
-        its body. Ways to there lead over empty cells, if there are any about it.
-        """
-        belief, ground = self._belief, self.ground()
-        start = belief.frame.cell_at(here_m)
-        if ground.passable.flat[start]:
-            return [start]
-        under = self._under(here_m) & (belief.evidence <= 0)
-        way = nearest(ground.clear | under, np.zeros_like(ground.extra), start, ground.passable)
-        return [] if way is None else [int(cell) for cell in way]
-
-    def _under(self, here_m: Point) -> Bools:
-        """Return the cells that have their centres under the body."""
-        frame = self._belief.frame
-        rows, columns = np.ogrid[: frame.ny, : frame.nx]
-        (left, low), size = frame.origin_m, frame.cell_m
-        across = np.hypot(columns + 0.5 - (here_m[0] - left) / size, rows + 0.5 - (here_m[1] - low) / size)
-        result: Bools = across <= self._body
-        return result
+        """Return the cells from a place to the nearest one where the body has room; none if there is no way."""
+        return self._terrain.entry(here_m, self._radius_m)
 
     def way(self, here_m: Point, frontiers: Bytes, tried: Bytes, looked: Bools) -> Way | None:
         """Return the way to the nearest of *frontiers*, or to a lookout for one; None if none leads there.

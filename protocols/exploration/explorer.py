@@ -22,6 +22,9 @@ from protocols.exploration.steering import Steering, without_lone
 _ROUNDING: Final = 1e-9
 
 
+_NOTHING: Final = np.empty(0, np.int32)
+
+
 class Leader(Protocol):
     """What decides where a robot goes."""
 
@@ -60,7 +63,7 @@ class Explorer:
         self._leader = leader
         self._sharing = sharing
         self._events = events
-        self._doubtful = parameters.false_returns
+        self._false_returns = parameters.false_returns
         self._beams = beam_directions(knowledge.beams)
         self._steering = Steering(parameters.steering, self._beams, knowledge.radii_m[me], knowledge.speeds_mps[me])
         self._commands: list[Command] = []
@@ -72,6 +75,8 @@ class Explorer:
         self._pace = 0.0
         self._gained = False
         self._driving = False
+        self._rests = False
+        """Whether it has done, and looks no more: two that see a cell otherwise would tell each other for ever."""
 
     # ------------------------------------------------------------ the contract of machines
 
@@ -97,11 +102,11 @@ class Explorer:
     def observe(self, observation: Observation, now: Time) -> None:
         """Mark what is seen, tell it, and go on."""
         self._count(observation)
-        ranges_m = without_lone(observation.ranges_m) if self._doubtful else observation.ranges_m
+        ranges_m = without_lone(observation.ranges_m) if self._false_returns else observation.ranges_m
         found, turned_rad, share = self._positioning.locate(observation, ranges_m, self._beams)
         here = self.place_m = found.x_m, found.y_m
         beams = self._beams if turned_rad == 0.0 else turned(self._beams, turned_rad)
-        changed = self.belief.mark(here, ranges_m, beams, self._bodies(found, now))
+        changed = _NOTHING if self._rests else self.belief.mark(here, ranges_m, beams, self._bodies(found, now))
         if self._sharing is not None:
             self._sharing.changed(changed, self.belief.occupied(changed).tolist())
             self._sharing.tick(*here, now, found.sightings)
@@ -112,6 +117,7 @@ class Explorer:
         elif self._driving:
             self._commands.append(Drive(0.0, 0.0))
         self._driving = heading is not None and share > 0.0
+        self._rests = heading is None and self._leader.done
 
     def wake(self, now: Time) -> None:
         """Do nothing: there are no deadlines."""

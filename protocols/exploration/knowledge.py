@@ -7,6 +7,7 @@ from cosim.machine import Address
 from cosim.units import Time
 from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.targets import Targets
+from protocols.exploration.terrain import Terrain
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +25,8 @@ class Knowledge:
     beams: int
     shared: Belief | None
     """The map that all have in common; None if each has its own."""
+    terrain: Terrain | None
+    """Where robots can go by it."""
     targets: Targets | None
     """What robots with a map in common, and an algorithm that chooses frontiers, have in common beside it."""
     places_m: dict[Address, Point]

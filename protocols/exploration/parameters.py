@@ -164,10 +164,6 @@ class PositioningParameters(Settings):
         default=SlamParameters(), description="the filter; its range_m is not used: a beam reaches as the scanner does"
     )
     control: SpeedControlParameters = SpeedControlParameters()
-    doubtful: bool = Field(
-        default=False,
-        description="evidence of cells is counted, as with false returns: who errs sees walls where there are none",
-    )
     margin_m: float = Field(
         default=0.0, ge=0, description="m, by which maps reach beyond the floor: who errs may draw over its edge"
     )
@@ -208,8 +204,15 @@ class Parameters(Settings):
         default="shared", description="one map in one memory, as in the paper, or one each, merged by messages"
     )
     cell_m: float = Field(default=0.1, gt=0, description="m, cells of the map (section 4.1)")
+    evidence: Literal["certain", "counted"] = Field(
+        default="certain",
+        description="whether one hit makes a cell occupied for good, as without false hits (section 4.3), or hits and "
+        "passes are weighed against each other, for who errs in places, or does not know where all bodies are",
+    )
     false_returns: bool = Field(
-        default=False, description="one hit does not make a cell occupied for good: evidence is counted"
+        default=False,
+        description="beams that no neighbour confirms are dropped, and evidence is counted; ends of walls that one "
+        "beam alone meets are dropped with them",
     )
     schemas: SchemaParameters = SchemaParameters()
     escape: EscapeParameters = EscapeParameters()
@@ -218,6 +221,11 @@ class Parameters(Settings):
     sharing: SharingParameters = SharingParameters()
     beacons: BeaconParameters = BeaconParameters()
     positioning: PositioningParameters = PositioningParameters()
+
+    @property
+    def counted(self) -> bool:
+        """Whether evidence of cells is counted."""
+        return self.evidence == "counted" or self.false_returns
 
     @model_validator(mode="after")
     def _beacons_fit(self) -> "Parameters":

@@ -102,6 +102,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
         raise UserError(f"protocol.parameters.sharing.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
     shares = parameters.map == "shared"
     shared = Belief(frame, _weights(parameters), range_m) if shares else None
+    terrain = None if shared is None else Terrain(shared, parameters.escape)
     places_m = dict(enumerate(surroundings.starts_m)) if shares else {}
     radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
     return Knowledge(
@@ -114,14 +115,15 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
         range_m=range_m,
         beams=surroundings.beams,
         shared=shared,
-        targets=None if shared is None else _targets(parameters, shared, radii_m, range_m, places_m),
+        terrain=terrain,
+        targets=None if terrain is None else _targets(parameters, terrain, radii_m, range_m, places_m),
         places_m=places_m,
     )
 
 
 def _targets(
     parameters: Parameters,
-    belief: Belief,
+    terrain: Terrain,
     radii_m: Sequence[float],
     range_m: float,
     places_m: Mapping[Address, tuple[float, float]],
@@ -129,8 +131,7 @@ def _targets(
     """Return what chooses frontiers by a map, for all who have it; None if none are chosen."""
     if parameters.algorithm == "schemas":
         return None
-    terrain = Terrain(belief, parameters.escape)
-    return Targets(parameters.algorithm, parameters.rivals, belief, terrain, radii_m, range_m, places_m)
+    return Targets(parameters.algorithm, parameters.rivals, terrain, radii_m, range_m, places_m)
 
 
 def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
@@ -143,7 +144,7 @@ def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
 
 
 def _weights(parameters: Parameters) -> Weights:
-    return DOUBTFUL if parameters.false_returns or parameters.positioning.doubtful else CERTAIN
+    return DOUBTFUL if parameters.counted else CERTAIN
 
 
 def make(
@@ -154,7 +155,7 @@ def make(
     sharing, belief = None, knowledge.shared
     if belief is None:
         own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
-        certain = not (parameters.false_returns or parameters.positioning.doubtful)
+        certain = not parameters.counted
         period = from_seconds(own.period_s)
         piconet = None if own.links is None else piconet_of(me, knowledge.size, own.links)
         sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start, certain, piconet)
@@ -185,15 +186,16 @@ def _leader(
     start: Time,
 ) -> Leader:
     radius_m, tick = knowledge.radii_m[me], knowledge.tick
+    terrain = knowledge.terrain or Terrain(belief, parameters.escape)
     places_m = knowledge.places_m if sharing is None else sharing.places_m
     if parameters.algorithm == "schemas":
-        behaviour = Behaviour(parameters, belief, records, events, radius_m, knowledge.range_m, tick)
+        behaviour = Behaviour(parameters, terrain, records, events, radius_m, knowledge.range_m, tick)
         if parameters.beacons.pattern == "free":
             return behaviour
-        escape = Escape(parameters.escape, belief, radius_m, knowledge.range_m)
+        escape = Escape(parameters.escape, terrain, radius_m, knowledge.range_m)
         own, reading, size = parameters.beacons, parameters.escape.cost, knowledge.size
         return Tethered(own, behaviour, belief, me, size, escape, reading, places_m, start, tick)
-    targets = knowledge.targets or _targets(parameters, belief, knowledge.radii_m, knowledge.range_m, places_m)
+    targets = knowledge.targets or _targets(parameters, terrain, knowledge.radii_m, knowledge.range_m, places_m)
     assert targets is not None
     spans_s = parameters.rivals.plan_s, parameters.rivals.patience_s
     plan, patience = (max(1, round(from_seconds(span_s) / tick)) for span_s in spans_s)

@@ -26,7 +26,6 @@ from cosim.geometry.frontiers import yamauchi_frontiers
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Floats, Ints, Point
 from cosim.machine import Address
-from protocols.exploration.belief import Belief
 from protocols.exploration.choosing import by_assignment, by_utility
 from protocols.exploration.parameters import RivalParameters
 from protocols.exploration.terrain import Terrain
@@ -39,14 +38,13 @@ class Targets:
         self,
         algorithm: str,
         parameters: RivalParameters,
-        belief: Belief,
         terrain: Terrain,
         radii_m: Sequence[float],
         range_m: float,
         places_m: Mapping[Address, Point],
     ) -> None:
-        """Choose by *belief* for robots of *radii_m* at *places_m*, as far as they are known; scans reach *range_m*."""
-        self.belief = belief
+        """Choose by the map of *terrain* for robots of *radii_m* at *places_m*, where known; scans reach *range_m*."""
+        self.belief = terrain.belief
         self.terrain = terrain
         self.radii_m = radii_m
         self.places_m = places_m
@@ -57,8 +55,8 @@ class Targets:
         """How often targets have been chosen together."""
         self._algorithm = algorithm
         self._own = parameters
-        self._range = range_m / belief.frame.cell_m
-        self._vain: Bools = np.zeros(belief.evidence.shape, np.bool_)
+        self._range = range_m / terrain.belief.frame.cell_m
+        self._vain: Bools = np.zeros(terrain.belief.evidence.shape, np.bool_)
         self._barred: dict[Address, Bools] = {}
 
     # ------------------------------------------------------------ frontiers

@@ -19,7 +19,7 @@ class Terrain:
 
     def __init__(self, belief: Belief, planning: EscapeParameters) -> None:
         """Look at *belief* as it is when asked; *planning* says what it costs to be near to obstacles."""
-        self._belief = belief
+        self.belief = belief
         self.reading = planning.cost
         self._most = planning.clearance_cost
         self._clear = max(planning.clearance_m / belief.frame.cell_m, 1.0)
@@ -29,7 +29,7 @@ class Terrain:
 
     def clear(self) -> Bools:
         """Return the cells that are known to be empty, (ny, nx)."""
-        clear: Bools = self._belief.evidence < 0
+        clear: Bools = self.belief.evidence < 0
         return clear
 
     def passable(self, radius_m: float) -> Bools:
@@ -37,7 +37,7 @@ class Terrain:
         self._renew()
         found = self._passable.get(radius_m)
         if found is None:
-            found = passable_cells(self._belief.evidence, radius_m / self._belief.frame.cell_m + SLACK_CELLS)
+            found = passable_cells(self.belief.evidence, radius_m / self.belief.frame.cell_m + SLACK_CELLS)
             self._passable[radius_m] = found
         return found
 
@@ -45,7 +45,7 @@ class Terrain:
         """Return what it costs to enter each cell, beside its length, (ny, nx); not to be written to."""
         self._renew()
         if self._extra is None:
-            self._extra = clearance_cost(self._belief.evidence > 0, self._clear, self._most)
+            self._extra = clearance_cost(self.belief.evidence > 0, self._clear, self._most)
         return self._extra
 
     def entry(self, here_m: Point, radius_m: float) -> list[Cell]:
@@ -53,8 +53,9 @@ class Terrain:
 
         A robot may stand where its body and the slack of its plans do not fit into the cells that are known to be
         empty: beside a wall that both of its cells seem to hold, or where it has not seen the floor under its body.
+        Ways from there lead over empty cells, if there are any about it.
         """
-        frame, passable = self._belief.frame, self.passable(radius_m)
+        frame, passable = self.belief.frame, self.passable(radius_m)
         start = frame.cell_at(here_m)
         if passable.flat[start]:
             return [start]
@@ -62,7 +63,7 @@ class Terrain:
         (left, low), size = frame.origin_m, frame.cell_m
         off_x, off_y = columns + 0.5 - (here_m[0] - left) / size, rows + 0.5 - (here_m[1] - low) / size
         under: Bools = off_x * off_x + off_y * off_y <= (radius_m / size) ** 2
-        through = self.clear() | (under & (self._belief.evidence <= 0))
+        through = self.clear() | (under & (self.belief.evidence <= 0))
         way = nearest(through, np.zeros_like(self.extra()), start, passable)
         return [] if way is None else [int(cell) for cell in way]
 
@@ -74,6 +75,6 @@ class Terrain:
         return costs_from(passable, self.extra(), entry[-1], ends, self.reading)
 
     def _renew(self) -> None:
-        if self._version != self._belief.version:
-            self._version, self._extra = self._belief.version, None
+        if self._version != self.belief.version:
+            self._version, self._extra = self.belief.version, None
             self._passable.clear()

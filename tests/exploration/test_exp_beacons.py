@@ -16,6 +16,7 @@ from protocols.exploration.beacons import Tethered, attraction, moves
 from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape
 from protocols.exploration.parameters import BeaconParameters, EscapeParameters, Parameters
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import at, drawn, observed
 
 TICK = 100 * MS
@@ -63,7 +64,7 @@ class Team:
         self.told: dict[int, Point] = {}
         own = BeaconParameters.model_validate({"pattern": "visibility", "keep_m": 4.0, "near_m": 2.0, **changes})
         start = round(start_s * S)
-        escape = Escape(EscapeParameters(), self.belief, 0.0, 2.5)
+        escape = Escape(EscapeParameters(), Terrain(self.belief, EscapeParameters()), 0.0, 2.5)
         self.tethered = Tethered(own, self.stub, self.belief, me, size, escape, "octile", self.told, start, TICK)
 
     def lead(self, here: Point, seen: Mapping[int, Point], gained: bool = True) -> float | None:

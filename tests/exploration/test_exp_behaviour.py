@@ -15,6 +15,7 @@ from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import ORIGIN_M, at, drawn, observed, path_of, renew
 
 CORRIDOR = """
@@ -36,7 +37,9 @@ class Led:
         self.records = Records()
         self.journal: list[Event] = []
         parameters = Parameters.model_validate(changes)
-        self.behaviour = Behaviour(parameters, belief, self.records, self.journal, radius_m, 2.5, 100 * MS)
+        self.behaviour = Behaviour(
+            parameters, Terrain(belief, parameters.escape), self.records, self.journal, radius_m, 2.5, 100 * MS
+        )
 
     def lead(self, ix: float, iy: float, *others: tuple[float, float], gained: bool = True) -> float | None:
         return self.behaviour.lead(observed(at(ix, iy), *others), gained)

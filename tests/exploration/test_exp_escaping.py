@@ -6,6 +6,7 @@ from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape, Way, jambs
 from protocols.exploration.overlay import Overlay
 from protocols.exploration.parameters import EscapeParameters
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import at, drawn, renew
 
 ROUND_THE_CORNER = """
@@ -25,7 +26,8 @@ class Planner:
     def __init__(self, picture: str, radius_m: float = 0.0, range_m: float = 2.5, **changes: object) -> None:
         self.belief: Belief = drawn(picture, range_m)
         self.overlay = Overlay(self.belief, range_m / self.belief.frame.cell_m)
-        self.escape = Escape(EscapeParameters.model_validate(changes), self.belief, radius_m, range_m)
+        own = EscapeParameters.model_validate(changes)
+        self.escape = Escape(own, Terrain(self.belief, own), radius_m, range_m)
         self.tried = np.zeros_like(self.belief.frontier)
         self.looked = np.zeros(self.belief.evidence.shape, np.bool_)
 

@@ -17,6 +17,7 @@ from protocols.exploration.information import Attraction, count_unknown, most_us
 from protocols.exploration.journal import PathLaid
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import at, drawn, observed
 
 NY, NX, CELL_M, ORIGIN_M = 23, 29, 0.5, (-1.0, 2.0)
@@ -140,9 +141,14 @@ def test_cells_are_counted_anew_after_five_ticks_or_half_a_metre() -> None:
 
 def led(information: float, choice: str = "nearest") -> tuple[Behaviour, list[Event]]:
     journal: list[Event] = []
-    given = {"schemas": {"information": information}, "escape": {"choice": choice, "information": 1.0}}
+    given = {
+        "schemas": {"information": information, "obstacle_gain": 0.0},
+        "escape": {"choice": choice, "information": 1.0},
+    }
     parameters = Parameters.model_validate(given)
-    return Behaviour(parameters, drawn(FORK), Records(), journal, 0.0, 2.5, 100 * MS), journal
+    return Behaviour(
+        parameters, Terrain(drawn(FORK), parameters.escape), Records(), journal, 0.0, 2.5, 100 * MS
+    ), journal
 
 
 def test_a_robot_is_drawn_to_the_frontier_that_promises_more() -> None:

@@ -199,16 +199,17 @@ def test_once_a_second_it_is_noted_where_the_robot_takes_itself_to_be() -> None:
 
 
 class Ahead:
-    """A leader that always wants to go east, and counts how often it is asked."""
+    """A leader that wants to go east, until it is told otherwise, and counts how often it is asked."""
 
     done = underway = False
+    heading: float | None = 0.0
 
     def __init__(self) -> None:
         self.gained: list[bool] = []
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         self.gained.append(gained)
-        return 0.0
+        return self.heading
 
 
 class Elsewhere:
@@ -306,12 +307,28 @@ def test_maps_may_reach_beyond_the_floor() -> None:
 
 def test_who_may_err_counts_evidence() -> None:
     """A wall that was seen once and then seen through is forgotten."""
-    for doubtful in (False, True):
-        _, knowledge = told_of_the_floor(false_returns=False, positioning={"doubtful": doubtful})
+    for evidence in ("certain", "counted"):
+        _, knowledge = told_of_the_floor(false_returns=False, evidence=evidence)
         for range_m in (1.03, *[2.0] * 20):
             knowledge.shared.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
         row, column = divmod(knowledge.frame.cell_at((5.05, 4.03)), knowledge.frame.nx)
-        assert (knowledge.shared.evidence[row, column] < 0) == doubtful
+        assert (knowledge.shared.evidence[row, column] < 0) == (evidence == "counted")
+
+
+def test_who_has_done_looks_no_more_until_it_goes_on() -> None:
+    explorer, leader = explorer_at((0.8, 1.2), 0.0, [1.0] * 5)
+    far, near = (told((0.8, 1.2, 0.0), ranges_m=np.full(BEAMS, range_m)) for range_m in (2.0, 1.0))
+    explorer.observe(far, 0)
+    leader.done, leader.heading = True, None
+    explorer.observe(far, TICK)
+    before = explorer.belief.evidence.copy()
+    explorer.observe(near, 2 * TICK)
+    assert (explorer.belief.evidence == before).all()
+    assert leader.gained[-1] is False
+    leader.heading = 0.0
+    explorer.observe(near, 3 * TICK)  # it is led on,
+    explorer.observe(near, 4 * TICK)
+    assert (explorer.belief.evidence != before).any()
 
 
 def test_how_much_was_waited_is_a_metric() -> None:

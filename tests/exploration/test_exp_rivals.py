@@ -126,7 +126,7 @@ def team(algorithm: str, belief: Belief, places: dict[int, Point], size: int = 4
     """Return what chooses for robots that are points."""
     own = RivalParameters(least_cells=least)
     terrain = Terrain(belief, EscapeParameters())
-    return Targets(algorithm, own, belief, terrain, (0.0,) * size, 2.5, places)
+    return Targets(algorithm, own, terrain, (0.0,) * size, 2.5, places)
 
 
 def rival(targets: Targets, me: int = 0) -> tuple[Rival, list[Event]]:

@@ -5,6 +5,7 @@ import numpy as np
 from protocols.exploration.escaping import Escape
 from protocols.exploration.overlay import Overlay
 from protocols.exploration.parameters import EscapeParameters
+from protocols.exploration.terrain import Terrain
 from tests.exploration.hand_map import at, drawn, renew
 
 GAP_AND_ROOM = """
@@ -34,7 +35,7 @@ def test_sight_reaches_as_far_askew_as_along_a_row() -> None:
 def test_a_frontier_in_sight_that_can_only_be_looked_at_comes_before_one_that_is_not_in_sight() -> None:
     belief = drawn(GAP_AND_ROOM)
     frontiers, tried = Overlay(belief, 5.0).frontiers(), np.zeros_like(belief.frontier)
-    way = Escape(EscapeParameters(), belief, 0.3, 2.5).way(
+    way = Escape(EscapeParameters(), Terrain(belief, EscapeParameters()), 0.3, 2.5).way(
         at(7, 4), frontiers, tried, np.zeros(belief.evidence.shape, np.bool_)
     )
     assert way is not None
@@ -42,7 +43,7 @@ def test_a_frontier_in_sight_that_can_only_be_looked_at_comes_before_one_that_is
     assert way.in_sight
     assert way.cells[-1] % 20 == 7
     frontiers[0, 7] = 0
-    other = Escape(EscapeParameters(), belief, 0.3, 2.5).way(
+    other = Escape(EscapeParameters(), Terrain(belief, EscapeParameters()), 0.3, 2.5).way(
         at(7, 4), frontiers, tried, np.zeros(belief.evidence.shape, np.bool_)
     )
     assert other is not None
