@@ -14,6 +14,7 @@ from cosim.geometry.marking import EMPTY, OCCUPIED, UNKNOWN
 from cosim.scenario import Scenario
 from cosim.units import S
 from experiments.exploration_teams import figures, growing
+from experiments.exploration_teams.comparison import TIME, panels
 from experiments.exploration_teams.curves import POINTS, coverage_over_time, curve
 from experiments.exploration_teams.exploring import COLUMNS, measure
 from experiments.exploration_teams.growing import SHARES, Exploration, chosen, watch
@@ -64,6 +65,18 @@ def test_coverage_over_time_has_a_panel_a_map_and_team_with_a_line_an_algorithm(
     assert [panel.get_title() for panel in panels] == titles
     for panel in panels:
         assert [line.get_label() for line in panel.get_lines()] == list(figures.NAMES.values())
+
+
+def test_all_points_stand_inside_the_panels_of_the_time_by_size(
+    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    kept: list[Any] = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
+    runs.loc[runs["map"] == "office", TIME] *= 5.0  # the last panel has the largest
+    panels(runs, tmp_path, "x.png", TIME, "s", ("robots", (1, 4)), ("algorithm", figures.NAMES))
+    assert len(kept) == 2
+    for panel in kept:
+        assert panel.get_ylim()[0] == 0.0 < 5 * 950 <= panel.get_ylim()[1]
 
 
 def test_its_lines_are_medians_in_the_band_of_the_middle_half(

@@ -113,8 +113,8 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             plot.errorbar(points["side_m"], means, yerr=halves, marker="o", capsize=3, label=NAMES[name])
         plot.set(title=f"{count} sub-team{'s' if count != 1 else ''}", xlabel="side of the area, m")
         plot.set_xticks(sides)
-        plot.set_ylim(bottom=0)
         plot.grid(alpha=0.3)
+    plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
     plots[0].set_ylabel("search time, min")
     plots[-1].legend(fontsize="small")
     path = folder / "search_time_by_side.png"

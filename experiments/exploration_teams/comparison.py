@@ -132,8 +132,8 @@ def panels(
             )
         plot.set_xticks(range(len(at)), [str(each) for each in at])
         plot.set(title=MAPS[floor], xlabel=axis)
-        plot.set_ylim(bottom=0)
         plot.grid(alpha=0.3)
+    plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
     plots[0].set_ylabel(label)
     handles = {text: handle for plot in plots for handle, text in zip(*plot.get_legend_handles_labels(), strict=True)}
     figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
