@@ -8,7 +8,7 @@ dump: it travels as a private attribute.
 import glob
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -33,7 +33,17 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealSettings
 from cosim.channels.radios import OneRadio, RadiosSettings
 from cosim.channels.vision import OpticalSettings
-from cosim.documents import SELECTORS, Assignment, Place, assign, parse_assignment, parse_yaml, read_yaml, validated
+from cosim.documents import (
+    SELECTORS,
+    Assignment,
+    Place,
+    assign,
+    parse_assignment,
+    parse_place,
+    parse_yaml,
+    read_yaml,
+    validated,
+)
 from cosim.errors import UserError
 from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
 from cosim.protocol import ProtocolSpec
@@ -381,9 +391,18 @@ def build(plain: dict[str, Any], source: str, folder: Path, assignments: Sequenc
     selectors = [item for item in assignments if item.place[-1] in SELECTORS]
     for group in (selectors, [item for item in assignments if item not in selectors]):
         if group:  # selectors first: only then are the settings there that the others may change
-            changed = assign(dump(scenario), group)
-            scenario = validated(Scenario, changed, source, group, _protocol_model(changed))
+            other = assign(dump(scenario), group)
+            scenario = validated(Scenario, other, source, group, _protocol_model(other))
     return scenario.placed(folder)
+
+
+def changed(scenario: Scenario, changes: Mapping[str, Any], source: str, folder: Path) -> Scenario:
+    """Return *scenario* with other settings, by their paths; map paths are relative to *folder*.
+
+    Raise UserError, naming *source*, for a setting that it does not have or that cannot be.
+    """
+    assignments = [Assignment(parse_place(path), value, f"{source}: {path}") for path, value in changes.items()]
+    return build(dump(scenario), "scenario", folder, assignments)
 
 
 def given_here(item: Assignment) -> Assignment:

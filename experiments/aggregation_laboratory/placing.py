@@ -11,9 +11,8 @@ from typing import Any
 
 from pydantic import Field
 
-from cosim.documents import Assignment, parse_place
 from cosim.randomness import Streams
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed
 from cosim.simulation import simulate
 from experiments.aggregation_search import searching
 from experiments.aggregation_search.searching import COLUMNS
@@ -35,8 +34,7 @@ class Parameters(searching.Parameters):
         starts = [[x + dx, y + dy] for (x, y), (dx, dy) in zip(given, off, strict=True)] or None
         targets = f"{getattr(scenario.protocol.parameters, 'target_place', None)}_{self.distribution}"
         changes = {"team.starts": starts, "protocol.parameters.target_place": targets}
-        assignments = [Assignment(parse_place(path), value, path) for path, value in changes.items()]
-        return build(dump(scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(scenario, changes, "placing", Path(__file__).parent)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

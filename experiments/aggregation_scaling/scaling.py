@@ -13,8 +13,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.documents import Assignment, parse_place
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed, dump
 from cosim.simulation import simulate
 from experiments.aggregation_search import searching
 from experiments.aggregation_search.searching import COLUMNS
@@ -57,8 +56,7 @@ class Parameters(searching.Parameters):
             "protocol.parameters.sync_s": self.side_m / scenario.team.bodies[-1].speed_mps,
         }
         own |= {f"protocol.parameters.{name}": max(LEAST_S, periods[name] * times) for name in GROWING}
-        changes = [Assignment(parse_place(path), value, path) for path, value in own.items()]
-        return build(plain, "scenario", Path(__file__).parent, changes)
+        return changed(scenario, own, "scaling", Path(__file__).parent)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

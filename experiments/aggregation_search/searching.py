@@ -10,9 +10,8 @@ from typing import Any, Final
 
 from pydantic import Field, model_validator
 
-from cosim.documents import Assignment, parse_place
 from cosim.errors import UserError
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import simulate
@@ -42,13 +41,7 @@ class Parameters(Settings):
 
     def chosen(self) -> Scenario:
         """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
-        changes = {"case": self.case, "choice": self.choice}
-        assignments = [
-            Assignment(parse_place(path), value, f"{name}: {path}")
-            for name, settings in changes.items()
-            for path, value in settings.items()
-        ]
-        return build(dump(self.scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(self.scenario, self.case | self.choice, "case and choice", Path(__file__).parent)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

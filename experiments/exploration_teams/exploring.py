@@ -14,9 +14,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
-from cosim.documents import Assignment, parse_place
 from cosim.errors import UserError
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
@@ -70,8 +69,7 @@ class Parameters(Settings):
 
     def chosen(self) -> Scenario:
         """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
-        assignments = [Assignment(parse_place(path), value, f"choice: {path}") for path, value in self.choice.items()]
-        return build(dump(self.scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(self.scenario, self.choice, "choice", Path(__file__).parent)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

@@ -16,10 +16,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.optimize import Bounds, differential_evolution
 
-from cosim.documents import Assignment, parse_place
 from cosim.errors import UserError
 from cosim.randomness import Streams
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
@@ -103,8 +102,7 @@ class Parameters(Settings):
         settings = {f"protocol.parameters.schemas.{name}": value for name, value in gains.items()}
         longest = self.scenario.duration_s if longest_s is None else longest_s
         changes = settings | {"floorplan.office.seed": office, "duration_s": longest}
-        assignments = [Assignment(parse_place(path), value, path) for path, value in changes.items()]
-        return build(dump(self.scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(self.scenario, changes, "gains", Path(__file__).parent)
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> list[Row]:

@@ -6,15 +6,16 @@ themselves, as long as they have a target.
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.scenario import Scenario
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection_tables.choices import changed, steps_with_target
+from experiments.reflection_tables.choices import steps_with_target
 
 COLUMNS: Final = (
     Column("steps", "float", "1", "motion steps a target; one that is given up counts with the steps until then"),
@@ -44,7 +45,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         "protocol.parameters.explorers": given.explorers,
         "protocol.parameters.target_count": each,
     }
-    metrics = simulate(changed(given.scenario, changes, "roles"), seed).metrics
+    metrics = simulate(changed(given.scenario, changes, "roles", Path(__file__).parent), seed).metrics
     wanted = each * given.explorers
     steps = steps_with_target(metrics)
     return {

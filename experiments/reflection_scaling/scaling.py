@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from pydantic import Field
 
-from cosim.scenario import Scenario
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection_tables.choices import changed, steps_with_target
+from experiments.reflection_tables.choices import steps_with_target
 
 COLUMNS: Final = (
     Column("bytes_a_frame", "float", "B", "mean size of what a robot tells at once, the payload of a frame"),
@@ -48,7 +49,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
         "team.size": given.robots,
         "protocol.parameters.explorers": explorers,
     }
-    scenario = changed(given.scenario, changes, "task")
+    scenario = changed(given.scenario, changes, "task", Path(__file__).parent)
     metrics = simulate(scenario, seed).metrics
     steps, reached = steps_with_target(metrics), metrics["targets_reached"]
     period_s = getattr(scenario.protocol.parameters, "period_s", None) or scenario.tick_s

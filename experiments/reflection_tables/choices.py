@@ -12,9 +12,8 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from cosim.documents import Assignment, parse_place
 from cosim.errors import UserError
-from cosim.scenario import Scenario, build, dump
+from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
@@ -91,16 +90,7 @@ class Parameters(Settings):
         changes = {"floorplan.map": (self.floors | self.choice.floors)[self.floor]} | self.choice.set
         if self.team == "smallest":
             changes["team.size"] = self.smallest.get(self.algorithm, 1)
-        return changed(self.scenario, changes, "choice")
-
-
-def changed(scenario: Scenario, changes: Mapping[str, Any], source: str) -> Scenario:
-    """Return *scenario* with other settings, by their paths; maps are looked for from here.
-
-    Raise UserError, naming *source*, for a setting that it does not have or that cannot be.
-    """
-    assignments = [Assignment(parse_place(path), value, f"{source}: {path}") for path, value in changes.items()]
-    return build(dump(scenario), "scenario", Path(__file__).parent, assignments)
+        return changed(self.scenario, changes, "choice", Path(__file__).parent)
 
 
 def steps_with_target(metrics: Mapping[str, float]) -> float:
