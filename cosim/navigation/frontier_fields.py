@@ -18,12 +18,31 @@ Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 Vector: TypeAlias = tuple[float, float]
 
-_WORD: Final = 8
+WORD: Final = 8
 """So many cells are looked at at once."""
 _LEAST_SQUARE: Final = 0.25
 """Square of the least distance, in cells."""
 _TIE: Final = 1e-9
 """A line that meets two edges within this share of its length passes through a corner."""
+
+
+@njit(cache=True)
+def words_within(u: float, dv: float, reach: float, most: int) -> tuple[int, int]:
+    """Return the first word, and the first beyond, of *most* in a row *dv* off that may have cells within *reach* of u.
+
+    Lengths in cells; cell 0 has its centre at 0.
+    """
+    half = math.sqrt(max(reach * reach - dv * dv, 0.0))
+    return max(math.floor(u - half), 0) // WORD, min(math.floor(u + half) // WORD + 1, most)
+
+
+@njit(cache=True)
+def strength_of(du: float, dv: float, reach: float) -> float:
+    """Return by what the vector (du, dv) to a cell is multiplied in the sum: 0 beyond *reach*; lengths in cells."""
+    square = du * du + dv * dv
+    if not 0.0 < square <= reach * reach:
+        return 0.0
+    return 1.0 / (math.sqrt(square) * max(square, _LEAST_SQUARE))
 
 
 @njit(cache=True)
@@ -35,24 +54,19 @@ def sum_of_frontiers(
     *frontier* has the shape (ny, a multiple of 8) and 0 in the padding. Source: Lau, equation 3, with gain 1.
     """
     words = frontier.view(np.uint64)
-    ny, most_words = words.shape
     u, v, reach = (x - origin_x) / cell_m - 0.5, (y - origin_y) / cell_m - 0.5, reach_m / cell_m
     sum_u, sum_v = 0.0, 0.0
-    for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, ny)):
+    for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, words.shape[0])):
         dv = iy - v
-        half = math.sqrt(max(reach * reach - dv * dv, 0.0))
-        first = max(math.floor(u - half), 0) // _WORD
-        for word in range(first, min(math.floor(u + half) // _WORD + 1, most_words)):
+        first, last = words_within(u, dv, reach, words.shape[1])
+        for word in range(first, last):
             if words[iy, word] == 0:
                 continue
-            for ix in range(_WORD * word, _WORD * word + _WORD):
+            for ix in range(WORD * word, WORD * word + WORD):
                 if frontier[iy, ix] != 0:
-                    du = ix - u
-                    square = du * du + dv * dv
-                    if 0.0 < square <= reach * reach:
-                        strength = 1.0 / (math.sqrt(square) * max(square, _LEAST_SQUARE))
-                        sum_u += strength * du
-                        sum_v += strength * dv
+                    strength = strength_of(ix - u, dv, reach)
+                    sum_u += strength * (ix - u)
+                    sum_v += strength * dv
     scale = 1.0 / (cell_m * cell_m)
     return scale * sum_u, scale * sum_v
 
@@ -81,11 +95,9 @@ def sum_of_obstacles(
         dv = iy - v
         for ix in range(max(math.ceil(u - reach), 0), min(math.floor(u + reach) + 1, nx)):
             if evidence[iy, ix] > 0:
-                du = ix - u
-                square = du * du + dv * dv
-                if 0.0 < square <= reach * reach and not (in_sight and _hidden(evidence, u, v, ix, iy)):
-                    strength = 1.0 / (math.sqrt(square) * max(square, _LEAST_SQUARE))
-                    sum_u += strength * du
+                strength = strength_of(ix - u, dv, reach)
+                if strength > 0.0 and not (in_sight and _hidden(evidence, u, v, ix, iy)):
+                    sum_u += strength * (ix - u)
                     sum_v += strength * dv
     scale = 1.0 / (cell_m * cell_m)
     return scale * sum_u, scale * sum_v

@@ -26,7 +26,7 @@ from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S
 from protocols.exploration.escaping import Escape
-from protocols.exploration.forces import Forces, forces
+from protocols.exploration.forces import Forces, attract, forces
 from protocols.exploration.information import Attraction
 from protocols.exploration.journal import Explored, PathLaid, PathLeft, Stalled
 from protocols.exploration.overlay import Overlay
@@ -150,7 +150,6 @@ class Behaviour:
             belief.vain,
             overlay.path,
             alone,
-            self._scratch,
             belief.evidence,
             left,
             low,
@@ -163,7 +162,9 @@ class Behaviour:
         )
         if self._attraction is None or alone:
             return fields
-        return (*self._attraction.to(here, self._scratch), *fields[2:])
+        layers, scratch = (belief.frontier, overlay.ignored, belief.vain, overlay.path), self._scratch
+        attract(*layers, alone, left, low, size, *here, schemas.frontier_m, scratch)
+        return (*self._attraction.to(here, scratch), *fields[2:])
 
     def _from_robots(self, here: Point, observation: Observation) -> Vector:
         """Return the force of the robots in sight (equation 5)."""

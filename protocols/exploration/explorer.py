@@ -20,9 +20,8 @@ from protocols.exploration.sharing import Sharing
 from protocols.exploration.steering import Steering, without_lone
 
 _ROUNDING: Final = 1e-9
-
-
 _NOTHING: Final = np.empty(0, np.int32)
+_NOBODY: Final = np.empty((0, 3))
 
 
 class Leader(Protocol):
@@ -113,7 +112,8 @@ class Explorer:
         heading = self._lead(found, len(changed) > 0, share)
         if heading is not None and share > 0.0:
             order = self._steering.drive(heading - turned_rad, observation.heading_rad, ranges_m)
-            self._commands.append(Drive(share * order.speed_mps, share * order.turn_radps))
+            slowed = order if share == 1.0 else Drive(share * order.speed_mps, share * order.turn_radps)
+            self._commands.append(slowed)
         elif self._driving:
             self._commands.append(Drive(0.0, 0.0))
         self._driving = heading is not None and share > 0.0
@@ -174,13 +174,15 @@ class Explorer:
             if other != self.me and other not in observation.visible:
                 slack_m = age_s * knowledge.speeds_mps[other]
                 bodies.append((x, y, knowledge.radii_m[other] + slack_m))
-        return np.array(bodies, np.float64).reshape(-1, 3)
+        return np.array(bodies) if bodies else _NOBODY
 
     def _count(self, observation: Observation) -> None:
         records, here = self.records, (observation.x_m, observation.y_m)
         records.ticks += 1
         records.way_m += 0.0 if self._here is None else math.dist(here, self._here)
         records.blocked += observation.blocked
-        records.escape_steps += self._leader.underway
-        records.steps += not self._leader.underway
+        if self._leader.underway:
+            records.escape_steps += 1
+        else:
+            records.steps += 1
         self._here = here

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.geometry.planning import in_view
 from cosim.jit import njit
-from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
+from cosim.navigation.frontier_fields import WORD, Vector, strength_of, sum_of_obstacles, words_within
 from protocols.exploration.belief import Bytes, Evidence
 from protocols.exploration.runs import Ints
 
@@ -48,13 +48,51 @@ def attract(
 
 
 @njit(cache=True)
+def _sum_of_attractions(
+    frontier: Bytes,
+    ignored: Bytes,
+    vain: Bytes,
+    path: Bytes,
+    only_path: bool,
+    left: float,
+    low: float,
+    cell_m: float,
+    x: float,
+    y: float,
+    reach_m: float,
+) -> Vector:
+    """Return ``sum_of_frontiers`` over what :func:`attract` draws, without drawing it."""
+    words, laid = frontier.view(np.uint64), path.view(np.uint64)
+    u, v, reach = (x - left) / cell_m - 0.5, (y - low) / cell_m - 0.5, reach_m / cell_m
+    sum_u, sum_v = 0.0, 0.0
+    for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, words.shape[0])):
+        dv = iy - v
+        first, last = words_within(u, dv, reach, words.shape[1])
+        row, way, some = words[iy, first:last], laid[iy, first:last], np.uint64(0)
+        for word in range(row.size):
+            some |= row[word] | way[word]
+        if some == 0:
+            continue
+        for word in range(first, last):
+            if words[iy, word] | laid[iy, word] == 0:
+                continue
+            for ix in range(WORD * word, WORD * word + WORD):
+                asked = frontier[iy, ix] != 0 and ignored[iy, ix] == 0 and vain[iy, ix] == 0
+                if path[iy, ix] != 0 or (asked and not only_path):
+                    strength = strength_of(ix - u, dv, reach)
+                    sum_u += strength * (ix - u)
+                    sum_v += strength * dv
+    scale = 1.0 / (cell_m * cell_m)
+    return scale * sum_u, scale * sum_v
+
+
+@njit(cache=True)
 def forces(
     frontier: Bytes,
     ignored: Bytes,
     vain: Bytes,
     path: Bytes,
     only_path: bool,
-    scratch: Bytes,
     evidence: Evidence,
     left: float,
     low: float,
@@ -69,8 +107,7 @@ def forces(
 
     Both point to their cells. Lengths in metres, the grid's lower left corner at (left, low).
     """
-    attract(frontier, ignored, vain, path, only_path, left, low, cell_m, x, y, frontier_m, scratch)
-    fx, fy = sum_of_frontiers(scratch, left, low, cell_m, x, y, frontier_m)
+    fx, fy = _sum_of_attractions(frontier, ignored, vain, path, only_path, left, low, cell_m, x, y, frontier_m)
     ox, oy = sum_of_obstacles(evidence, left, low, cell_m, x, y, obstacle_m, in_sight)
     return fx, fy, ox, oy
 

@@ -21,7 +21,7 @@ from cosim.geometry.astar import Reading, costs_from
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Point, Singles
 from cosim.jit import njit
-from cosim.navigation.frontier_fields import Evidence, Vector, sum_of_frontiers
+from cosim.navigation.frontier_fields import WORD, Evidence, Vector, strength_of, sum_of_frontiers, words_within
 from protocols.exploration.belief import Belief, Bytes
 
 Sums = npt.NDArray[np.int32]
@@ -30,9 +30,6 @@ _RENEW_TICKS: Final = 5
 """So often unknown cells are counted anew."""
 _SLACK_M: Final = 0.5
 """And whenever the robot is farther than this from where it was."""
-_WORD: Final = 8
-_LEAST_SQUARE: Final = 0.25
-"""Square of the least distance, in cells, as in ``cosim.navigation.frontier_fields``."""
 
 
 @njit(cache=True)
@@ -87,27 +84,21 @@ def sum_by_utility(
     Known cells that attract are those of a path: they count whole.
     """
     words = frontier.view(np.uint64)
-    ny, most_words = words.shape
     u, v, reach = (x - origin_x) / cell_m - 0.5, (y - origin_y) / cell_m - 0.5, reach_m / cell_m
     sum_u, sum_v = 0.0, 0.0
-    for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, ny)):
+    for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, words.shape[0])):
         dv = iy - v
-        width = math.sqrt(max(reach * reach - dv * dv, 0.0))
-        first = max(math.floor(u - width), 0) // _WORD
-        for word in range(first, min(math.floor(u + width) // _WORD + 1, most_words)):
+        first, last = words_within(u, dv, reach, words.shape[1])
+        for word in range(first, last):
             if words[iy, word] == 0:
                 continue
-            for ix in range(_WORD * word, _WORD * word + _WORD):
-                if frontier[iy, ix] != 0:
-                    du = ix - u
-                    square = du * du + dv * dv
-                    if 0.0 < square <= reach * reach:
-                        gain = 1.0
-                        if evidence[iy, ix] == 0:
-                            gain += weight * (utility(sums, iy - low_y, ix - low_x, half) - 1.0)
-                        strength = gain / (math.sqrt(square) * max(square, _LEAST_SQUARE))
-                        sum_u += strength * du
-                        sum_v += strength * dv
+            for ix in range(WORD * word, WORD * word + WORD):
+                strength = strength_of(ix - u, dv, reach) if frontier[iy, ix] != 0 else 0.0
+                if strength > 0.0:
+                    if evidence[iy, ix] == 0:
+                        strength *= 1.0 + weight * (utility(sums, iy - low_y, ix - low_x, half) - 1.0)
+                    sum_u += strength * (ix - u)
+                    sum_v += strength * dv
     scale = 1.0 / (cell_m * cell_m)
     return scale * sum_u, scale * sum_v
 

@@ -1,5 +1,6 @@
 """Which frontiers a robot does without: what it has looked at in vain, and where no way leads."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -62,9 +63,13 @@ class Settling:
     def _about(self, here_m: Point) -> None:
         frame = self._belief.frame
         (left, low), size = frame.origin_m, frame.cell_m
+        row, column = divmod(frame.cell_at(here_m), frame.nx)
+        most = math.ceil(_LOOKED_CELLS) + 1
+        box = tuple(slice(max(at - most, 0), at + most + 1) for at in (row, column))
         rows, columns = np.ogrid[: frame.ny, : frame.nx]
+        rows, columns = rows[box[0]], columns[:, box[1]]
         away = np.hypot(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1])
-        self.looked |= away <= _LOOKED_CELLS * size
+        self.looked[box] |= away <= _LOOKED_CELLS * size
 
     def postpone(self) -> None:
         """Leave the goal of the last path out, with all frontiers that it is connected with, until nothing is left."""
@@ -111,6 +116,8 @@ class Settling:
         rows, columns = np.divmod(cells, frame.nx)
         new = self.named[rows, columns] == 0
         rows, columns = rows[new], columns[new]
+        if not len(rows):
+            return
         self.named[rows, columns] = 1
         self._records.given_up += len(rows)
         mask = np.zeros((frame.ny, frame.nx), np.bool_)

@@ -6,7 +6,6 @@ for a while, and stands while it turns if there is no room ahead.
 """
 
 import math
-from collections import deque
 from typing import Final
 
 import numpy as np
@@ -29,6 +28,10 @@ _BEHIND_RAD: Final = 0.5 * math.pi
 """Who stands and is to turn by more goes on standing."""
 _ABOUT_RAD: Final = 0.75 * math.pi
 """Who is to turn by more goes on turning to the side that it turns to."""
+_AMPLE_M: Final = 0.01
+"""More than rounding, when it is asked what is too far off to matter."""
+_ASIDE_RAD: Final = 1e-6
+"""Headings that differ by less are the same."""
 
 
 @njit(cache=True)
@@ -61,6 +64,45 @@ def free_heading(ranges_m: Floats, beams: Floats, desired: float, half_m: float,
     return math.nan
 
 
+@njit(cache=True)
+def overruled(
+    scans: Floats,
+    newest: int,
+    ranges_m: Floats,
+    beams: Floats,
+    desired: float,
+    heading: float,
+    half_m: float,
+    slow_mps: float,
+    fast_mps: float,
+    fast_m: float,
+    side: int,
+) -> tuple[float, float, float]:
+    """Return the heading to turn to (NaN if there is room along none), the speed, and the room ahead.
+
+    Room is told as far as it is needed, and is infinite where nothing so near is in the way.
+
+    *ranges_m* (n,) becomes row *newest* of *scans* (m, n). For each beam the shortest of its last ranges counts: the
+    end of a thin wall may be between two beams. With *half_m* 0 nothing is in the way.
+    """
+    shortest, nearest = ranges_m.copy(), math.inf
+    for k in range(ranges_m.shape[0]):
+        scans[newest, k] = ranges_m[k]
+        nearest = min(nearest, ranges_m[k])
+    for row in range(scans.shape[0]):
+        for k in range(ranges_m.shape[0]):
+            shortest[k] = min(shortest[k], scans[row, k])
+    speed = fast_mps if nearest > fast_m else slow_mps
+    need_m, met, along = _CLEAR_S * speed, np.empty_like(ranges_m), np.empty_like(beams)
+    count = 0
+    for k in range(ranges_m.shape[0]):
+        if shortest[k] < need_m + half_m + _AMPLE_M:  # what is farther leaves the room that is needed
+            met[count], along[count, 0], along[count, 1] = shortest[k], beams[k, 0], beams[k, 1]
+            count += 1
+    found = free_heading(met[:count], along[:count], desired, half_m, need_m, side)
+    return found, speed, free_m(met[:count], along[:count], math.cos(heading), math.sin(heading), half_m)
+
+
 def without_lone(ranges_m: Floats) -> Floats:
     """Return a scan in which no beam is shorter than both of its neighbours: what one beam alone has met is not there.
 
@@ -77,34 +119,46 @@ class Steering:
         self._beams = beams
         self._slow_mps = min(parameters.speed_mps, most_mps)
         self._fast_mps = min(parameters.fast_mps or parameters.speed_mps, most_mps)
-        self._half_m = None if parameters.margin_m is None else radius_m + parameters.margin_m
+        self._half_m = 0.0 if parameters.margin_m is None else radius_m + parameters.margin_m
         self._side = 1
         self._turns = 0.0
         """To which side it turned last: 1 left, -1 right."""
         self._stands = False
-        self._scans: deque[Floats] = deque(maxlen=_SCANS)
+        self._scans: Floats = np.full((_SCANS, len(beams)), math.inf)
+        """The last ranges of each beam."""
+        self._noted = 0
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
         """Return the order that turns the robot towards *desired_rad*; angles and beams in the robot's frame."""
-        speed = self._fast_mps if float(ranges_m.min(initial=math.inf)) > self._own.fast_m else self._slow_mps
-        half = self._half_m
-        if half is not None:
-            ranges_m = self._remembered(ranges_m)
-            desired_rad = self._free(desired_rad, ranges_m, speed, half)
+        own = self._own
+        found, speed, room = overruled(
+            self._remembering(len(ranges_m)),
+            self._noted % _SCANS,
+            ranges_m,
+            self._beams,
+            desired_rad,
+            heading_rad,
+            self._half_m,
+            self._slow_mps,
+            self._fast_mps,
+            own.fast_m,
+            self._side,
+        )
+        self._noted += 1
+        if not math.isnan(found):
+            self._keep_to_side(math.remainder(found - desired_rad, math.tau))
+            desired_rad = found
         error = self._on_one_side(math.remainder(desired_rad - heading_rad, math.tau))
-        turn = min(max(self._own.turn_gain * error, -self._own.turn_radps), self._own.turn_radps)
-        ahead = math.cos(heading_rad), math.sin(heading_rad)
-        room = math.inf if half is None else free_m(ranges_m, self._beams, *ahead, half)
+        turn = min(max(own.turn_gain * error, -own.turn_radps), own.turn_radps)
         # the end of a thin wall may be between two beams at the next tick
         self._stands = room < _STOP_S * speed or (self._stands and abs(error) > _BEHIND_RAD)
         return Drive(0.0 if self._stands else speed, turn)
 
-    def _remembered(self, ranges_m: Floats) -> Floats:
-        """Return for each beam the shortest of its last ranges: the end of a thin wall may be between two beams."""
-        self._scans.append(ranges_m)
-        if len({len(scan) for scan in self._scans}) > 1:
-            self._scans = deque([ranges_m], _SCANS)
-        return np.asarray(np.minimum.reduce(list(self._scans)))
+    def _remembering(self, beams: int) -> Floats:
+        """Return the memory of so many beams: a robot without a scanner has none."""
+        if self._scans.shape[1] != beams:
+            self._scans = np.full((_SCANS, beams), math.inf)
+        return self._scans
 
     def _on_one_side(self, error_rad: float) -> float:
         """Return the error of the heading, counted on the side to which the robot turns already if it is nearly about.
@@ -116,11 +170,6 @@ class Steering:
         self._turns = math.copysign(1.0, error_rad)
         return error_rad
 
-    def _free(self, desired_rad: float, ranges_m: Floats, speed_mps: float, half_m: float) -> float:
-        found = free_heading(ranges_m, self._beams, desired_rad, half_m, _CLEAR_S * speed_mps, self._side)
-        if math.isnan(found):
-            return desired_rad
-        aside = math.remainder(found - desired_rad, math.tau)
-        if abs(aside) > 1e-6:
-            self._side = 1 if aside > 0.0 else -1
-        return found
+    def _keep_to_side(self, aside_rad: float) -> None:
+        if abs(aside_rad) > _ASIDE_RAD:
+            self._side = 1 if aside_rad > 0.0 else -1

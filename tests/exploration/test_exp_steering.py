@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cosim.navigation.schemas import Floats, beam_directions
 from protocols.exploration.parameters import SteeringParameters
-from protocols.exploration.steering import Steering, free_m, without_lone
+from protocols.exploration.steering import Steering, free_heading, free_m, overruled, without_lone
 
 RADIUS, MARGIN, SPEED = 0.2, 0.05, 0.3
 OPEN = np.full(36, math.inf)
@@ -107,6 +107,20 @@ def test_room_is_what_a_disc_can_go_until_it_touches() -> None:
     )
     assert free_m(wall, beams, math.sin(0.1), math.cos(0.1), 0.25) == math.inf
     assert free_m(wall, beams, -1.0, 0.0, 0.25) < 0.0
+
+
+@given(angles, angles, scans, st.sampled_from((0.0, RADIUS + MARGIN)), st.sampled_from((0.6, 1.2)))
+def test_what_is_too_far_off_to_matter_does_not_change_what_is_found(
+    desired: float, heading: float, scan: Floats, half_m: float, fast_mps: float
+) -> None:
+    """Against the room along all beams."""
+    beams, memory = beam_directions(36), np.full((5, 36), math.inf)
+    found, speed, room = overruled(memory, 0, scan, beams, desired, heading, half_m, SPEED, fast_mps, 1.2, 1)
+    assert speed == (fast_mps if scan.min() > 1.2 else SPEED)
+    assert (memory[0] == scan).all()
+    assert found == pytest.approx(free_heading(scan, beams, desired, half_m, speed, 1), abs=0.0, nan_ok=True)
+    whole = free_m(scan, beams, math.cos(heading), math.sin(heading), half_m)
+    assert room == whole or min(room, whole) > speed
 
 
 def test_a_wall_ahead_is_gone_round_on_one_side_and_the_side_is_kept() -> None:
