@@ -21,11 +21,9 @@ from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
-from cosim.units import from_seconds
+from cosim.units import Time, from_seconds
 from protocols.exploration.spec import METRICS
 
-LATER_S: Final = 30.0
-"""So long after a path was laid it is asked how far apart robots are."""
 TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
 """Of what can be seen: when so much had been gives the curve of the coverage over time."""
 _SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
@@ -36,7 +34,7 @@ _OWN: Final = (
     Column("stalls_no_force", "float", "1", "stalls for want of any force"),
     Column("paths", "float", "1", "paths laid out of local minima"),
     Column("paths_led_on", "float", "1", "share of them that were left since a frontier was in sight, or walked"),
-    Column("parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot in 30 s from a path laid"),
+    Column("parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot, later_s from a path laid"),
     Column("parted_else_m", "float", "m", "the same from times when the robot was on no path"),
     *(
         Column(name, "float", "s", f"until {100 * share:.0f} % of what can be seen had been; NaN if it never was")
@@ -58,6 +56,12 @@ class Parameters(Settings):
 
     scenario: Scenario = Field(description="the run before anything is chosen")
     choice: dict[str, Any] = Field(default_factory=dict, description="settings by their paths")
+    later_s: float = Field(
+        default=30.0, gt=0, description="s, so long after a path was laid it is asked how far apart robots are"
+    )
+    near_m: float | None = Field(
+        default=None, gt=0, description="m, it is asked only of robots that had another as near as this; null: of all"
+    )
 
     @model_validator(mode="after")
     def _makes_a_scenario(self) -> "Parameters":
@@ -74,7 +78,8 @@ class Parameters(Settings):
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
-    scenario = Parameters.model_validate(parameters).chosen()
+    own = Parameters.model_validate(parameters)
+    scenario = own.chosen()
     simulation = Simulation(scenario, seed, (POSES,))
     outcome = simulation.run()
     found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
@@ -83,40 +88,43 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     found["reached"] = float(not never)
     found["completed"] = float(not math.isnan(found["time_99_s"]))
     referee: Any = simulation.referee
-    return found | _told(outcome.trace) | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
+    return found | told(outcome.trace, own) | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
 
 
-def _told(trace: Trace) -> dict[str, float]:
+def told(trace: Trace, own: Parameters) -> dict[str, float]:
     """Return what the events and poses of a run tell of its escapes."""
     events = trace.columns("events")
     rows = list(zip(events["event"], events["time_ns"], events["source"], events.get("why", ()), strict=True))
     laid = [(time, robot) for event, time, robot, _ in rows if event == "PathLaid"]
-    left = sum(event == "PathLeft" for event, *_ in rows)
-    escaped, elsewhere = _partings(trace, rows)
+    led_on = sum(event == "PathLeft" and why != "stalled" for event, _, _, why in rows)
+    escaped, elsewhere = _partings(trace, rows, from_seconds(own.later_s), own.near_m)
     return {
         "stalls_no_force": float(sum(event == "Stalled" and why == "no force" for event, _, _, why in rows)),
         "paths": float(len(laid)),
-        "paths_led_on": left / len(laid) if laid else math.nan,
+        "paths_led_on": led_on / len(laid) if laid else math.nan,
         "parted_by_escape_m": float(np.mean(escaped)) if escaped else math.nan,
         "parted_else_m": float(np.mean(elsewhere)) if elsewhere else math.nan,
     }
 
 
-def _partings(trace: Trace, rows: list[tuple[str, int, int, Any]]) -> tuple[list[float], list[float]]:
-    """Return by how much a robot's distance to the nearest one grows in ``LATER_S``: from a path laid, and else.
+def _partings(
+    trace: Trace, rows: list[tuple[str, int, int, Any]], later: Time, near_m: float | None
+) -> tuple[list[float], list[float]]:
+    """Return by how much a robot's distance to the nearest one grows in the time *later*: from a path laid, and else.
 
-    Else: from every full ``LATER_S`` at which a robot is on no path, and lays none until that time is over.
+    Else: from every full such time at which a robot is on no path, and lays none until that time is over. With *near_m*
+    only robots are asked of that have another within that at first.
     """
     times, nearest = _nearest(trace)
-    later = from_seconds(LATER_S)
     if not len(times) or nearest.shape[1] < 2:
         return [], []
+    most = math.inf if near_m is None else near_m
 
     def growth(time: int, robot: int) -> float | None:
         if time + later > times[-1]:
             return None
         now, then = np.searchsorted(times, (time, time + later))
-        return float(nearest[then, robot] - nearest[now, robot])
+        return None if nearest[now, robot] > most else float(nearest[then, robot] - nearest[now, robot])
 
     spans: dict[int, list[list[int]]] = {robot: [] for robot in range(nearest.shape[1])}
     for event, time, robot, _ in rows:
