@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import pytest
 
 from cosim.units import S
-from experiments.exploration_teams.exploring import Parameters, told
+from experiments.exploration_teams.exploring import Partings, told
 
 END_S = 60
 
@@ -38,11 +38,8 @@ class Written:
         }
 
 
-def found(**changes: Any) -> dict[str, float]:
-    scenario = {"name": "a", "duration_s": 60, "channel": {"kind": "ideal"}, "team": {"size": 3}}
-    protocol = {"use": "protocols.exploration.spec:SPEC"}
-    plain = {"scenario": scenario | {"protocol": protocol, "floorplan": {"map": "office"}}} | changes
-    return told(Written(), Parameters.model_validate(plain))  # type: ignore[arg-type]
+def found(**asked: Any) -> dict[str, float]:
+    return told(Written(), Partings(**asked))  # type: ignore[arg-type]
 
 
 def test_paths_that_a_robot_stalled_on_have_not_led_on() -> None:

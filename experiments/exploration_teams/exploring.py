@@ -21,7 +21,7 @@ from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
-from cosim.units import Time, from_seconds
+from cosim.units import from_seconds
 from protocols.exploration.spec import METRICS
 
 TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
@@ -34,7 +34,9 @@ _OWN: Final = (
     Column("stalls_no_force", "float", "1", "stalls for want of any force"),
     Column("paths", "float", "1", "paths laid out of local minima"),
     Column("paths_led_on", "float", "1", "share of them that were left since a frontier was in sight, or walked"),
-    Column("parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot, later_s from a path laid"),
+    Column(
+        "parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot in later_s from a path laid"
+    ),
     Column("parted_else_m", "float", "m", "the same from times when the robot was on no path"),
     *(
         Column(name, "float", "s", f"until {100 * share:.0f} % of what can be seen had been; NaN if it never was")
@@ -51,17 +53,21 @@ COLUMNS: Final = (
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 
+class Partings(Settings):
+    """When, and of whom, it is asked whether robots part."""
+
+    later_s: float = Field(default=30.0, gt=0, description="s from a path laid, after which distances are compared")
+    near_m: float | None = Field(
+        default=None, gt=0, description="m, only robots are asked of that had another as near as this; null: all"
+    )
+
+
 class Parameters(Settings):
     """An exploration, and what is chosen in it."""
 
     scenario: Scenario = Field(description="the run before anything is chosen")
     choice: dict[str, Any] = Field(default_factory=dict, description="settings by their paths")
-    later_s: float = Field(
-        default=30.0, gt=0, description="s, so long after a path was laid it is asked how far apart robots are"
-    )
-    near_m: float | None = Field(
-        default=None, gt=0, description="m, it is asked only of robots that had another as near as this; null: of all"
-    )
+    partings: Partings = Partings()
 
     @model_validator(mode="after")
     def _makes_a_scenario(self) -> "Parameters":
@@ -88,16 +94,20 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     found["reached"] = float(not never)
     found["completed"] = float(not math.isnan(found["time_99_s"]))
     referee: Any = simulation.referee
-    return found | told(outcome.trace, own) | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
+    return (
+        found
+        | told(outcome.trace, own.partings)
+        | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
+    )
 
 
-def told(trace: Trace, own: Parameters) -> dict[str, float]:
+def told(trace: Trace, asked: Partings) -> dict[str, float]:
     """Return what the events and poses of a run tell of its escapes."""
     events = trace.columns("events")
     rows = list(zip(events["event"], events["time_ns"], events["source"], events.get("why", ()), strict=True))
     laid = [(time, robot) for event, time, robot, _ in rows if event == "PathLaid"]
     led_on = sum(event == "PathLeft" and why != "stalled" for event, _, _, why in rows)
-    escaped, elsewhere = _partings(trace, rows, from_seconds(own.later_s), own.near_m)
+    escaped, elsewhere = _partings(trace, rows, asked)
     return {
         "stalls_no_force": float(sum(event == "Stalled" and why == "no force" for event, _, _, why in rows)),
         "paths": float(len(laid)),
@@ -107,18 +117,15 @@ def told(trace: Trace, own: Parameters) -> dict[str, float]:
     }
 
 
-def _partings(
-    trace: Trace, rows: list[tuple[str, int, int, Any]], later: Time, near_m: float | None
-) -> tuple[list[float], list[float]]:
-    """Return by how much a robot's distance to the nearest one grows in the time *later*: from a path laid, and else.
+def _partings(trace: Trace, rows: list[tuple[str, int, int, Any]], asked: Partings) -> tuple[list[float], list[float]]:
+    """Return by how much a robot's distance to the nearest one grows in ``later_s``: from a path laid, and else.
 
-    Else: from every full such time at which a robot is on no path, and lays none until that time is over. With *near_m*
-    only robots are asked of that have another within that at first.
+    Else: from every full such time at which a robot is on no path, and lays none until that time is over.
     """
     times, nearest = _nearest(trace)
     if not len(times) or nearest.shape[1] < 2:
         return [], []
-    most = math.inf if near_m is None else near_m
+    later, most = from_seconds(asked.later_s), math.inf if asked.near_m is None else asked.near_m
 
     def growth(time: int, robot: int) -> float | None:
         if time + later > times[-1]:
