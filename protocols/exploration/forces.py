@@ -65,14 +65,15 @@ def _sum_of_attractions(
     words, laid = frontier.view(np.uint64), path.view(np.uint64)
     u, v, reach = (x - left) / cell_m - 0.5, (y - low) / cell_m - 0.5, reach_m / cell_m
     sum_u, sum_v = 0.0, 0.0
+    left_most, right_most = words_within(u, 0.0, reach, words.shape[1])
     for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, words.shape[0])):
-        dv = iy - v
-        first, last = words_within(u, dv, reach, words.shape[1])
-        row, way, some = words[iy, first:last], laid[iy, first:last], np.uint64(0)
+        row, way, some = words[iy, left_most:right_most], laid[iy, left_most:right_most], np.uint64(0)
         for word in range(row.size):
             some |= row[word] | way[word]
-        if some == 0:
+        if some == 0:  # most rows hold nothing: that is seen without a root
             continue
+        dv = iy - v
+        first, last = words_within(u, dv, reach, words.shape[1])
         for word in range(first, last):
             if words[iy, word] | laid[iy, word] == 0:
                 continue
