@@ -112,6 +112,7 @@ def panels(
         return []
     figure = Figure(figsize=(4.0 * len(floors) + 1.8, 4.0), layout="constrained")
     plots = figure.subplots(1, len(floors), squeeze=False, sharey=True)[0]
+    named = any(isinstance(value, str) for value in at)  # what has no order is not joined by lines
     for plot, floor in zip(plots, floors, strict=True):
         for rank, (value, title) in enumerate(names.items()):
             part = runs[(runs["map"] == floor) & (runs[line_axis] == value)]
@@ -126,11 +127,12 @@ def panels(
                 [each.mean for each in points[metric]],
                 yerr=halves,
                 marker="o",
+                linestyle="none" if named else "-",
                 capsize=3,
                 color=f"C{rank}",
                 label=title,
             )
-        plot.set_xticks(range(len(at)), [str(each) for each in at])
+        plot.set_xticks(range(len(at)), [str(each) for each in at], rotation=90 if named else 0)
         plot.set(title=MAPS[floor], xlabel=axis)
         plot.grid(alpha=0.3)
     plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
