@@ -71,7 +71,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         for name, metric, label in (
             ("time_by_extension.png", TIME, "time to 95 %, s"),
             ("in_sight_by_extension.png", "in_sight", "share of the time with another in sight"),
-            ("beacon_by_extension.png", "beacon_in_sight", "share of the time under way with a standing one in sight"),
+            ("beacon_by_extension.png", "beacon_in_sight", "moving, with a standing one in sight"),
         )
         for path in panels(runs, folder, name, metric, label, over, lines)
     ]
