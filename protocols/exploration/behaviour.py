@@ -76,6 +76,7 @@ class Behaviour:
         self._period = round(escape.period_s * S / tick)
         self._stalling = Stalling(self._period, escape.box_m, patience)
         self._touching_m = radius_m + belief.frame.cell_m
+        self._grid = *belief.frame.origin_m, belief.frame.cell_m
         self._scratch = np.zeros_like(belief.frontier)
         schemas, weight = parameters.schemas, parameters.schemas.information
         self._attraction = Attraction(belief, schemas.frontier_m, range_m, weight) if weight else None
@@ -143,7 +144,7 @@ class Behaviour:
         With the path *alone*, only over that and obstacles that the body would touch if it came nearer by half a cell.
         """
         schemas, overlay, belief = self._schemas, self._overlay, self.belief
-        (left, low), size = belief.frame.origin_m, belief.frame.cell_m
+        left, low, size = self._grid
         fields = forces(
             belief.frontier,
             overlay.ignored,

@@ -137,8 +137,10 @@ class Explorer:
 
     def events(self) -> list[Event]:
         """Drain rows for the trace."""
-        events = self._events.copy()
-        self._events.clear()
+        events = []
+        if self._events:
+            events = self._events.copy()
+            self._events.clear()
         if self._sharing is not None and self._sharing.bad:
             events += self._sharing.bad
             self._sharing.bad = []
@@ -163,18 +165,22 @@ class Explorer:
 
     def _bodies(self, observation: Observation, now: Time) -> Floats:
         """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
-        knowledge = self.knowledge
+        knowledge, visible = self.knowledge, observation.visible
         bodies = [(x, y, knowledge.radii_m[other]) for other, x, y in observation.sightings]
         if knowledge.shared is not None:
             knowledge.places_m[self.me] = observation.x_m, observation.y_m
-            told = [(other, place, knowledge.tick / S) for other, place in knowledge.places_m.items()]
+            for other, (x, y) in knowledge.places_m.items():
+                if other != self.me and other not in visible:
+                    bodies.append((x, y, self._reach_m(other, knowledge.tick / S)))
         elif self._sharing is not None:
-            told = self._sharing.places(now)
-        for other, (x, y), age_s in told:
-            if other != self.me and other not in observation.visible:
-                slack_m = age_s * knowledge.speeds_mps[other]
-                bodies.append((x, y, knowledge.radii_m[other] + slack_m))
+            for other, (x, y), age_s in self._sharing.places(now):
+                if other != self.me and other not in visible:
+                    bodies.append((x, y, self._reach_m(other, age_s)))
         return np.array(bodies) if bodies else _NOBODY
+
+    def _reach_m(self, other: Address, age_s: float) -> float:
+        """Return how far from where it was *age_s* ago the body of another may reach."""
+        return self.knowledge.radii_m[other] + age_s * self.knowledge.speeds_mps[other]
 
     def _count(self, observation: Observation) -> None:
         records, here = self.records, (observation.x_m, observation.y_m)

@@ -15,8 +15,9 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @njit(cache=True)
-def longer_side(places: Floats) -> float:
-    """Return the longer side of the box about *places* (n, 2)."""
+def longer_side(places: Floats, row: int, x: float, y: float) -> float:
+    """Set a *row* of *places* (n, 2) to (x, y); return the longer side of the box about all of them."""
+    places[row, 0], places[row, 1] = x, y
     low_x = low_y = math.inf
     high_x = high_y = -math.inf
     for k in range(places.shape[0]):
@@ -32,13 +33,16 @@ class Stalling:
         self._box_m = box_m
         self._patience = patience_ticks
         self._barren = 0
+        self._ticks = ticks
         self._places = np.zeros((ticks, 2))
+        self._side_m = 0.0
+        """Of the box about what has been noted; of all places once all have been."""
         self._noted = 0
 
     def note(self, place_m: Point, gain: bool) -> None:
         """Note where the robot is at a tick, and whether it has come to know a cell, or on along its path."""
         self._barren = 0 if gain else self._barren + 1
-        self._places[self._noted % len(self._places)] = place_m
+        self._side_m = longer_side(self._places, self._noted % self._ticks, *place_m)
         self._noted += 1
 
     def begin(self) -> None:
@@ -49,6 +53,4 @@ class Stalling:
     @property
     def stalled(self) -> bool:
         """Whether the whole time has been noted, and the longer side of the box is shorter than it should be."""
-        if self._barren > self._patience:
-            return True
-        return self._noted >= len(self._places) and bool(longer_side(self._places) < self._box_m)
+        return self._barren > self._patience or (self._noted >= self._ticks and self._side_m < self._box_m)
