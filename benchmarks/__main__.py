@@ -1,8 +1,8 @@
 """What things cost, in multiples of a bare SimPy timeout measured in the same run: ``make bench``.
 
-The unit is one timeout of one process with integer delays. Every figure is the median of seven rounds; a round measures
-the unit and everything else once, so that a machine that changes its speed changes both. Nothing here asserts anything:
-a bound is what the figure was meant to keep, and a median beyond it is marked.
+The unit is one timeout of one process with integer delays. Every figure is the median of seven rounds; in each of them
+the unit is measured before and after it, so that a machine that changes its speed changes both. Nothing here asserts
+anything: a bound is what the figure was meant to keep, and a median beyond it is marked.
 """
 
 import gc
@@ -91,17 +91,32 @@ def seconds_each(figure: Figure, seed: int) -> float:
     return (process_time() - started) / count
 
 
+class Measured(NamedTuple):
+    """What one of what a figure measures took in a round."""
+
+    seconds: float
+    ratio: float
+    """In multiples of the bare timeout."""
+
+
+def measured(figure: Figure, seed: int) -> Measured:
+    """Measure a figure between two measurements of the unit."""
+    unit = FIGURES[0]
+    before, seconds, after = seconds_each(unit, seed), seconds_each(figure, seed), seconds_each(unit, seed)
+    return Measured(seconds, 2.0 * seconds / (before + after))
+
+
 def main() -> None:
     """Measure and print."""
     for figure in FIGURES:
         seconds_each(figure, 0)  # compile, and warm up
     gc.collect()
     gc.freeze()  # as the workers of a sweep do
-    rounds = [[seconds_each(figure, seed) for figure in FIGURES] for seed in range(1, ROUNDS + 1)]
-    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout of the same round")
+    rounds = [[measured(figure, seed) for figure in FIGURES] for seed in range(1, ROUNDS + 1)]
+    print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, measured before and after each figure")
     for column, figure in enumerate(FIGURES):
-        each = median(row[column] for row in rounds)
-        ratios = [row[column] / row[0] for row in rounds]
+        each = median(row[column].seconds for row in rounds)
+        ratios = [row[column].ratio for row in rounds]
         spread = f"({min(ratios):.2f} to {max(ratios):.2f})"
         line = f"{figure.name:80s} {each * 1e6:13.3f} us {median(ratios):11.2f} x  {spread}"
         print(line + told(figure.bound, median(ratios)))

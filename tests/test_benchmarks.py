@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from benchmarks import __main__ as benchmark
 from benchmarks import exploration
-from benchmarks.__main__ import FIGURES, Figure, seconds_each, told
+from benchmarks.__main__ import FIGURES, Figure, measured, seconds_each, told
 from cosim.units import S
 from protocols.exploration.belief import Belief
 
@@ -22,6 +23,12 @@ def test_what_explorers_were_meant_to_cost_at_most_stands_beside_what_they_cost(
 
 def test_a_figure_that_measures_itself_is_asked_with_the_seed_of_the_round():
     assert seconds_each(Figure("", seconds=lambda seed: seed / 4), 3) == 0.75
+
+
+def test_a_figure_is_told_in_multiples_of_the_unit_before_and_after_it(monkeypatch):
+    units = iter((1.0, 3.0))
+    monkeypatch.setattr(benchmark, "FIGURES", (Figure("unit", seconds=lambda seed: next(units)),))
+    assert measured(Figure("", seconds=lambda seed: 8.0), 1) == (8.0, 4.0)
 
 
 @pytest.fixture
