@@ -1,0 +1,151 @@
+"""The serialised plan: what the planner sends to the executive, and the executive to the robots.
+
+After the Plan Representation Language (paper 004, section 5): "PRL defines each task in terms of parameters, subtasks,
+and temporal constraints between subtasks", and the whole hierarchy is sent, not only its leaves. So an executive can
+report on any task, end a whole subtree by one command, and expand what the planner has left as a strategy
+(:class:`Deployment`): ``Plan.model_json_schema()`` is the schema.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Final, Literal, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from cosim.machine import Address
+from cosim.settings import Settings
+
+Place: TypeAlias = tuple[float, float]
+Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
+
+ORIGIN: Final = ""
+"""In place of a task's name: the instant at which the plan begins to be executed."""
+
+
+class Go(Settings):
+    """One robot drives to a place, and stays there.
+
+    What is only wanted of the executive's augmentations is None or empty in a plan that was not augmented (section 5).
+    """
+
+    act: Literal["go"] = "go"
+    robot: Address = Field(ge=0)
+    place_m: Place
+    via_m: tuple[Place, ...] = Field(default=(), description="m, waypoints, in their order")
+    behind: Address | None = Field(
+        default=None, description="does not set off until that robot, if it lives and moves,"
+    )
+    behind_m: float = Field(default=0.0, ge=0, description="m, is so far from it")
+    final: bool = Field(default=True, description="whether the robot is to end up there, or passes a stage")
+
+
+class Photo(Settings):
+    """One robot takes a picture of what is in front of it, or in a direction, where it stands. Needs a camera."""
+
+    act: Literal["photo"] = "photo"
+    robot: Address = Field(ge=0)
+    heading_rad: float | None = None
+
+
+class Wait(Settings):
+    """Time passes."""
+
+    act: Literal["wait"] = "wait"
+    seconds: float = Field(ge=0)
+
+
+class Explore(Settings):
+    """Robots explore the floor by the exploration protocol, until nothing is left to see."""
+
+    act: Literal["explore"] = "explore"
+    robots: tuple[Address, ...] = Field(min_length=1)
+
+
+class Deployment(Settings):
+    """Robots deploy to as many places by one of the strategies of Fig. 3: ``robots[i]`` ends up at ``places_m[i]``.
+
+    It stands for the subtasks that the executive makes of it, unless the planner has expanded it.
+    """
+
+    act: Literal["deploy"] = "deploy"
+    strategy: Strategy
+    robots: tuple[Address, ...] = Field(min_length=1)
+    places_m: tuple[Place, ...] = Field(min_length=1)
+    augmented: bool = Field(default=True, description="offsets, staggered starts, stepping aside (section 5)")
+
+    @model_validator(mode="after")
+    def _one_place_each(self) -> Self:
+        if len(self.robots) != len(self.places_m) or len(set(self.robots)) < len(self.robots):
+            raise ValueError(f"{len(self.robots)} robots, {len(self.places_m)} places: each robot needs one of its own")
+        return self
+
+
+Act: TypeAlias = Annotated[Go | Photo | Wait | Explore | Deployment, Field(discriminator="act")]
+
+
+class Task(Settings):
+    """A node of the plan: an act, or subtasks, or (a :class:`Deployment` that has been expanded) both."""
+
+    name: str = Field(min_length=1, description="unique in its plan: the path of labels, as in deploy/stage-2/robot-1")
+    label: str = Field(default="", description="what the play calls it")
+    act: Act | None = None
+    order: Literal["serial", "parallel"] = Field(default="serial", description="of the subtasks")
+    subtasks: tuple["Task", ...] = ()
+    time_out_s: float | None = Field(default=None, gt=0, description="s after its start: fails if it has not ended")
+    on_failure: Literal["fail", "skip", "retry"] = Field(
+        default="fail", description="what its parent makes of its failure; a retry that fails fails"
+    )
+    ends_with: str | None = Field(default=None, description="task whose end, however it ends, terminates this one")
+
+    @property
+    def leaf(self) -> bool:
+        """Whether it has no subtasks."""
+        return not self.subtasks
+
+    def walk(self) -> Iterator["Task"]:
+        """Yield this task and all below it, parents first."""
+        yield self
+        for task in self.subtasks:
+            yield from task.walk()
+
+
+class Instant(Settings):
+    """The start or the end of a task; of the plan itself, with the name ``ORIGIN``."""
+
+    task: str = ORIGIN
+    edge: Literal["start", "end"] = "start"
+
+
+class Between(Settings):
+    """A temporal constraint: *later* is from *at_least_s* to *at_most_s* after *earlier* (section 5)."""
+
+    earlier: Instant = Field(default_factory=Instant)
+    later: Instant
+    at_least_s: float = 0.0
+    at_most_s: float | None = Field(default=None, description="s; None: any time later")
+    why: str = Field(default="", description="in words, for a person: who asked for it")
+
+
+class Plan(Settings):
+    """A whole task net."""
+
+    number: int = Field(ge=0, description="of the plan; a later plan replaces an earlier one")
+    play: str = Field(description="path of the play in its library")
+    robots: tuple[Address, ...] = Field(description="all robots that it makes use of")
+    root: Task
+    constraints: tuple[Between, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_agree(self) -> Self:
+        names = [task.name for task in self.root.walk()]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two tasks are called {next(name for name in names if names.count(name) > 1)!r}")
+        wanted = {each.task for between in self.constraints for each in (between.earlier, between.later)} - {ORIGIN}
+        wanted |= {task.ends_with for task in self.root.walk() if task.ends_with is not None}
+        for name in sorted(wanted - set(names)):
+            raise ValueError(f"names {name!r}, which is no task of it")
+        return self
+
+    @property
+    def tasks(self) -> dict[str, Task]:
+        """All tasks by their names, parents first."""
+        return {task.name: task for task in self.root.walk()}
