@@ -150,6 +150,7 @@ class Behaviour:
             overlay.ignored,
             belief.vain,
             overlay.path,
+            overlay.underway,
             alone,
             belief.evidence,
             left,

@@ -166,9 +166,12 @@ class Explorer:
     def _bodies(self, observation: Observation, now: Time) -> Floats:
         """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
         knowledge, visible = self.knowledge, observation.visible
-        bodies = [(x, y, knowledge.radii_m[other]) for other, x, y in observation.sightings]
         if knowledge.shared is not None:
             knowledge.places_m[self.me] = observation.x_m, observation.y_m
+        if knowledge.size == 1:
+            return _NOBODY
+        bodies = [(x, y, knowledge.radii_m[other]) for other, x, y in observation.sightings]
+        if knowledge.shared is not None:
             for other, (x, y) in knowledge.places_m.items():
                 if other != self.me and other not in visible:
                     bodies.append((x, y, self._reach_m(other, knowledge.tick / S)))

@@ -4,7 +4,7 @@ Grids of bytes have the shape of a frontier grid (:mod:`cosim.geometry.marking`)
 """
 
 import math
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from protocols.exploration.belief import Bytes, Evidence
 from protocols.exploration.runs import Ints
 
 Forces: TypeAlias = tuple[float, float, float, float]
+
+_BYTE: Final = np.uint64(255)
+_WIDTH: Final = np.uint64(8)
 
 
 @njit(cache=True)
@@ -53,6 +56,7 @@ def _sum_of_attractions(
     ignored: Bytes,
     vain: Bytes,
     path: Bytes,
+    laid: bool,
     only_path: bool,
     left: float,
     low: float,
@@ -61,28 +65,34 @@ def _sum_of_attractions(
     y: float,
     reach_m: float,
 ) -> Vector:
-    """Return ``sum_of_frontiers`` over what :func:`attract` draws, without drawing it."""
-    words, laid = frontier.view(np.uint64), path.view(np.uint64)
+    """Return ``sum_of_frontiers`` over what :func:`attract` draws, without drawing it.
+
+    Unless it is *laid*, *path* holds nothing, and is not read: most of the time goes into fetching what is empty.
+    """
+    words, own, seen = frontier.view(np.uint64), ignored.view(np.uint64), vain.view(np.uint64)
+    ways = path.view(np.uint64) if laid else words
     u, v, reach = (x - left) / cell_m - 0.5, (y - low) / cell_m - 0.5, reach_m / cell_m
     sum_u, sum_v = 0.0, 0.0
     left_most, right_most = words_within(u, 0.0, reach, words.shape[1])
     for iy in range(max(math.ceil(v - reach), 0), min(math.floor(v + reach) + 1, words.shape[0])):
-        row, way, some = words[iy, left_most:right_most], laid[iy, left_most:right_most], np.uint64(0)
+        row, way, some = words[iy, left_most:right_most], ways[iy, left_most:right_most], np.uint64(0)
         for word in range(row.size):
             some |= row[word] | way[word]
-        if some == 0:  # most rows hold nothing: that is seen without a root
+        if some == 0:  # most rows hold nothing
             continue
         dv = iy - v
-        first, last = words_within(u, dv, reach, words.shape[1])
-        for word in range(first, last):
-            if words[iy, word] | laid[iy, word] == 0:
+        for word in range(left_most, right_most):
+            if words[iy, word] | ways[iy, word] == 0:
                 continue
-            for ix in range(WORD * word, WORD * word + WORD):
-                asked = frontier[iy, ix] != 0 and ignored[iy, ix] == 0 and vain[iy, ix] == 0
-                if path[iy, ix] != 0 or (asked and not only_path):
+            drawn, ix = ways[iy, word] if laid else np.uint64(0), WORD * word
+            if not only_path:
+                drawn |= words[iy, word] & ~(own[iy, word] | seen[iy, word])
+            while drawn:  # the lowest byte of a word is its first cell (little-endian)
+                if drawn & _BYTE:
                     strength = strength_of(ix - u, dv, reach)
                     sum_u += strength * (ix - u)
                     sum_v += strength * dv
+                drawn, ix = drawn >> _WIDTH, ix + 1
     scale = 1.0 / (cell_m * cell_m)
     return scale * sum_u, scale * sum_v
 
@@ -93,6 +103,7 @@ def forces(
     ignored: Bytes,
     vain: Bytes,
     path: Bytes,
+    laid: bool,
     only_path: bool,
     evidence: Evidence,
     left: float,
@@ -106,9 +117,10 @@ def forces(
 ) -> Forces:
     """Return the fields at (x, y) of what attracts (:func:`attract`) and of what repels, each with gain 1.
 
-    Both point to their cells. Lengths in metres, the grid's lower left corner at (left, low).
+    Both point to their cells. *laid* is whether *path* holds any. Lengths in metres, the grid's lower left corner at
+    (left, low).
     """
-    fx, fy = _sum_of_attractions(frontier, ignored, vain, path, only_path, left, low, cell_m, x, y, frontier_m)
+    fx, fy = _sum_of_attractions(frontier, ignored, vain, path, laid, only_path, left, low, cell_m, x, y, frontier_m)
     ox, oy = sum_of_obstacles(evidence, left, low, cell_m, x, y, obstacle_m, in_sight)
     return fx, fy, ox, oy
 

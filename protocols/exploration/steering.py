@@ -85,19 +85,20 @@ def overruled(
     *ranges_m* (n,) becomes row *newest* of *scans* (m, n). For each beam the shortest of its last ranges counts: the
     end of a thin wall may be between two beams. With *half_m* 0 nothing is in the way.
     """
-    shortest, nearest = ranges_m.copy(), math.inf
+    close, count = 0, 0
     for k in range(ranges_m.shape[0]):
         scans[newest, k] = ranges_m[k]
-        nearest = min(nearest, ranges_m[k])
-    for row in range(scans.shape[0]):
+        close += ranges_m[k] <= fast_m
+    speed = slow_mps if close else fast_mps
+    need_m = _CLEAR_S * speed
+    near, near_m = np.zeros(ranges_m.shape[0], np.bool_), need_m + half_m + _AMPLE_M
+    for row in range(scans.shape[0]):  # this loop and the first hold no branch: processors do several beams at once
         for k in range(ranges_m.shape[0]):
-            shortest[k] = min(shortest[k], scans[row, k])
-    speed = fast_mps if nearest > fast_m else slow_mps
-    need_m, met, along = _CLEAR_S * speed, np.empty_like(ranges_m), np.empty_like(beams)
-    count = 0
+            near[k] |= scans[row, k] < near_m
+    met, along = np.empty_like(ranges_m), np.empty_like(beams)
     for k in range(ranges_m.shape[0]):
-        if shortest[k] < need_m + half_m + _AMPLE_M:  # what is farther leaves the room that is needed
-            met[count], along[count, 0], along[count, 1] = shortest[k], beams[k, 0], beams[k, 1]
+        if near[k]:  # what is farther leaves the room that is needed
+            met[count], along[count, 0], along[count, 1] = scans[:, k].min(), beams[k, 0], beams[k, 1]
             count += 1
     found = free_heading(met[:count], along[:count], desired, half_m, need_m, side)
     return found, speed, free_m(met[:count], along[:count], math.cos(heading), math.sin(heading), half_m)
@@ -130,9 +131,11 @@ class Steering:
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
         """Return the order that turns the robot towards *desired_rad*; angles and beams in the robot's frame."""
+        if self._scans.shape[1] != len(ranges_m):  # a robot without a scanner has none to remember
+            self._scans = np.full((_SCANS, len(ranges_m)), math.inf)
         own = self._own
         found, speed, room = overruled(
-            self._remembering(len(ranges_m)),
+            self._scans,
             self._noted % _SCANS,
             ranges_m,
             self._beams,
@@ -145,7 +148,7 @@ class Steering:
             self._side,
         )
         self._noted += 1
-        if not math.isnan(found):
+        if found != desired_rad and not math.isnan(found):
             self._keep_to_side(math.remainder(found - desired_rad, math.tau))
             desired_rad = found
         error = self._on_one_side(math.remainder(desired_rad - heading_rad, math.tau))
@@ -153,12 +156,6 @@ class Steering:
         # the end of a thin wall may be between two beams at the next tick
         self._stands = room < _STOP_S * speed or (self._stands and abs(error) > _BEHIND_RAD)
         return Drive(0.0 if self._stands else speed, turn)
-
-    def _remembering(self, beams: int) -> Floats:
-        """Return the memory of so many beams: a robot without a scanner has none."""
-        if self._scans.shape[1] != beams:
-            self._scans = np.full((_SCANS, beams), math.inf)
-        return self._scans
 
     def _on_one_side(self, error_rad: float) -> float:
         """Return the error of the heading, counted on the side to which the robot turns already if it is nearly about.
