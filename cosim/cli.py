@@ -4,10 +4,9 @@ Exit 0: done. 1: a run failed, or the computer did (a full disk). 2: the user's 
 """
 
 import json
-import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -30,6 +29,14 @@ from cosim.simulation import Outcome, Simulation
 from cosim.sweep import check_set_up, default_folder, run_sweep
 from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
+from cosim.web.live import Live
+from cosim.web.messages import finite
+from cosim.web.pacing import FASTEST, SLOWEST
+from cosim.web.playbook import PLAYBOOK, attended
+from cosim.web.recorded import Recorded, is_trace
+from cosim.web.scenes import scene_of, write_scene
+from cosim.web.session import Session
+from cosim.web.starting import Showing, check_installed, show
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
@@ -111,6 +118,7 @@ def run(
         outcome = simulation.run()
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
+        write_scene(scene_of(chosen, simulation.floorplan, seed), trace)
     captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
@@ -149,15 +157,7 @@ def _naming(source: str, sets: Sequence[str]) -> Iterator[None]:
 
 def _json(plain: Any) -> str:
     """Return *plain* as JSON, which knows no NaN: null stands for it."""
-    return json.dumps(_finite(plain), indent=2, default=str, allow_nan=False)
-
-
-def _finite(plain: Any) -> Any:
-    if isinstance(plain, Mapping):
-        return {key: _finite(value) for key, value in plain.items()}
-    if isinstance(plain, list | tuple):
-        return [_finite(value) for value in plain]
-    return None if isinstance(plain, float) and not math.isfinite(plain) else plain
+    return json.dumps(finite(plain), indent=2, default=str, allow_nan=False)
 
 
 def _metrics(outcome: Outcome, seed: int) -> str:
@@ -207,6 +207,63 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
         if top in depths:
             depths[top] = max(depths[top], call[2])
     return max(tops, key=lambda top: (depths[top], -calls[top][1]))
+
+
+# ---------------------------------------------------------------- view
+
+_PAGE = (
+    click.option("--seed", type=click.IntRange(min=0), help="Instead of the scenario's own."),
+    _SETS,
+    click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page, on 127.0.0.1; 0: a free one."),
+    click.option("--open", "in_browser", is_flag=True, help="Open the page in the browser."),
+    click.option("--paused", is_flag=True, help="Do not begin before the page says so."),
+    click.option("--token", "secret", is_flag=True, help="Ask for a secret that only the printed address has."),
+)
+
+
+def _page_options(command: Any) -> Any:
+    """Give *command* the options of all commands that show a page."""
+    for option in reversed(_PAGE):
+        command = option(command)
+    return command
+
+
+@commands.command("view")
+@click.argument("what")
+@_page_options
+def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
+    """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
+    check_installed()
+    session: Session
+    if is_trace(Path(what)):
+        if sets or seed is not None:
+            raise UserError(f"{what}: is a recorded run: its seed and settings are what they were")
+        session = Recorded(Path(what), playing=not paused)
+    else:
+        chosen = _scenario(what, sets)
+        with _naming(what, sets):
+            session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
+    show(session, Showing(**showing), _tell_address)
+
+
+@commands.command("playbook")
+@click.argument("scenario")
+@_page_options
+@click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
+def playbook(
+    scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
+) -> None:
+    """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
+    check_installed()
+    chosen = _scenario(scenario, sets)
+    with _naming(scenario, sets):
+        session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
+    show(session, Showing(**showing), _tell_address, PLAYBOOK)
+
+
+def _tell_address(address: str) -> None:
+    click.echo(f"{address}\nCtrl-C ends it")
+    sys.stdout.flush()
 
 
 # ---------------------------------------------------------------- sweep and report

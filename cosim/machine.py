@@ -24,6 +24,9 @@ Address: TypeAlias = int
 BROADCAST: Final[Address] = -1
 """The destination of a payload that is meant for everyone in reach."""
 
+OPERATOR: Final[Address] = -2
+"""The person at the robot's console: what is sent there and comes from there goes by cable, past every channel."""
+
 
 # ---------------------------------------------------------------- what comes in
 

@@ -1,14 +1,22 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
+from cosim.machine import OPERATOR, Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
 from cosim.units import Time
+
+
+class Said(NamedTuple):
+    """What a machine has told the operator at its robot's console."""
+
+    at: Time
+    robot: Address
+    payload: bytes
 
 
 class Node:
@@ -18,13 +26,23 @@ class Node:
     Only an earlier one replaces it.
     """
 
-    def __init__(self, address: Address, machine: Machine, kernel: Kernel, channel: Channel, trace: Trace) -> None:
+    def __init__(
+        self,
+        address: Address,
+        machine: Machine,
+        kernel: Kernel,
+        channel: Channel,
+        trace: Trace,
+        cable: list[Said] | None = None,
+    ) -> None:
         self.address = address
         self.machine = machine
         self.alive = True
         self.motion: list[Command] = []
         self.clock_offset: Time = 0
         """By how much the machine's clock is ahead."""
+        self.cable: list[Said] = [] if cable is None else cable
+        """Takes what the machine tells the operator; several nodes may share it."""
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
@@ -60,6 +78,9 @@ class Node:
             self._note(event, now)
         for item in machine.outbox():
             if isinstance(item, Outgoing):
+                if item.destination == OPERATOR:
+                    self.cable.append(Said(now, self.address, item.payload))
+                    continue
                 if item.radio not in self._radios:
                     raise LocalProtocolError(f"robot {self.address} has no radio {item.radio}")
                 self._channel.send(self.address, item)

@@ -7,7 +7,7 @@ observe. Everything else happens between ticks, when frames arrive or deadlines 
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,9 +24,9 @@ from cosim.channels.vision import OpticalChannel, OpticalSettings
 from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
-from cosim.kernel import WORLD, Kernel
-from cosim.machine import Address, Command, Machine
-from cosim.node import Node
+from cosim.kernel import DELIVER, WORLD, Kernel
+from cosim.machine import OPERATOR, Address, Command, Machine, Reception
+from cosim.node import Node, Said
 from cosim.observation import Observation
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
@@ -70,13 +70,20 @@ def simulate(scenario: Scenario, seed: int, tables: Sequence[Table] = ()) -> Out
 class Simulation:
     """One run while it is set up and executed."""
 
-    def __init__(self, scenario: Scenario, seed: int, tables: Sequence[Table] = ()) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        tables: Sequence[Table] = (),
+        trace: Callable[[Sequence[Table]], Trace] = Trace,
+    ) -> None:
+        """Set up a run that keeps *tables* besides the protocol's events in what *trace* makes for them."""
         self.scenario = scenario
         self.spec: ProtocolSpec = scenario.protocol.spec
         self.kernel = Kernel()
         if isinstance(scenario.channel, RadiosSettings):
             tables = with_radio(tables)
-        self.trace = Trace((events_table((*self.spec.events, *events_of(scenario.faults))), *tables))
+        self.trace = trace((events_table((*self.spec.events, *events_of(scenario.faults))), *tables))
         self.floorplan: Floorplan = load_floorplan(scenario.floorplan, scenario.folder)
         streams = Streams(seed)
         parameters = scenario.protocol.parameters
@@ -90,8 +97,10 @@ class Simulation:
             self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
             for robot in range(scenario.team.size)
         ]
+        self._cable: list[Said] = []
         self.nodes = [
-            Node(robot, machine, self.kernel, self.channel, self.trace) for robot, machine in enumerate(self.machines)
+            Node(robot, machine, self.kernel, self.channel, self.trace, self._cable)
+            for robot, machine in enumerate(self.machines)
         ]
         for node in self.nodes:
             self.channel.attach(node.address, node)
@@ -107,19 +116,55 @@ class Simulation:
         victims = Victims(self.nodes, self.channel, self.fleet, self.senses, self.floorplan, boot)
         self.faults = Faults(scenario.faults, self.kernel, victims, self.trace, streams)
         self.faults.schedule(scenario.duration)
+        self.over = False
+        """Nothing more happens: all machines have finished, the referee has ended the run, or its time is over."""
+        self.attended = False
+        """Somebody sits at a console: the run goes on when all machines have finished, for they may be addressed."""
         self._distance_m = 0.0
         self._poses_wanted = self.trace.wants(POSES)
 
     def run(self) -> Outcome:
         """Execute the run: until all machines have finished, the referee ends it, or its time is over."""
         self.begin()
-        self.kernel.run(self.scenario.duration)
-        return self._outcome()
+        self.advance(self.scenario.duration)
+        return self.outcome()
 
     def begin(self) -> None:
         """Have the kernel begin with the first tick as soon as it runs: for those who run it themselves."""
         self.channel.moved(self.fleet.positions_m)
         self.kernel.at(0, self._first_tick, WORLD)
+
+    def advance(self, until: Time) -> bool:
+        """Execute the part of the run before *until*, after ``begin``, and return whether the run is over.
+
+        The parts of a run together are what ``run`` does at once.
+        """
+        if not self.over:
+            self.kernel.run(min(until, self.scenario.duration))
+            self.over = self.over or self.kernel.now >= self.scenario.duration
+        return self.over
+
+    def operate(self, robot: Address, payload: bytes) -> None:
+        """Hand *payload* to the machine of *robot* by the cable of its console, as soon as the run goes on.
+
+        Raise LocalProtocolError for a robot that the team does not have.
+        """
+        if not 0 <= robot < len(self.nodes):
+            raise LocalProtocolError(f"robot {robot} has no console: the team has robots 0 to {len(self.nodes) - 1}")
+        node = self.nodes[robot]
+
+        def deliver() -> None:
+            now = self.kernel.now
+            node.receive(payload, Reception(OPERATOR, False), now)
+            node.drain(now)
+
+        self.kernel.after(1, deliver, DELIVER)
+
+    def said(self) -> list[Said]:
+        """Drain what machines have told the operators at their consoles, in the order in which they did."""
+        drained = self._cable.copy()
+        self._cable.clear()
+        return drained
 
     def _surroundings(self, parameters: Any, streams: Streams) -> Surroundings:
         scenario, floor = self.scenario, self.floorplan
@@ -191,9 +236,12 @@ class Simulation:
         over = self.referee.look(self.fleet.x_m, self.fleet.y_m, now)
         if over or not self._anybody_busy():
             self._ticks.cancel()
+            self.over = True
             self.kernel.stop()
 
     def _anybody_busy(self) -> bool:
+        if self.attended:
+            return True
         for node in self.nodes:  # asked every tick: an expression takes three times as long
             if node.alive and not node.machine.finished:
                 return True
@@ -212,7 +260,8 @@ class Simulation:
     def _in_world(self, robot: int, command: Command) -> Command:
         return command if self.senses is None else self.senses.in_world(robot, command)
 
-    def _outcome(self) -> Outcome:
+    def outcome(self) -> Outcome:
+        """Return the metrics, the trace and the digest of the run up to now; to be asked once, at its end."""
         now = self.kernel.now
         simulated_s = to_seconds(now)
         self.channel.advance(now)

@@ -18,7 +18,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cosim.errors import LocalProtocolError
+from cosim.errors import LocalProtocolError, UserError
 
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
@@ -97,7 +97,7 @@ MESSAGES: Final = Table(
     (
         Field("time_ns", "int", "ns", "arrival"),
         Field("source", "int", "", "receiver"),
-        Field("sender", "int", "", "last hop"),
+        Field("sender", "int", "", "last hop; -2 for the operator at the console"),
         Field("broadcast", "bool", "", "sent to everyone"),
         Field("payload", "str", "", "the bytes, hexadecimal"),
     ),
@@ -228,6 +228,34 @@ class Trace:
             write_parquet(self.arrow(name, metadata), path)
             paths.append(path)
         return paths
+
+
+class StoredTable:
+    """A table of an earlier run as :meth:`Trace.write` has written it, its rows in the order of time."""
+
+    def __init__(self, path: Path) -> None:
+        """Read *path*; raise UserError for a file that is no such table."""
+        try:
+            table = pq.read_table(path)
+        except (pa.ArrowException, OSError) as error:
+            raise UserError(f"{path}: cannot be read as Parquet: {error}") from None
+        if table.column_names[:2] != [_TIME.name, _SOURCE.name]:
+            raise UserError(f"{path}: is no table of a trace")
+        self._table = table.sort_by(_TIME.name)  # a stable sort: rows of one instant keep their order
+        self.names: list[str] = table.column_names
+        self.metadata = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def column(self, name: str) -> Any:
+        """Return the column *name*, of numbers, as an array; NaN stands for what a row does not have."""
+        return self._table.column(name).to_numpy()
+
+    def rows(self, first: int, end: int) -> list[dict[str, Any]]:
+        """Return the rows from number *first* to before *end*, by column; None for what a row does not have."""
+        rows: list[dict[str, Any]] = self._table.slice(first, max(0, end - first)).to_pylist()
+        return rows
 
 
 def write_parquet(table: Any, path: Path) -> None:

@@ -37,8 +37,11 @@ OWNERS = {
     "numba": {"jit"},
     "click": {"cli"},
     "rich": {"cli"},
+    "starlette": {"web"},
+    "uvicorn": {"web"},
+    "websockets": {"web"},
     "random": set(),
-    "time": {"sweep", "results", "cli"},
+    "time": {"sweep", "results", "web", "cli"},
     "datetime": {"sweep", "results", "cli"},
 }
 """Modules from outside that only these rooms of cosim may import; the wall clock only where a run is timed."""

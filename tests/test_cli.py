@@ -110,9 +110,8 @@ def test_the_seed_decides_the_digest(cosim: Any):
 def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, tmp_path: Path):
     ended = cosim("run", "depot.yaml", "--trace", "tables")
     assert ended.code == 0
-    assert {"poses.parquet", "frames.parquet", "messages.parquet", "calls.parquet", "events.parquet"} == files(
-        tmp_path / "tables"
-    )
+    tables = {"poses.parquet", "frames.parquet", "messages.parquet", "calls.parquet", "events.parquet"}
+    assert files(tmp_path / "tables") == tables | {"scene.json"}
     assert "\n  beacon.call  2\n    radio.send\n\ntables in tables\n" in ended.out
 
 
@@ -246,6 +245,9 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
         (("sweep", "sweep.yaml", "--jobs", "0"), "Invalid value for '--jobs': 0 is not in the range x>=1."),
         (("sweep", "sweep.yaml", "--set", "sise=3"), "--set sise=3: there is no sise, did you mean size?"),
         (("sweep", "depot.yaml"), "depot.yaml: duration_s: 10 is not expected here: there is no such key"),
+        (("view", "nowhere.yaml"), "nowhere.yaml: is neither a file nor an experiment"),
+        (("view", "depot.yaml", "--set", "team.sise=3"), "--set team.sise=3: there is no team.sise, did you mean size?"),
+        (("view", "depot.yaml", "--port", "99999"), "Invalid value for '--port': 99999 is not in the range"),
         (("report", "nowhere"), "nowhere: holds no results, expected a folder that cosim sweep has written"),
         (("validate", "nowhere.yaml"), "nowhere.yaml: cannot be read, expected a file: no such file or directory"),
         (

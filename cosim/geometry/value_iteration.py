@@ -1,0 +1,206 @@
+"""Value iteration: what it costs to reach a goal, from everywhere at once (paper 004, section 6).
+
+    V(x) <- min over the eight neighbours n of x { V(n) + |x n| * price(n) },    V(goal) = 0
+
+(W. Burgard et al., IEEE Trans. Robotics 21(3), 2005, with the price of a cell in place of its occupancy.) A step costs
+its length, 1 or the square root of 2 cells, times the *price* of the cell that it enters, at least 1: a price that
+grows towards obstacles keeps ways off them. No step cuts a corner, see :func:`cosim.geometry.planning.open_steps`.
+
+The iteration converges to one fixed point, whatever the order of its updates: the costs of the cheapest ways. So
+:func:`values` takes the cells in the order of their values, each once, from a heap (Dijkstra's algorithm);
+:func:`swept_values` is the iteration as it is printed, with sweeps in four directions, and is what the other is tested
+against. "It computes the distance from arbitrary starting locations, hence is capable of recovering from unanticipated
+motions": a robot that has been pushed off its way needs no new plan.
+"""
+
+import math
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from cosim.geometry.grids import Cell
+from cosim.geometry.planning import Bools, Floats, Integers, in_view, open_steps
+from cosim.jit import njit
+
+Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
+
+_DIAGONAL: Final = math.sqrt(2.0)
+
+
+def values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
+    """Return the cost, in cells, of the cheapest way from each cell to one of *goals*, shape (ny, nx); inf without one.
+
+    *free* and *price* have the shape (ny, nx); *goals* are numbers of cells, of which those that are not free are left
+    out. Raise ValueError for prices below 1 or of another shape, LookupError for a goal off the grid.
+    """
+    return _dijkstra(*_checked(free, price, goals))
+
+
+def swept_values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
+    """Return what :func:`values` does, by sweeps over all cells until nothing changes: value iteration as printed."""
+    return _swept(*_checked(free, price, goals))
+
+
+def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, Singles, Integers]:
+    cells = np.asarray(goals, np.int64).reshape(-1)
+    if price.shape != free.shape or not (np.asarray(price)[free] >= 1.0).all():
+        raise ValueError(f"prices of shape {price.shape}, not all >= 1, do not fit a grid of shape {free.shape}")
+    for cell in cells.tolist():
+        if not 0 <= cell < free.size:
+            raise LookupError(f"cell {cell} is off the grid of {free.shape[1]} x {free.shape[0]} cells")
+    return np.ascontiguousarray(free), np.ascontiguousarray(price, np.float32), cells
+
+
+# ---------------------------------------------------------------- kernels
+
+
+@njit(cache=True)
+def _dijkstra(free: Bools, price: Singles, goals: Integers) -> Floats:
+    ny, nx = free.shape
+    value = np.full((ny, nx), np.inf)
+    keys, held = np.empty(8 * ny * nx + goals.size), np.empty(8 * ny * nx + goals.size, np.int32)
+    size = 0
+    for goal in goals:
+        if free[goal // nx, goal % nx]:
+            value[goal // nx, goal % nx] = 0.0
+            size = _push(keys, held, size, 0.0, goal)
+    while size:
+        least, cell = keys[0], held[0]
+        size = _pop(keys, held, size)
+        iy, ix = cell // nx, cell % nx
+        if least > value[iy, ix]:
+            continue  # it was listed again, for less
+        steps = open_steps(free, free, ix, iy)
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                if steps >> (3 * dy + dx + 4) & 1:
+                    cost = least + (_DIAGONAL if dx != 0 and dy != 0 else 1.0) * price[iy, ix]
+                    if cost < value[iy + dy, ix + dx]:
+                        value[iy + dy, ix + dx] = cost
+                        size = _push(keys, held, size, cost, (iy + dy) * nx + ix + dx)
+    return value
+
+
+@njit(cache=True)
+def _push(keys: Floats, held: Any, size: int, key: float, cell: int) -> int:
+    """Add to a binary heap of *size* entries; return how many there are then."""
+    at = size
+    while at > 0:
+        above = (at - 1) // 2
+        if keys[above] <= key:
+            break
+        keys[at], held[at] = keys[above], held[above]
+        at = above
+    keys[at], held[at] = key, cell
+    return size + 1
+
+
+@njit(cache=True)
+def _pop(keys: Floats, held: Any, size: int) -> int:
+    """Take the least entry from a heap of *size* entries; return how many are left."""
+    size -= 1
+    key, cell, at = keys[size], held[size], 0
+    while 2 * at + 1 < size:
+        below = 2 * at + 1
+        if below + 1 < size and keys[below + 1] < keys[below]:
+            below += 1
+        if keys[below] >= key:
+            break
+        keys[at], held[at] = keys[below], held[below]
+        at = below
+    keys[at], held[at] = key, cell
+    return size
+
+
+@njit(cache=True)
+def _swept(free: Bools, price: Singles, goals: Integers) -> Floats:
+    ny, nx = free.shape
+    value = np.full((ny, nx), np.inf)
+    for goal in goals:
+        if free[goal // nx, goal % nx]:
+            value[goal // nx, goal % nx] = 0.0
+    changed = True
+    while changed:
+        changed = False
+        for sweep in range(4):
+            for row in range(ny):
+                iy = row if sweep < 2 else ny - 1 - row
+                for column in range(nx):
+                    ix = column if sweep % 2 == 0 else nx - 1 - column
+                    if free[iy, ix]:
+                        changed |= _update(free, price, value, ix, iy)
+    return value
+
+
+@njit(cache=True)
+def _update(free: Bools, price: Singles, value: Floats, ix: int, iy: int) -> bool:
+    """Update the value of one free cell from its neighbours; return whether that has lowered it."""
+    steps, best = open_steps(free, free, ix, iy), value[iy, ix]
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if steps >> (3 * dy + dx + 4) & 1:
+                length = _DIAGONAL if dx != 0 and dy != 0 else 1.0
+                best = min(best, value[iy + dy, ix + dx] + length * price[iy + dy, ix + dx])
+    lower: bool = best < value[iy, ix]
+    value[iy, ix] = best
+    return lower
+
+
+@njit(cache=True)
+def cheapest_way(free: Bools, price: Singles, value: Floats, start: Cell) -> Any:
+    """Return the cells of a cheapest way from *start* to a goal, both included; of several always the same.
+
+    Each step leads to the neighbour over which the value came about. Empty where no way leads.
+    """
+    nx = free.shape[1]
+    way, count = np.empty(free.size, np.int32), 0
+    iy, ix = start // nx, start % nx
+    if not value[iy, ix] < np.inf:
+        return way[:0]
+    way[0], count = start, 1
+    while value[iy, ix] > 0.0:
+        ix, iy = _next(free, price, value, ix, iy)
+        way[count] = iy * nx + ix
+        count += 1
+    return way[:count].copy()
+
+
+@njit(cache=True)
+def _next(free: Bools, price: Singles, value: Floats, ix: int, iy: int) -> tuple[int, int]:
+    best, to_x, to_y = np.inf, ix, iy
+    steps = open_steps(free, free, ix, iy)
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if steps >> (3 * dy + dx + 4) & 1 and value[iy + dy, ix + dx] < value[iy, ix]:
+                length = _DIAGONAL if dx != 0 and dy != 0 else 1.0
+                cost = value[iy + dy, ix + dx] + length * price[iy + dy, ix + dx]
+                if cost < best - 1e-9:  # rounding does not choose
+                    best, to_x, to_y = cost, ix + dx, iy + dy
+    return to_x, to_y
+
+
+@njit(cache=True)
+def ahead(free: Bools, price: Singles, value: Floats, start: Cell, reach: float) -> tuple[Cell, float]:
+    """Return the last cell of the cheapest way that *start* sees all the way to, within *reach* cells; and the length
+    of the whole way, in cells, inf without one.
+
+    For sight see :func:`cosim.geometry.planning.in_view`. It is the next cell at least, if that is not the goal.
+    """
+    nx = free.shape[1]
+    iy, ix = start // nx, start % nx
+    if not value[iy, ix] < np.inf:
+        return start, np.inf
+    seen, length, looking = start, 0.0, True
+    while value[iy, ix] > 0.0:
+        x, y = _next(free, price, value, ix, iy)
+        length += _DIAGONAL if x != ix and y != iy else 1.0
+        ix, iy = x, y
+        if looking:
+            cell = iy * nx + ix
+            off = math.hypot(ix - start % nx, iy - start // nx)
+            if (off <= reach and in_view(free, start, cell)) or seen == start:
+                seen = cell
+            else:
+                looking = False
+    return seen, length

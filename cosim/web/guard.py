@@ -1,0 +1,75 @@
+"""Who may ask: the browser of this computer, on a page that came from this server, and nobody through another name.
+
+A page from elsewhere can make a browser connect to 127.0.0.1: its ``Origin`` tells it. A name that was made to point
+here (DNS rebinding) shows in ``Host``. A secret in the address keeps out this computer's other users, if it is wanted.
+"""
+
+import secrets
+from typing import Final
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+HOST: Final = "127.0.0.1"
+NAMES: Final = (HOST, "localhost")
+"""What a browser of this computer may call the server."""
+_POLICY: Final = "; ".join(
+    ("default-src 'self'", "img-src 'self' data:", "frame-ancestors 'none'", "base-uri 'none'", "form-action 'none'")
+)
+
+
+class Guard:
+    """Passes on what may be asked and refuses the rest: HTTP with 403, a WebSocket before it is open."""
+
+    def __init__(self, app: ASGIApp, port: int, token: str | None = None) -> None:
+        """Serve at *port*; with a *token* a WebSocket is opened only for who knows it."""
+        self._app = app
+        self._hosts = {f"{name}:{port}" for name in NAMES} | (set(NAMES) if port == 80 else set())
+        self._token = token
+        # not every browser takes a WebSocket to the page's own server for 'self'
+        self._policy = f"{_POLICY}; connect-src 'self' {' '.join(sorted(f'ws://{host}' for host in self._hosts))}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request, as ASGI has it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        fault = self._fault(scope)
+        if fault is None:
+            await self._app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send, self._policy))
+        elif scope["type"] == "websocket":
+            await WebSocketClose(code=1008, reason=fault)(scope, receive, send)
+        else:
+            await PlainTextResponse(f"{fault}\n", status_code=403)(scope, receive, send)
+
+    def _fault(self, scope: Scope) -> str | None:
+        """Return why a request is refused; None if it is not."""
+        headers = Headers(scope=scope)
+        host, origins = headers.getlist("host"), headers.getlist("origin")
+        if len(host) != 1 or host[0].lower() not in self._hosts:
+            return "this server does not go by that name"
+        if any(origin.lower() != f"http://{host[0].lower()}" for origin in origins):
+            return "this server does not answer pages from elsewhere"
+        if self._token is not None and scope["type"] == "websocket":
+            given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+            if not secrets.compare_digest(given.encode(), self._token.encode()):
+                return "the address lacks the secret that the server has printed"
+        return None
+
+
+def _with_headers(send: Send, policy: str) -> Send:
+    """Return *send*, with headers that keep a page to what comes from this server, and fresh."""
+
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers["Content-Security-Policy"] = policy
+            headers["X-Content-Type-Options"] = "nosniff"
+            headers["Referrer-Policy"] = "no-referrer"
+            headers["Cache-Control"] = "no-cache"
+        await send(message)
+
+    return sent

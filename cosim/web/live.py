@@ -1,0 +1,222 @@
+"""A run that is under way: simulated in a thread of its own, at the pace that its pages ask for.
+
+The simulation is touched by its thread only. What pages ask for waits in a bounded queue until the thread takes it;
+what they are told the thread publishes under a lock, as plain data that nobody changes any more.
+"""
+
+import json
+import queue
+import threading
+import time
+from typing import Any, Final
+
+from cosim.errors import UserError
+from cosim.machine import Address
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
+from cosim.units import Time, to_seconds
+from cosim.web.history import TRAIL_TICKS, Cursor, History, Moment
+from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.pacing import Pace
+from cosim.web.rows import Rolling
+from cosim.web.scenes import scene_of
+from cosim.web.tap import WATCHED, Tap, is_mark
+
+_WISHES: Final = 64
+"""Things asked for that may wait."""
+_ANSWERS: Final = 4096
+"""Messages to the operator that are kept for pages that come late, or are slow."""
+_ROWS: Final = 2000
+"""Rows of each kind that are kept."""
+_PERIOD_S: Final = 0.03
+"""Between two publications."""
+_SPELL_S: Final = 0.1
+"""How long the thread simulates at most without looking up."""
+
+
+class Live:
+    """A session that runs a scenario. ``attended`` runs have an operator, and do not end while he may still speak."""
+
+    def __init__(
+        self, scenario: Scenario, seed: int, playing: bool = True, speed: float = 1.0, attended: bool = False
+    ) -> None:
+        """Set the run up and start its thread; raise UserError for a scenario that cannot be set up."""
+        self._simulation = Simulation(scenario, seed, WATCHED, Tap)
+        self._simulation.attended = attended
+        self._scene = scene_of(scenario, self._simulation.floorplan, seed) | {"live": True, "attended": attended}
+        self._team = scenario.team.size
+        self._tick = scenario.tick
+        self._pace = Pace(speed, playing, time.monotonic())
+        self._wishes: queue.Queue[Wish] = queue.Queue(_WISHES)
+        self._closing = threading.Event()
+        self._lock = threading.Lock()
+        self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
+        self._frames, self._ticks = Rolling(_ROWS), Rolling(TRAIL_TICKS)
+        self._history = History(self._ticks, self._frames, self._events, self._marks)
+        self._answers = Rolling(_ANSWERS)
+        self._ending: Plain | None = None
+        self._failure = ""
+        self._simulation.begin()
+        self._moment = Moment(0, self._state(), speed, self._robots())
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._thread.start()
+
+    @property
+    def scene(self) -> Plain:
+        """What does not change."""
+        return self._scene
+
+    @property
+    def running(self) -> bool:
+        """Whether the simulation's thread is there."""
+        return self._thread.is_alive()
+
+    def wish(self, wish: Wish) -> None:
+        """Have the simulation's thread take what a page asks for; raise UserError, one line, if it cannot be."""
+        if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.ticks < 1):
+            raise UserError("this run is under way: it only goes on")
+        if isinstance(wish, Operate) and wish.robot >= self._team:
+            raise UserError(f"there is no robot {wish.robot}: the team has robots 0 to {self._team - 1}")
+        if self._moment.state in ("ended", "failed"):
+            raise UserError(f"this run has {self._moment.state}")
+        try:
+            self._wishes.put_nowait(wish)
+        except queue.Full:
+            raise UserError("the simulation is busy: nothing more can wait") from None
+
+    def operate(self, robot: Address, data: Plain) -> None:
+        """Say *data* at the console of *robot*; what comes back is among the messages ``operator`` of ``look``."""
+        self.wish(Operate(say="operator", robot=robot, data=data))
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
+        with self._lock:
+            message, new = self._history.now(self._moment, cursor)
+            told = [] if message is None else [message]
+            count = self._answers.until(0)
+            known = 0 if cursor is None else cursor.operator
+            if cursor is not None and known < self._answers.first:
+                told.append({"say": "missed", "answers": self._answers.first - known})
+            told += [row[0] for row in self._answers.between(known, count)]
+            if self._ending is not None and not new.ended:
+                told.append(self._ending)
+            return told, new._replace(operator=count, ended=self._ending is not None)
+
+    def close(self) -> None:
+        """Stop the simulation's thread and wait for it; more than once is harmless."""
+        self._closing.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    # ------------------------------------------------------------ the simulation's thread
+
+    def _run(self) -> None:
+        try:
+            while self._ending is None and not self._closing.is_set():
+                begun = time.monotonic()
+                self._take_wishes()
+                self._simulate()
+                self._publish()
+                if self._simulation.over:
+                    self._end()
+                spent = time.monotonic() - begun
+                self._closing.wait(max(0.001, _PERIOD_S - spent))
+        except Exception as error:  # noqa: BLE001  # whatever a protocol's machine does wrong: the page is to say it
+            self._failure = f"{type(error).__name__}: {error}"
+            self._publish()
+
+    def _take_wishes(self) -> None:
+        while True:
+            try:
+                wish = self._wishes.get_nowait()
+            except queue.Empty:
+                return
+            wall = time.monotonic()
+            now = self._simulation.kernel.now
+            match wish:
+                case Play():
+                    self._pace.play(wall)
+                case Pause():
+                    self._pause(now, wall)
+                case Step(ticks=ticks):
+                    self._pause(now, wall)
+                    self._simulation.advance((now // self._tick + ticks) * self._tick + 1)
+                    self._pause(self._simulation.kernel.now, wall)
+                case Speed(speed=speed):
+                    self._pace.change(speed, wall)
+                case Operate(robot=robot, data=data):
+                    self._simulation.operate(robot, json.dumps(data, ensure_ascii=False).encode())
+
+    def _pause(self, now: Time, wall: float) -> None:
+        self._pace.pause(wall)
+        self._pace.jump(now, wall)
+
+    def _simulate(self) -> None:
+        """Advance to the time that is due, tick by tick; if there is too little time for it, have less be due."""
+        simulation, begun = self._simulation, time.monotonic()
+        kernel = simulation.kernel
+        due = self._pace.due(begun)
+        while kernel.now < due and not simulation.over:
+            simulation.advance(min(due, (kernel.now // self._tick + 1) * self._tick + 1))
+            wall = time.monotonic()
+            if wall - begun > _SPELL_S or self._closing.is_set():
+                self._pace.jump(kernel.now, wall)
+                return
+
+    def _publish(self) -> None:
+        """Let pages see what there is now."""
+        trace: Any = self._simulation.trace
+        ticks, frames, events = trace.fetched()
+        said = self._simulation.said()
+        answers: list[Plain] = [
+            {"say": "operator", "robot": robot, "time_s": to_seconds(at), "data": _decoded(payload)}
+            for at, robot, payload in said
+        ]
+        moment = Moment(self._simulation.kernel.now, self._state(), self._pace.speed, self._robots(), why=self._failure)
+        with self._lock:
+            for row in ticks:
+                self._ticks.append(row)
+            for row in frames:
+                self._frames.append(row)
+            for row in events:
+                self._events.append(row)
+                if is_mark(row):
+                    self._marks.append(row)
+            for answer in answers:
+                self._answers.append([answer])
+            self._moment = moment
+
+    def _end(self) -> None:
+        outcome = self._simulation.outcome()
+        metrics = [
+            [metric.name, outcome.metrics[metric.name], metric.unit, metric.meaning]
+            for metric in outcome.metric_columns
+            if metric.name in outcome.metrics
+        ]
+        with self._lock:
+            self._ending = {"say": "ended", "metrics": metrics, "digest": outcome.digest}
+
+    def _state(self) -> str:
+        if self._failure:
+            return "failed"
+        if self._simulation.over:
+            return "ended"
+        return "playing" if self._pace.playing else "paused"
+
+    def _robots(self) -> list[list[Any]]:
+        simulation = self._simulation
+        trace: Any = simulation.trace
+        poses = [simulation.fleet.pose_at(robot, simulation.kernel.now) for robot in range(self._team)]
+        return [
+            [round(x, 4), round(y, 4), round(heading, 4), robot in trace.down]
+            for robot, (x, y, heading, *_) in enumerate(poses)
+        ]
+
+
+def _decoded(payload: bytes) -> Any:
+    """Return what a machine says to its operator: plain data if it is JSON, else its text."""
+    text = payload.decode(errors="replace")
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -1,0 +1,207 @@
+"""A recorded run: the tables that ``cosim run --trace`` has written, played at any speed from any time."""
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.trace import StoredTable
+from cosim.units import Time, from_seconds, to_seconds
+from cosim.web.history import DOWN, UP, Cursor, History, Moment, places
+from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
+from cosim.web.pacing import Pace
+from cosim.web.rows import Row, Stored
+from cosim.web.scenes import read_scene
+
+_MARGIN_M = 1.0
+
+
+class Recorded:
+    """A session that plays the trace in a folder."""
+
+    def __init__(self, folder: Path, wall: Callable[[], float] = time.monotonic, playing: bool = True) -> None:
+        """Read the tables; raise UserError if there are none, or if they do not tell where the robots were."""
+        poses = StoredTable(_existing(folder, "poses"))
+        self._times, self._poses = _by_tick(poses)
+        events = StoredTable(folder / "events.parquet") if (folder / "events.parquet").is_file() else None
+        frames = StoredTable(folder / "frames.parquet") if (folder / "frames.parquet").is_file() else None
+        marks = _marked(events)
+        self._downs = _downs(events)
+        self._history = History(
+            ticks=Stored(self._times, lambda a, b, step: self._poses[a:b:step].reshape(-1, self._width).tolist()),
+            frames=_frames(frames),
+            events=_events(events, None),
+            marks=_events(events, marks),
+        )
+        tables = [table for table in (poses, events, frames) if table is not None and len(table)]
+        self._end: Time = max(int(table.column("time_ns")[-1]) for table in tables)
+        self._scene = _scene(folder, self._poses, self._end) | {"live": False}
+        self._tick = from_seconds(self._scene["tick_s"])
+        self._wall = wall
+        self._pace = Pace(playing=playing, wall_s=wall())
+        self._jumps = 0
+
+    @property
+    def scene(self) -> Plain:
+        """What does not change."""
+        return self._scene
+
+    @property
+    def _width(self) -> int:
+        """How many numbers tell of a tick."""
+        return 3 * int(self._poses.shape[1])
+
+    def wish(self, wish: Wish) -> None:
+        """Take what a page asks for; raise UserError, one line, if it cannot be."""
+        wall = self._wall()
+        now = self._now(wall)
+        match wish:
+            case Play():
+                if now >= self._end:
+                    self._jump(0, wall)
+                self._pace.play(wall)
+            case Pause():
+                self._pace.pause(wall)
+            case Step(ticks=ticks):
+                self._pace.pause(wall)
+                self._jump(now + ticks * self._tick, wall, fresh=ticks < 0)
+            case Speed(speed=speed):
+                self._pace.change(speed, wall)
+            case Seek(time_s=seconds):
+                self._jump(from_seconds(seconds), wall)
+            case Operate():
+                raise UserError("this run is a recorded one: nobody hears its operator")
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
+        now = self._now(self._wall())
+        state = "ended" if now >= self._end else "playing" if self._pace.playing else "paused"
+        moment = Moment(now, state, self._pace.speed, self._robots(now), self._jumps)
+        message, new = self._history.now(moment, cursor)
+        return [] if message is None else [message], new
+
+    def close(self) -> None:
+        """Do nothing: nothing runs."""
+
+    def _now(self, wall: float) -> Time:
+        now = self._pace.due(wall)
+        if now < self._end:
+            return now
+        self._pace.jump(self._end, wall)
+        self._pace.pause(wall)
+        return self._end
+
+    def _jump(self, to: Time, wall: float, fresh: bool = True) -> None:
+        self._pace.jump(min(max(to, 0), self._end), wall)
+        self._jumps += fresh
+
+    def _robots(self, now: Time) -> list[Row]:
+        """Return where the robots are, between two ticks on the straight way from the one to the other."""
+        after = int(np.searchsorted(self._times, now, side="right"))
+        before, after = max(0, after - 1), min(after, len(self._times) - 1)
+        one, two = self._poses[before], self._poses[after]
+        gap = int(self._times[after] - self._times[before])
+        part = (now - int(self._times[before])) / gap if gap else 0.0
+        change = two - one
+        change[:, 2] = (change[:, 2] + math.pi) % (2 * math.pi) - math.pi
+        down: dict[int, bool] = {robot: is_down for at, robot, is_down in self._downs if at <= now}
+        rows: list[Row] = np.round(one + part * change, 4).tolist()
+        return [[*row, down.get(robot, False)] for robot, row in enumerate(rows)]
+
+
+def is_trace(folder: Path) -> bool:
+    """Return whether *folder* is one that holds the tables of a run."""
+    return any((folder / f"{name}.parquet").is_file() for name in ("poses", "events", "frames"))
+
+
+def _existing(folder: Path, name: str) -> Path:
+    path = folder / f"{name}.parquet"
+    if not path.is_file():
+        raise UserError(f"{folder}: holds no {path.name}: cosim run SCENARIO --trace {folder} writes it")
+    return path
+
+
+def _by_tick(poses: StoredTable) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return the times of the ticks, and the poses, shape (ticks, robots, 3)."""
+    times, robots = poses.column("time_ns"), poses.column("source")
+    size = int(robots.max()) + 1 if len(poses) else 0
+    if not size or len(poses) % size or not np.array_equal(robots, np.tile(np.arange(size), len(poses) // size)):
+        raise UserError("poses.parquet: does not tell of each robot at each tick where it is")
+    columns = [poses.column(name) for name in ("x_m", "y_m", "heading_rad")]
+    return times[::size], np.stack(columns, axis=1).reshape(-1, size, 3)
+
+
+def _frames(table: StoredTable | None) -> Stored:
+    if table is None:
+        return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
+    names = ("source", "destination", "kind", "outcome", "length")
+
+    def read(first: int, end: int, step: int) -> list[Row]:
+        rows = table.rows(first, end)[::step]
+        return [[to_seconds(row["time_ns"]), *(row[name] for name in names)] for row in rows]
+
+    return Stored(table.column("time_ns"), read)
+
+
+def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Return the numbers of the events that tell of a place."""
+    if table is None:
+        return np.zeros(0, dtype=np.int64)
+    told = [~np.isnan(table.column(name).astype(float)) for name in places(table.names)]
+    return np.flatnonzero(np.logical_or.reduce(told)) if told else np.zeros(0, dtype=np.int64)
+
+
+def _events(table: StoredTable | None, numbers: np.ndarray[Any, np.dtype[np.int64]] | None) -> Stored:
+    """Return all events of *table*, or those with *numbers* only."""
+    if table is None:
+        return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
+    times = table.column("time_ns")
+
+    def read(first: int, end: int, step: int) -> list[Row]:
+        if numbers is None:
+            return [_event(first + at, row) for at, row in enumerate(table.rows(first, end))][::step]
+        return [_event(at, table.rows(at, at + 1)[0]) for at in numbers[first:end:step].tolist()]
+
+    return Stored(times if numbers is None else times[numbers], read)
+
+
+def _event(number: int, row: dict[str, Any]) -> Row:
+    fixed = ("time_ns", "source", "event")
+    fields = {name: value for name, value in row.items() if value is not None and name not in fixed}
+    return [number, to_seconds(row["time_ns"]), row["source"], row["event"], fields]
+
+
+def _downs(table: StoredTable | None) -> list[tuple[Time, int, bool]]:
+    """Return when which robot went down, or up again."""
+    if table is None:
+        return []
+    names = table.column("event")
+    changes = np.flatnonzero(np.isin(names.astype(str), [*DOWN, *UP])).tolist()
+    rows = (table.rows(at, at + 1)[0] for at in changes)
+    return [(row["time_ns"], row["source"], row["event"] in DOWN) for row in rows]
+
+
+def _scene(folder: Path, poses: np.ndarray[Any, np.dtype[np.float64]], end: Time) -> Plain:
+    """Return the scene beside the tables; for a trace without one what the poses tell."""
+    scene = read_scene(folder)
+    if scene is not None:
+        return scene | {"duration_s": to_seconds(end)}
+    low, high = poses[..., :2].min(axis=(0, 1)) - _MARGIN_M, poses[..., :2].max(axis=(0, 1)) + _MARGIN_M
+    return {
+        "name": folder.name,
+        "protocol": "",
+        "channel": "",
+        "seed": None,
+        "duration_s": to_seconds(end),
+        "tick_s": 0.1,
+        "bounds_m": [*low.tolist(), *high.tolist()],
+        "walls_m": [],
+        "polygons_m": [],
+        "places_m": {},
+        "base_m": None,
+        "radii_m": [0.2] * poses.shape[1],
+    }

@@ -1,0 +1,76 @@
+"""Numbered rows of a run, oldest first: all of a recorded one, or the latest of one that is under way."""
+
+from collections import deque
+from collections.abc import Callable
+from itertools import islice
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from cosim.units import Time
+
+Row: TypeAlias = list[Any]
+"""Plain data, as a page gets it."""
+
+
+class Rows(Protocol):
+    """Rows that are numbered from 0; the oldest may be gone."""
+
+    @property
+    def first(self) -> int:
+        """The number of the oldest row that is kept."""
+
+    def until(self, time: Time) -> int:
+        """Return how many rows there have been up to *time*, those that are gone included."""
+
+    def between(self, first: int, end: int, step: int = 1) -> list[Row]:
+        """Return the rows from number *first* to before *end*, each *step*-th of them."""
+
+
+class Stored:
+    """Rows of a recorded run, read as they are asked for."""
+
+    def __init__(self, times: np.ndarray[Any, np.dtype[np.int64]], read: Callable[[int, int, int], list[Row]]) -> None:
+        """Take the rows' *times* in order, and what reads those between two numbers, each so many-th."""
+        self._times = times
+        self._read = read
+
+    @property
+    def first(self) -> int:
+        """The number of the oldest row that is kept."""
+        return 0
+
+    def until(self, time: Time) -> int:
+        """Return how many rows there are up to *time*."""
+        return int(np.searchsorted(self._times, time, side="right"))
+
+    def between(self, first: int, end: int, step: int = 1) -> list[Row]:
+        """Return the rows from number *first* to before *end*, each *step*-th of them."""
+        return self._read(max(0, first), min(end, len(self._times)), step)
+
+
+class Rolling:
+    """The latest rows of a run that is under way. What is asked for by its time is everything so far."""
+
+    def __init__(self, most: int) -> None:
+        self._rows: deque[Row] = deque(maxlen=most)
+        self._count = 0
+
+    @property
+    def first(self) -> int:
+        """The number of the oldest row that is kept."""
+        return self._count - len(self._rows)
+
+    def append(self, row: Row) -> None:
+        """Add *row*; the oldest one goes if there are too many."""
+        self._rows.append(row)
+        self._count += 1
+
+    def until(self, time: Time) -> int:
+        """Return how many rows there have been."""
+        return self._count
+
+    def between(self, first: int, end: int, step: int = 1) -> list[Row]:
+        """Return the rows from number *first* to before *end* that are kept, each *step*-th of them."""
+        gone = self.first
+        return list(islice(self._rows, max(0, first - gone), max(0, end - gone), step))

@@ -1,0 +1,65 @@
+"""What does not change while one looks at a run: the floor, the robots' sizes, what the run is called."""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.scenario import Scenario
+from cosim.web.messages import Plain
+from cosim.world.floorplan import Floorplan
+
+FILE: Final = "scene.json"
+"""Where a scene stands beside the tables of a trace."""
+
+
+def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
+    """Return the scene of a run of *scenario* on *floor*, as plain data; lengths in metres, times in seconds."""
+    return {
+        "name": scenario.name,
+        "protocol": scenario.protocol.use,
+        "channel": scenario.channel.kind,
+        "seed": seed,
+        "duration_s": scenario.duration_s,
+        "tick_s": scenario.tick_s,
+        "bounds_m": list(floor.bounds_m),
+        "walls_m": np.round(floor.walls_m, 3).tolist(),
+        "polygons_m": [[list(point) for point in polygon] for polygon in floor.polygons_m],
+        "places_m": {name: [list(point) for point in points] for name, points in floor.places_m.items()},
+        "base_m": _base(scenario, floor),
+        "radii_m": [body.radius_m for body in scenario.team.bodies],
+    }
+
+
+def _base(scenario: Scenario, floor: Floorplan) -> list[float] | None:
+    """Return where the team's base is: as its protocol's parameters say, or the floor; None if neither does."""
+    parameters: Any = scenario.protocol.parameters
+    for name in ("base_m", "base"):
+        point = getattr(parameters, name, None)
+        if isinstance(point, tuple) and len(point) == 2 and all(isinstance(value, float | int) for value in point):
+            return [float(value) for value in point]
+    for name, points in floor.places_m.items():
+        if name.lower() == "base" and points:
+            return [float(value) for value in points[0]]
+    return None
+
+
+def write_scene(scene: Plain, folder: Path) -> None:
+    """Write *scene* beside the tables in *folder*."""
+    (folder / FILE).write_text(json.dumps(scene), encoding="utf-8")
+
+
+def read_scene(folder: Path) -> Plain | None:
+    """Return the scene in *folder*, None if there is none; raise UserError for a file that is no scene."""
+    path = folder / FILE
+    if not path.is_file():
+        return None
+    try:
+        scene = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise UserError(f"{path}: is no JSON: {error}") from None
+    if not isinstance(scene, dict) or not {"bounds_m", "walls_m", "radii_m", "tick_s"} <= scene.keys():
+        raise UserError(f"{path}: is no scene of a run")
+    return scene

@@ -1,0 +1,47 @@
+"""Showing a run in the browser of this computer: what the commands do that have a page.
+
+Nothing here loads the server before it is asked to: it is an extra that an installation may lack.
+"""
+
+import secrets
+import webbrowser
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from cosim.errors import UserError
+from cosim.web.pages import VIEW
+from cosim.web.session import Session
+
+
+class Showing(NamedTuple):
+    """How a page is to be shown."""
+
+    port: int = 0
+    """On 127.0.0.1; 0: a free one."""
+    in_browser: bool = False
+    """Open it there."""
+    secret: bool = False
+    """Talk only with who has the address that was printed."""
+
+
+def check_installed() -> None:
+    """Raise UserError if what the server is made of is not installed."""
+    missing = [name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None]
+    if missing:
+        raise UserError(f"pages need {', '.join(missing)}, not installed here: pip install 'cosim[web]'")
+
+
+def show(session: Session, showing: Showing, told: Callable[[str], None], page: str = VIEW) -> None:
+    """Serve *session* with *page* until the user interrupts it; *told* gets the page's address first.
+
+    Raise UserError if the port is taken.
+    """
+    from cosim.web.server import serve
+
+    def tell(address: str) -> None:
+        told(address)
+        if showing.in_browser:
+            webbrowser.open(address)
+
+    serve(session, page, showing.port, secrets.token_urlsafe(16) if showing.secret else None, tell)

@@ -1,0 +1,53 @@
+// The WebSocket to the server that this page came from: it says when it is gone, and comes back when it is told to.
+
+/** A connection that can be opened anew; messages are objects with a `say`. */
+export class Connection {
+  /**
+   * @param {{message: (message: object) => void, opened: () => void, lost: (why: string) => void}} told
+   */
+  constructor(told) {
+    this.told = told;
+    this.socket = null;
+    window.addEventListener("pagehide", () => this.socket?.close());
+  }
+
+  /** Whether something that is sent now has a chance to arrive. */
+  get open() {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  /** Connect; an older connection is given up without a word. */
+  connect() {
+    this.socket?.close();
+    const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${location.search}`;
+    const socket = new WebSocket(address);
+    let was_open = false;
+    this.socket = socket;
+    socket.addEventListener("open", () => {
+      was_open = true;
+      if (socket === this.socket) this.told.opened();
+    });
+    socket.addEventListener("message", (event) => {
+      if (socket === this.socket) this.told.message(JSON.parse(event.data));
+    });
+    socket.addEventListener("close", (event) => {
+      if (socket !== this.socket) return;
+      this.socket = null;
+      this.told.lost(reason(event, was_open));
+    });
+  }
+
+  /** Send a message; without a connection nothing happens, and false is returned. */
+  send(message) {
+    if (!this.open) return false;
+    this.socket.send(JSON.stringify(message));
+    return true;
+  }
+}
+
+function reason(event, was_open) {
+  if (event.code === 1013) return "Too many pages are open.";
+  if (event.code === 1009) return "The server found a message too long.";
+  if (event.code === 1012) return "The server has been ended.";
+  return was_open ? "The server is gone." : "The server does not answer, or does not want to talk to this page.";
+}

@@ -1,0 +1,293 @@
+// The floor on a canvas: walls, base, goals, trails, robots, and frames as they fly. x to the right, y up, in metres.
+
+export const FLIGHT_MS = 450;
+export const LINK_MS = 2500;
+const ROBOT_COLOURS = 8;
+const LEAST_RADIUS_PX = 6;
+const MARGIN_PX = 22;
+
+/** Draws a run on a canvas; asks for nothing while nothing changes. */
+export class Floor {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {import("./run.js").Run} run
+   * @param {(robot: number | null) => void} picked told which robot has been clicked on
+   */
+  constructor(canvas, run, picked = () => {}) {
+    this.canvas = canvas;
+    this.run = run;
+    this.picked = picked;
+    this.selected = null;
+    this.extras = []; // functions (pen, floor) that draw on top: routes of a plan, for example
+    this.asked = false;
+    this.still = matchMedia("(prefers-reduced-motion: reduce)");
+    this.zoom = 1;
+    this.centre = null;
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    dark.addEventListener("change", () => this.recolour());
+    canvas.addEventListener("click", (event) => this.click(event));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    canvas.addEventListener("dblclick", () => this.fit());
+    this.colours = {};
+    this.recolour();
+    this.resize();
+  }
+
+  /** Draw at the next opportunity. */
+  draw() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame((now) => {
+      this.asked = false;
+      this.paint(now);
+    });
+  }
+
+  /** The colour of a robot. */
+  colour(robot) {
+    return this.colours[`robot-${((robot % ROBOT_COLOURS) + ROBOT_COLOURS) % ROBOT_COLOURS}`];
+  }
+
+  /** Show the whole floor again. */
+  fit() {
+    this.zoom = 1;
+    this.centre = null;
+    this.resize();
+  }
+
+  /** Where a point of the floor (m) is on the canvas (px). */
+  place([x, y]) {
+    return [this.left + x * this.scale, this.top - y * this.scale];
+  }
+
+  /** Which point of the floor (m) an event of the mouse is at. */
+  point(event) {
+    const box = this.canvas.getBoundingClientRect();
+    return [(event.clientX - box.left - this.left) / this.scale, (this.top - (event.clientY - box.top)) / this.scale];
+  }
+
+  recolour() {
+    const style = getComputedStyle(document.documentElement);
+    const names = ["paper", "ink", "quiet", "line", "accent", "bad", "wall", "solid", "floor", "base"];
+    for (let robot = 0; robot < ROBOT_COLOURS; robot += 1) names.push(`robot-${robot}`);
+    for (const name of names) this.colours[name] = style.getPropertyValue(`--${name}`).trim();
+    this.draw();
+  }
+
+  resize() {
+    const ratio = window.devicePixelRatio || 1;
+    const { clientWidth, clientHeight } = this.canvas;
+    this.canvas.width = Math.max(1, Math.round(clientWidth * ratio));
+    this.canvas.height = Math.max(1, Math.round(clientHeight * ratio));
+    this.ratio = ratio;
+    const [x_min, y_min, x_max, y_max] = this.run.scene?.bounds_m ?? [0, 0, 1, 1];
+    const width_m = Math.max(x_max - x_min, 0.1);
+    const height_m = Math.max(y_max - y_min, 0.1);
+    const wide = (clientWidth - 2 * MARGIN_PX) / width_m;
+    const high = (clientHeight - 2 * MARGIN_PX) / height_m;
+    this.scale = Math.max(1e-3, Math.min(wide, high)) * this.zoom;
+    const [x, y] = this.centre ?? [(x_min + x_max) / 2, (y_min + y_max) / 2];
+    this.left = clientWidth / 2 - x * this.scale;
+    this.top = clientHeight / 2 + y * this.scale;
+    this.draw();
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const [x, y] = this.point(event);
+    const factor = Math.exp(-event.deltaY / 500);
+    const zoom = Math.min(40, Math.max(1, this.zoom * factor));
+    const change = this.zoom / zoom;
+    const { clientWidth, clientHeight } = this.canvas;
+    const middle = [(clientWidth / 2 - this.left) / this.scale, (this.top - clientHeight / 2) / this.scale];
+    this.centre = zoom === 1 ? null : [x + (middle[0] - x) * change, y + (middle[1] - y) * change];
+    this.zoom = zoom;
+    this.resize();
+  }
+
+  click(event) {
+    const [x, y] = this.point(event);
+    const robots = this.run.now?.robots ?? [];
+    const reach_m = 14 / this.scale;
+    let best = null;
+    let least = Infinity;
+    robots.forEach(([robot_x, robot_y], robot) => {
+      const far = Math.hypot(robot_x - x, robot_y - y);
+      if (far < least && far < Math.max(reach_m, this.run.scene.radii_m[robot] ?? 0)) [best, least] = [robot, far];
+    });
+    this.picked(best);
+  }
+
+  paint(wall_ms) {
+    const { run, canvas } = this;
+    const pen = canvas.getContext("2d");
+    pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+    if (!run.scene) return;
+    pen.lineCap = pen.lineJoin = "round";
+    this.paint_floor(pen);
+    this.paint_trails(pen);
+    const moving = run.fade(wall_ms, FLIGHT_MS, LINK_MS);
+    this.paint_links(pen, wall_ms);
+    for (const mark of run.seen_marks()) this.paint_mark(pen, mark);
+    for (const extra of this.extras) extra(pen, this);
+    for (const flight of run.flights) this.paint_flight(pen, flight, (wall_ms - flight.wall_ms) / FLIGHT_MS);
+    run.now?.robots.forEach((robot, number) => this.paint_robot(pen, number, robot));
+    pen.globalAlpha = 1;
+    if (moving) this.draw();
+  }
+
+  paint_floor(pen) {
+    const { scene } = this.run;
+    const [x_min, y_min, x_max, y_max] = scene.bounds_m;
+    const [left, top] = this.place([x_min, y_max]);
+    pen.fillStyle = this.colours.floor;
+    pen.fillRect(left, top, (x_max - x_min) * this.scale, (y_max - y_min) * this.scale);
+    pen.fillStyle = this.colours.solid;
+    for (const polygon of scene.polygons_m) {
+      pen.beginPath();
+      for (const point of polygon) pen.lineTo(...this.place(point));
+      pen.closePath();
+      pen.fill();
+    }
+    pen.strokeStyle = this.colours.wall;
+    pen.lineWidth = 1.6;
+    pen.beginPath();
+    for (const [x1, y1, x2, y2] of scene.walls_m) {
+      pen.moveTo(...this.place([x1, y1]));
+      pen.lineTo(...this.place([x2, y2]));
+    }
+    pen.stroke();
+    this.paint_places(pen, scene);
+    if (scene.base_m) this.triangle(pen, this.place(scene.base_m), 10, this.colours.base);
+  }
+
+  paint_places(pen, scene) {
+    pen.fillStyle = this.colours.quiet;
+    pen.font = "11px system-ui, sans-serif";
+    pen.textAlign = "center";
+    for (const [name, points] of Object.entries(scene.places_m)) {
+      for (const point of points.slice(0, 40)) {
+        const [x, y] = this.place(point);
+        pen.fillRect(x - 1, y - 1, 2, 2);
+        if (points.length === 1) pen.fillText(name, x, y - 5);
+      }
+    }
+  }
+
+  paint_trails(pen) {
+    pen.lineWidth = 1.5;
+    pen.lineCap = "butt"; // the pieces must not overlap
+    this.run.trails.forEach((trail, robot) => {
+      pen.strokeStyle = this.colour(robot);
+      for (let from = 0; from < trail.length - 1; from += 40) { // in pieces, the older the fainter
+        pen.globalAlpha = 0.12 + (0.4 * from) / trail.length;
+        pen.beginPath();
+        for (const [, x, y] of trail.slice(from, from + 41)) pen.lineTo(...this.place([x, y]));
+        pen.stroke();
+      }
+    });
+    pen.lineCap = "round";
+    pen.globalAlpha = 1;
+  }
+
+  paint_links(pen, wall_ms) {
+    const robots = this.run.now?.robots ?? [];
+    pen.strokeStyle = this.colours.accent;
+    pen.lineWidth = 2;
+    for (const [pair, at_ms] of this.run.links) {
+      const [one, two] = pair.split(" ").map(Number);
+      if (!robots[one] || !robots[two]) continue;
+      pen.globalAlpha = 0.45 * (1 - (wall_ms - at_ms) / LINK_MS);
+      this.line(pen, this.place(robots[one]), this.place(robots[two]));
+    }
+    pen.globalAlpha = 1;
+  }
+
+  paint_flight(pen, { source, destination, good }, part) {
+    const robots = this.run.now?.robots ?? [];
+    if (!robots[source] || part < 0) return;
+    const [x, y] = this.place(robots[source]);
+    pen.globalAlpha = Math.max(0, 1 - part) * 0.9;
+    pen.strokeStyle = pen.fillStyle = good ? this.colours.accent : this.colours.bad;
+    pen.lineWidth = 1.4;
+    if (!robots[destination]) {
+      pen.beginPath();
+      pen.arc(x, y, 8 + 40 * (this.still.matches ? 1 : part), 0, 2 * Math.PI);
+      pen.stroke();
+      return;
+    }
+    const [to_x, to_y] = this.place(robots[destination]);
+    pen.setLineDash(good ? [] : [4, 4]);
+    this.line(pen, [x, y], [to_x, to_y]);
+    pen.setLineDash([]);
+    if (this.still.matches) return;
+    pen.beginPath();
+    pen.arc(x + (to_x - x) * part, y + (to_y - y) * part, 3, 0, 2 * Math.PI);
+    pen.fill();
+  }
+
+  paint_mark(pen, mark) {
+    const [x, y] = this.place([mark.x, mark.y]);
+    pen.strokeStyle = this.colour(mark.robot);
+    pen.lineWidth = 2;
+    pen.globalAlpha = 0.85;
+    pen.beginPath();
+    if (mark.kind === "goal") pen.arc(x, y, 9, 0, 2 * Math.PI);
+    else if (mark.kind === "frontier") pen.rect(x - 5, y - 5, 10, 10);
+    else if (mark.kind === "ghost") {
+      pen.setLineDash([3, 3]);
+      pen.arc(x, y, 8, 0, 2 * Math.PI);
+    } else {
+      pen.moveTo(x - 4, y - 4);
+      pen.lineTo(x + 4, y + 4);
+      pen.moveTo(x - 4, y + 4);
+      pen.lineTo(x + 4, y - 4);
+    }
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.globalAlpha = 1;
+  }
+
+  paint_robot(pen, robot, [x_m, y_m, heading, down]) {
+    const [x, y] = this.place([x_m, y_m]);
+    const radius = Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
+    pen.globalAlpha = 1;
+    pen.fillStyle = down ? this.colours.paper : this.colour(robot);
+    pen.strokeStyle = down ? this.colours.quiet : this.colours.paper;
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    pen.arc(x, y, radius, 0, 2 * Math.PI);
+    pen.fill();
+    pen.stroke();
+    this.line(pen, [x, y], [x + radius * Math.cos(heading), y - radius * Math.sin(heading)]);
+    if (robot === this.selected) {
+      pen.strokeStyle = this.colours.ink;
+      pen.beginPath();
+      pen.arc(x, y, radius + 4, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+    pen.fillStyle = this.colours.ink;
+    pen.font = "600 12px system-ui, sans-serif";
+    pen.textAlign = "left";
+    pen.fillText(`${robot}${down ? " †" : ""}`, x + radius + 3, y - radius + 2);
+  }
+
+  triangle(pen, [x, y], size, colour) {
+    pen.fillStyle = colour;
+    pen.beginPath();
+    pen.moveTo(x, y - size);
+    pen.lineTo(x + size * 0.9, y + size * 0.7);
+    pen.lineTo(x - size * 0.9, y + size * 0.7);
+    pen.closePath();
+    pen.fill();
+  }
+
+  line(pen, from, to) {
+    pen.beginPath();
+    pen.moveTo(...from);
+    pen.lineTo(...to);
+    pen.stroke();
+  }
+}

@@ -1,0 +1,185 @@
+// Calling a play: the tree of plays, the parameters of the chosen one, Execute and Tailor, and what the planner answers.
+
+import { Form } from "./playbook_form.js";
+import { make } from "./playbook_parts.js";
+import { Tailor } from "./playbook_tailor.js";
+import { Tree } from "./playbook_tree.js";
+
+const CHECK_MS = 350;
+
+/** The upper left part of the page, and the tailoring at the right. */
+export class Calling {
+  /**
+   * @param {(id: string) => HTMLElement} find
+   * @param {{picker: object, ask: (request: object) => Promise<object>, executed: () => void, tailored: () => void,
+   *   trouble: (why: string) => void, changed: () => void}} told
+   */
+  constructor(find, told) {
+    this.find = find;
+    this.told = told;
+    this.size = 0;
+    this.chosen = null;
+    this.tailoring = null; // path of the play that is being tailored
+    this.timer = 0;
+    this.asked = 0;
+    this.tree = new Tree(find("plays"), { draw: draw_play, picked: (node) => this.choose(node) });
+    this.form = new Form(find("form"), told.picker, () => this.filled());
+    this.tailor = new Tailor(find, told.picker, (wanted) => (wanted ? this.check(true) : this.check_soon()));
+    find("execute").addEventListener("click", () => this.execute());
+    find("tailor").addEventListener("click", () => this.begin());
+    find("execute-tailored").addEventListener("click", () => this.execute_tailored());
+    find("check").addEventListener("click", () => this.check(true));
+    find("refusal-close").addEventListener("click", () => this.hide_refusal());
+  }
+
+  /** Take the tree of plays. */
+  know_plays(tree) {
+    this.tree.show(tree.map((branch) => play_node(branch, null)));
+  }
+
+  /** Take the places that the floor names, and how many robots there are. */
+  know_floor(named, size) {
+    this.size = size;
+    this.tailor.named = named;
+    this.form.know(named, size);
+  }
+
+  /** The points on the floor that have been chosen. */
+  points() {
+    return this.form.points();
+  }
+
+  choose(node) {
+    this.chosen = node;
+    this.find("calling-title").textContent = node.id;
+    this.find("calling-about").textContent = this.find("calling-about").title = node.about;
+    this.form.show(node.id, node.parameters);
+    this.find("execute").disabled = this.find("tailor").disabled = false;
+    this.told.changed();
+  }
+
+  /** Something has been filled in: places on the floor may be others, and the plan that is being tailored too. */
+  filled() {
+    this.told.changed();
+    this.tailor.keep_roles(this.form.roles(), this.size);
+    if (this.tailoring !== null && this.tailoring === this.chosen?.id) this.check_soon();
+  }
+
+  // ------------------------------------------------------------ calling
+
+  async execute() {
+    const answer = await this.call({ play: this.chosen.id, parameters: this.form.given() }, true);
+    if (answer?.say === "plan") this.done();
+  }
+
+  /** Have the chosen play be tailored. */
+  begin() {
+    this.tailoring = this.chosen.id;
+    this.tailor.reset(this.form.roles(), this.size);
+    this.find("tailor-none").hidden = true;
+    this.find("tailor-part").hidden = false;
+    this.find("tailor-title").textContent = `Tailoring ${this.tailoring}`;
+    this.told.tailored();
+    this.check(true);
+  }
+
+  check_soon() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.check(false), CHECK_MS);
+  }
+
+  /** Have the planner make a plan of what is asked for so far; *wanted*: on an explicit wish, so its answer gets focus. */
+  async check(wanted) {
+    clearTimeout(this.timer);
+    if (this.tailoring === null) return null;
+    this.asked += 1;
+    const number = this.asked;
+    const answer = await this.call(this.tailored(), false, wanted);
+    if (number !== this.asked || answer === null) return null; // something else has been asked for since
+    if (answer.say === "plan") {
+      this.hide_refusal();
+      this.tailor.show_plan(answer);
+    } else {
+      this.tailor.show_none();
+    }
+    return answer;
+  }
+
+  tailored() {
+    return { play: this.tailoring, parameters: this.form.given(), ...this.tailor.additions() };
+  }
+
+  async execute_tailored() {
+    const answer = await this.call(this.tailored(), true);
+    if (answer?.say === "plan") this.done();
+    else this.tailor.show_none();
+  }
+
+  done() {
+    this.hide_refusal();
+    this.told.picker.want(null);
+    this.told.executed();
+  }
+
+  /** Ask for a plan; return the answer, null if there is none. A refusal is shown, with focus if it was wished for. */
+  async call(call, execute, wanted = true) {
+    const buttons = ["execute", "tailor", "execute-tailored"].map(this.find);
+    const before = document.activeElement;
+    if (execute) for (const each of buttons) each.disabled = true;
+    try {
+      const answer = await this.told.ask({ say: "call", call, execute });
+      if (answer.say === "refusal") this.show_refusal(call.play, answer.conflicts, answer.mend, wanted);
+      if (answer.say === "error") this.show_refusal(call.play, [answer.why], [], wanted);
+      return answer;
+    } catch (error) {
+      this.told.trouble(error.message);
+      return null;
+    } finally {
+      for (const each of buttons) each.disabled = false;
+      if (execute && document.activeElement === document.body && buttons.includes(before)) before.focus();
+    }
+  }
+
+  // ------------------------------------------------------------ refusals
+
+  show_refusal(play, conflicts, mend, focused) {
+    const items = (texts) => texts.map((text) => make("li", { textContent: text }));
+    this.find("refusal-title").textContent = mend.length || conflicts.length > 1 ? `${play} cannot be played` : `${play}: not like this`;
+    this.find("conflicts").replaceChildren(...items(conflicts));
+    this.find("mend").replaceChildren(...items(mend));
+    this.find("mend-part").hidden = !mend.length;
+    this.find("refusal").hidden = false;
+    if (!focused) return;
+    this.find("refusal").focus();
+    this.find("refusal").scrollIntoView({ block: "nearest" });
+  }
+
+  hide_refusal() {
+    this.find("refusal").hidden = true;
+  }
+}
+
+/** A play, a folder of plays, or a task of a play as a node of the tree; tasks have the parameters of their play. */
+function play_node(branch, play) {
+  const below = branch.plays ?? branch.tasks ?? [];
+  const task = play !== null;
+  const own = { path: branch.path, parameters: branch.parameters ?? {}, about: branch.about ?? "" };
+  const nodes = below.map((each) => play_node(each, branch.plays ? null : play ?? own));
+  const parameters = branch.plays ? shared(nodes) : (play ?? own).parameters;
+  const about = task ? `A task of ${play.path}: ${branch.kind}.` : own.about;
+  return { id: branch.path, name: branch.name, about, parameters, below: nodes, open: Boolean(branch.plays), task, kind: branch.kind };
+}
+
+/** The parameters that all plays of a folder have. */
+function shared(nodes) {
+  const [first, ...others] = nodes.map((node) => node.parameters);
+  const names = Object.keys(first ?? {}).filter((name) => others.every((each) => each[name]?.kind === first[name].kind));
+  return Object.fromEntries(names.map((name) => [name, first[name]]));
+}
+
+function draw_play(row, node) {
+  if (row.dataset.text === node.id) return;
+  row.dataset.text = node.id;
+  row.title = node.about;
+  row.replaceChildren(make(node.task ? "span" : "b", { className: node.task ? "task" : "", textContent: node.name }));
+}

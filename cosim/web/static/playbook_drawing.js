@@ -1,0 +1,44 @@
+// What the playbook draws on the floor besides the run: places that are being chosen, where robots end up, a way.
+
+import { final_places } from "./playbook_played.js";
+
+/** Draw the places that are filled in, and where the robots end up by what is being played. */
+export function paint_places(pen, floor, { chosen, current }) {
+  pen.font = "11px system-ui, sans-serif";
+  pen.textAlign = "center";
+  if (current && current.result === "") {
+    for (const [robot, place] of final_places(current.plan.root)) {
+      ring(pen, floor, place, 13, floor.colour(robot), []);
+      ring(pen, floor, place, 9, floor.colour(robot), []);
+    }
+  }
+  for (const { point, name } of chosen) {
+    ring(pen, floor, point, 11, floor.colours.accent, [3, 3]);
+    const [x, y] = floor.place(point);
+    pen.fillStyle = floor.colours.accent;
+    pen.fillText(name, x, y + 24);
+  }
+  pen.setLineDash([]);
+}
+
+/** Draw the way that was asked for. */
+export function paint_way(pen, floor, way) {
+  if (!way) return;
+  pen.strokeStyle = floor.colour(way.robot);
+  pen.lineWidth = 2;
+  pen.setLineDash([7, 5]);
+  pen.beginPath();
+  for (const point of way.points) pen.lineTo(...floor.place(point));
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
+function ring(pen, floor, point, radius, colour, dash) {
+  const [x, y] = floor.place(point);
+  pen.strokeStyle = colour;
+  pen.lineWidth = 1.6;
+  pen.setLineDash(dash);
+  pen.beginPath();
+  pen.arc(x, y, radius, 0, 2 * Math.PI);
+  pen.stroke();
+}

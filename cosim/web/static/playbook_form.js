@@ -1,0 +1,143 @@
+// The parameters of a play, as a form: robots, places, numbers, a strategy.
+
+import { Places, points_of } from "./playbook_places.js";
+import { choice, labelled, make, number } from "./playbook_parts.js";
+
+export const STRATEGIES = [["group", "group"], ["wave", "wave"], ["leap_frog", "leap-frog"]];
+
+/** What a play wants to know. Values that are left out are the planner's to choose, or the play's own. */
+export class Form {
+  /**
+   * @param {HTMLElement} root
+   * @param {import("./playbook_places.js").Picker} picker
+   * @param {() => void} changed
+   */
+  constructor(root, picker, changed) {
+    this.root = root;
+    this.picker = picker;
+    this.changed = changed;
+    this.named = {};
+    this.size = 0;
+    this.values = {};
+    this.parameters = {};
+    this.path = "";
+    root.addEventListener("submit", (event) => event.preventDefault());
+  }
+
+  /** Show the parameters of the play at *path*. */
+  show(path, parameters) {
+    const same = JSON.stringify(parameters) === JSON.stringify(this.parameters);
+    this.path = path;
+    if (same) return; // what has been filled in stays: it is the same play at another level, or one like it
+    this.picker.want(null);
+    this.parameters = parameters;
+    this.values = {};
+    const fields = Object.entries(parameters).map(([name, parameter]) =>
+      labelled(name.replaceAll("_", " "), this.field(name, parameter), parameter.about));
+    this.root.replaceChildren(...fields);
+  }
+
+  /** Make anew what depends on the floor and the team. */
+  know(named, size) {
+    if (JSON.stringify([named, size]) === JSON.stringify([this.named, this.size])) return;
+    Object.assign(this, { named, size });
+    const { path, parameters } = this;
+    this.parameters = {};
+    this.show(path, parameters);
+  }
+
+  /** The values that were given, by their names, as the planner wants them. */
+  given() {
+    const given = Object.entries(this.values).filter(([, value]) => value !== null && value !== undefined && value !== "");
+    return Object.fromEntries(given);
+  }
+
+  /** The points on the floor that have been chosen, with what they are for. */
+  points() {
+    return Object.entries(this.values).flatMap(([name, value]) => {
+      const { kind } = this.parameters[name];
+      if (kind !== "place" && kind !== "places") return [];
+      const points = points_of(kind === "place" && value !== null ? [value] : value ?? [], this.named);
+      return points.map((point, at) => ({ point, name: points.length > 1 ? String(at + 1) : name.replaceAll("_", " ") }));
+    });
+  }
+
+  /** How many robots a parameter stands for; null if that is left open. */
+  count(name) {
+    const { kind, as_many_as, default: most } = this.parameters[name];
+    const value = this.values[name];
+    if (kind === "robot") return 1;
+    if (Array.isArray(value)) return value.length;
+    if (Number.isInteger(value)) return value;
+    return as_many_as ? points_of(this.values[as_many_as] ?? [], this.named).length || null : most ?? null;
+  }
+
+  /** The roles that the planner casts: the parameters that are robots, numbered if they are several. */
+  roles() {
+    return Object.entries(this.parameters).flatMap(([name, { kind }]) => {
+      if (kind === "robot") return [name];
+      if (kind !== "robots") return [];
+      return Array.from({ length: this.count(name) ?? 0 }, (_, at) => `${name}-${at + 1}`);
+    });
+  }
+
+  set(name, value) {
+    this.values[name] = value;
+    this.changed();
+  }
+
+  field(name, parameter) {
+    const set = (value) => this.set(name, value);
+    const own = parameter.default;
+    switch (parameter.kind) {
+      case "place":
+      case "places": {
+        const single = parameter.kind === "place";
+        const told = (places) => set(single ? places[0] ?? null : places.length ? [...places] : null);
+        return new Places(name.replaceAll("_", " "), { single, picker: this.picker, named: this.named, changed: told }).element;
+      }
+      case "robots":
+        return this.robots(name, parameter);
+      case "robot":
+        return choice([["", "the planner chooses"], ...this.team()], "", (value) => set(value === "" ? null : Number(value)));
+      case "strategy": {
+        const first = own ? [["", `${own.replace("_", "-")}, the play's own`]] : [["", "choose"]];
+        return choice([...first, ...STRATEGIES], "", (value) => set(value || null));
+      }
+      default: {
+        const limits = { min: parameter.least ?? "", max: parameter.most ?? "" };
+        return number(null, set, { ...limits, placeholder: own ?? "" });
+      }
+    }
+  }
+
+  /** Several robots: how many, or which. */
+  robots(name, { as_many_as, default: own }) {
+    const chosen = new Set();
+    const open = as_many_as ? `as many as ${as_many_as.replaceAll("_", " ")}` : own ?? "how many";
+    const title = name.replaceAll("_", " ");
+    const count = number(null, (value) => {
+      if (value !== null && chosen.size) {
+        chosen.clear();
+        for (const each of team.children) each.setAttribute("aria-pressed", "false");
+      }
+      this.set(name, value);
+    }, { min: 1, max: this.size, step: 1, placeholder: open, aria: { label: `${title}: how many` } });
+    const team = make("span", { className: "team" });
+    team.append(...this.team().map(([, text], robot) => {
+      const each = make("button", { type: "button", textContent: String(robot), aria: { pressed: false, label: `${title}: ${text}` } });
+      each.addEventListener("click", () => {
+        if (!chosen.delete(robot)) chosen.add(robot);
+        each.setAttribute("aria-pressed", String(chosen.has(robot)));
+        count.value = "";
+        this.set(name, chosen.size ? [...chosen] : null);
+      });
+      return each;
+    }));
+    return make("div", { className: "robots-field", children: [count, "or", team] });
+  }
+
+  team() {
+    return Array.from({ length: this.size }, (_, robot) => [String(robot), `robot ${robot}`]);
+  }
+}

@@ -1,0 +1,139 @@
+// What is said at the console of the host robot: requests with numbers, answers to them, and news.
+//
+// This page and its modules (playbook_*.js) are all of cosim that knows what a deployment's console says.
+
+const PATIENCE_MS = 4000;
+const PROBE_MS = 1500;
+const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
+const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
+
+/** Asks the host, follows it to another robot when it falls silent, and passes on what others have asked and been told. */
+export class Operator {
+  /**
+   * @param {(message: object) => boolean} send to the server
+   * @param {{heard: (message: object, robot: number, mine: boolean) => void, host: (robot: number, why: string) => void}} told
+   */
+  constructor(send, told) {
+    this.send = send;
+    this.told = told;
+    this.first = crypto.getRandomValues(new Uint32Array(1))[0] * 2 ** 20; // other pages have numbers of their own
+    this.next = this.first;
+    this.begin({ radii_m: [] });
+    setInterval(() => this.look(performance.now()), 500);
+  }
+
+  /** Forget everything: this is another run, or the connection is new. */
+  begin(scene) {
+    for (const each of this.waiting?.values() ?? []) each.reject(new Error("the connection was lost"));
+    this.size = scene.radii_m.length;
+    this.host = 0;
+    this.silent = false;
+    this.waiting = new Map();
+    this.probed_ms = -Infinity;
+    this.playing = false;
+    this.down = new Set();
+  }
+
+  /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
+  moment(now) {
+    if (now.state === "playing" && !this.playing) this.patient(performance.now());
+    this.playing = now.state === "playing";
+    this.down = new Set(now.robots.flatMap((robot, number) => (robot[3] ? [number] : [])));
+  }
+
+  /** Ask the host something; the promise is of its answer. An answer `error` or `refusal` is an answer too. */
+  ask(request) {
+    return new Promise((resolve, reject) => {
+      const number = this.next;
+      this.next += 1;
+      const data = { request: number, ...request };
+      this.waiting.set(number, { data, robot: this.host, since_ms: performance.now(), resolve, reject });
+      if (!this.say(this.host, data)) {
+        this.waiting.delete(number);
+        reject(new Error("the server is gone"));
+      }
+    });
+  }
+
+  say(robot, data) {
+    return this.send({ say: "operator", robot, data });
+  }
+
+  /** Take what a robot says to its operator. */
+  take({ robot, data }) {
+    if (data === null || typeof data !== "object") return;
+    const { answer } = data;
+    const asked = this.waiting.get(answer);
+    if (data.say === "state") this.stands(robot, data, answer);
+    if (!asked) {
+      this.told.heard(data, robot, false);
+      return;
+    }
+    if (data.say === "error" && Number.isInteger(data.host) && data.host !== robot && data.host < this.size) {
+      this.follow(data.host, data.why);
+      this.again(answer, asked);
+      return;
+    }
+    this.waiting.delete(answer);
+    this.told.heard(data, robot, true);
+    asked.resolve(data);
+  }
+
+  /** Take the answer to a probe: whom that robot follows; what it was asked before and has not answered is lost. */
+  stands(robot, { host }, answer) {
+    if (!(answer >= this.first && answer < this.next)) return;
+    if (host === robot && (this.silent || robot !== this.host)) {
+      if (robot !== this.host) this.follow(robot, `robot ${robot} is host now`);
+      this.silent = false;
+      this.told.host(this.host, "");
+    }
+    for (const [number, asked] of this.waiting) {
+      if (number >= answer || asked.robot === robot && OVER_THE_AIR.has(asked.data.say)) continue;
+      if (asked.robot === robot) {
+        this.waiting.delete(number);
+        asked.reject(new Error(`robot ${robot} has not answered: ask again`));
+      } else if (host === robot && OF_THE_HOST.has(asked.data.say)) {
+        this.again(number, asked);
+      }
+    }
+  }
+
+  follow(robot, why) {
+    this.host = robot;
+    this.silent = false;
+    this.told.host(robot, why);
+  }
+
+  again(number, asked) {
+    Object.assign(asked, { robot: this.host, since_ms: performance.now() });
+    this.say(this.host, asked.data);
+  }
+
+  patient(wall_ms) {
+    for (const asked of this.waiting.values()) asked.since_ms = wall_ms;
+  }
+
+  /** Look for who is host now, if the one that was asked has not answered for long. */
+  look(wall_ms) {
+    if (!this.playing) return;
+    const late = [...this.waiting.values()].some(
+      (asked) => !OVER_THE_AIR.has(asked.data.say) && wall_ms - asked.since_ms > PATIENCE_MS,
+    );
+    if ((late || this.down.has(this.host)) && !this.silent) {
+      this.silent = true;
+      this.told.host(this.host, `robot ${this.host}, the host, does not answer: waiting for its successor`);
+    }
+    if (this.silent && wall_ms - this.probed_ms > PROBE_MS) {
+      this.probed_ms = wall_ms;
+      this.probe();
+    }
+  }
+
+  /** Ask every robot whom it follows. */
+  probe() {
+    for (let robot = 0; robot < this.size; robot += 1) {
+      this.say(robot, { request: this.next, say: "state" });
+      this.next += 1;
+    }
+  }
+}

@@ -1,0 +1,128 @@
+// Choosing places: by clicking on the floor, by name, or by typing coordinates.
+
+import { button, choice, make, place_text, short } from "./playbook_parts.js";
+
+/** Takes the clicks on the floor while somebody wants a place. */
+export class Picker {
+  /**
+   * @param {import("./floor.js").Floor} floor
+   * @param {HTMLElement} hint says what a click is going to do
+   */
+  constructor(floor, hint) {
+    this.floor = floor;
+    this.hint = hint;
+    this.wanted = null;
+    floor.canvas.addEventListener("click", (event) => this.click(event), { capture: true });
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") this.want(null);
+    });
+  }
+
+  /** Have the next clicks go to *wanted*: {title, take: (place) => boolean (whether more are wanted), over: () => void}. */
+  want(wanted) {
+    const before = this.wanted;
+    this.wanted = wanted;
+    if (before && before !== wanted) before.over();
+    this.hint.hidden = !wanted;
+    this.hint.textContent = wanted ? `Click on the floor: ${wanted.title}. Escape ends it.` : "";
+    this.floor.canvas.classList.toggle("picking", Boolean(wanted));
+  }
+
+  click(event) {
+    if (!this.wanted) return;
+    event.stopImmediatePropagation();
+    const [x, y] = this.floor.point(event);
+    const [x_min, y_min, x_max, y_max] = this.floor.run.scene.bounds_m;
+    if (x < x_min || x > x_max || y < y_min || y > y_max) return;
+    if (!this.wanted.take([Number(x.toFixed(2)), Number(y.toFixed(2))])) this.want(null);
+  }
+}
+
+/** A list of places that can be added to. */
+export class Places {
+  /**
+   * @param {string} title
+   * @param {{single: boolean, picker: Picker, named: Record<string, number[][]>, changed: (places: (string | number[])[]) => void}} about
+   */
+  constructor(title, { single, picker, named, changed }) {
+    this.title = title;
+    this.single = single;
+    this.picker = picker;
+    this.changed = changed;
+    this.places = [];
+    this.chips = make("span", { className: "chips" });
+    this.pick = button("Pick", () => this.toggle(), {
+      className: "pick",
+      title: "by clicking on the floor",
+      aria: { pressed: false, label: `Pick ${title} on the floor` },
+    });
+    this.typed = make("input", { placeholder: "x, y", size: 7, aria: { label: `${title}: coordinates in metres` } });
+    this.typed.addEventListener("change", () => this.type());
+    this.typed.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter") return;
+      event.preventDefault();
+      this.type();
+    });
+    const names = choice([["", "named…"], ...namings(named, single)], "", (value) => {
+      if (value) this.add(JSON.parse(value));
+      names.value = "";
+    }, { aria: { label: `${title}: places with names` } });
+    this.element = make("div", { className: "places", children: [this.chips, this.pick, names, this.typed] });
+  }
+
+  /** Add a place; return whether more are wanted. */
+  add(place) {
+    if (this.single) this.places = [];
+    this.places.push(place);
+    this.show();
+    this.changed(this.places);
+    return !this.single;
+  }
+
+  /** Have clicks on the floor be places of this list, or no more. */
+  toggle(on = this.pick.getAttribute("aria-pressed") !== "true") {
+    if (!on) {
+      this.picker.want(null);
+      return;
+    }
+    const over = () => this.pick.setAttribute("aria-pressed", "false");
+    this.picker.want({ title: this.title, take: (place) => this.add(place), over });
+    this.pick.setAttribute("aria-pressed", "true");
+  }
+
+  type() {
+    const found = /^\s*(-?\d+(?:\.\d+)?)\s*[,;\s]\s*(-?\d+(?:\.\d+)?)\s*$/.exec(this.typed.value);
+    this.typed.setAttribute("aria-invalid", String(!found && this.typed.value.trim() !== ""));
+    if (!found) return;
+    this.typed.value = "";
+    this.add([Number(found[1]), Number(found[2])]);
+  }
+
+  show() {
+    this.chips.replaceChildren(
+      ...this.places.map((place, at) =>
+        button(`${place_text(place)} ×`, () => {
+          this.places.splice(at, 1);
+          this.show();
+          this.changed(this.places);
+          this.pick.focus();
+        }, { className: "chip-button", aria: { label: `${place_text(place)}: remove` } })),
+    );
+  }
+}
+
+/** What can be chosen of the places that the floor names, as JSON of what is meant and in words. */
+function namings(named, single) {
+  return Object.entries(named).flatMap(([name, points]) => {
+    const each = points.map((point, at) => [
+      JSON.stringify(points.length === 1 ? name : point),
+      points.length === 1 ? name : `${name} ${at + 1}: ${short(point[0])}, ${short(point[1])}`,
+    ]);
+    return points.length > 1 && !single ? [[JSON.stringify(name), `${name}, all ${points.length}`], ...each] : each;
+  });
+}
+
+/** The points that a list of places and names stands for. */
+export function points_of(places, named) {
+  return places.flatMap((place) => (typeof place === "string" ? named[place] ?? [] : [place]));
+}

@@ -1,0 +1,144 @@
+// What is being played, as all pages hear it: plans that were made, the one that is executed, how its tasks stand.
+
+/** Follows the host's console. */
+export class Played {
+  /** @param {() => void} unknown told when something is being played of which no plan has been heard */
+  constructor(unknown) {
+    this.unknown = unknown;
+    this.forget();
+  }
+
+  forget() {
+    this.plans = new Map();
+    this.current = null;
+  }
+
+  /** Whether something is being played now. */
+  get running() {
+    return this.current !== null && this.current.result === "";
+  }
+
+  /** Take what the host has said at *time_s*; return whether anything has changed. */
+  take(message, time_s) {
+    switch (message.say) {
+      case "plan":
+        this.plans.set(message.plan.number, message);
+        if (message.executed) this.begin(message, time_s);
+        return Boolean(message.executed);
+      case "executing":
+        if (!this.plans.has(message.plan)) return this.miss();
+        this.begin(this.plans.get(message.plan), time_s);
+        return true;
+      case "state":
+        return this.stands(message);
+      case "task":
+        if (message.plan !== this.current?.number) return this.miss();
+        this.current.tasks.set(message.task, { state: message.state, robot: message.robot, why: message.why });
+        return true;
+      case "breach":
+        if (message.plan !== this.current?.number) return false;
+        this.current.breaches.push(message.why);
+        return true;
+      case "ended":
+        if (message.plan !== this.current?.number) return false;
+        Object.assign(this.current, { result: message.result, ended_s: time_s });
+        return true;
+      default:
+        return false;
+    }
+  }
+
+  begin({ plan, expected_s, windows }, time_s) {
+    this.current = {
+      number: plan.number,
+      plan,
+      expected_s,
+      windows: windows ?? {},
+      tasks: new Map(),
+      breaches: [],
+      result: "",
+      since_s: time_s,
+      ended_s: null,
+    };
+  }
+
+  /** Take an answer that tells all: for a page that has come late, or after a change of host. */
+  stands({ plan, tasks }) {
+    if (plan === null) return false;
+    const known = this.plans.get(plan.number);
+    if (this.current?.number !== plan.number) this.begin({ expected_s: null, ...known, plan }, null);
+    for (const [task, state] of Object.entries(tasks)) {
+      if (this.current.tasks.get(task)?.state !== state) this.current.tasks.set(task, { state, robot: null, why: "" });
+    }
+    const root = tasks[plan.root.name];
+    if (["done", "failed", "terminated"].includes(root) && this.current.result === "") this.current.result = root;
+    return true;
+  }
+
+  miss() {
+    this.unknown();
+    return false;
+  }
+}
+
+/**
+ * The tasks of a plan as nodes of a tree. What the executive makes of a deployment is not in the plan: it is known by the
+ * *names* that the windows and the states have, and stands where its name says.
+ */
+export function task_nodes(root, names) {
+  const nodes = new Map();
+  const top = task_node(root, nodes, 0);
+  for (const name of names) {
+    if (nodes.has(name) || !name.startsWith(`${root.name}/`)) continue;
+    const parts = name.split("/");
+    for (let count = root.name.split("/").length + 1; count <= parts.length; count += 1) {
+      const id = parts.slice(0, count).join("/");
+      const above = nodes.get(parts.slice(0, count - 1).join("/"));
+      if (nodes.has(id) || !above) continue;
+      const node = { id, name: parts[count - 1], label: parts[count - 1], task: null, below: [], open: false };
+      nodes.set(id, node);
+      above.below.push(node);
+    }
+  }
+  return [top];
+}
+
+function task_node(task, nodes, depth) {
+  const label = task.label || task.name.split("/").pop();
+  const node = { id: task.name, name: label, label, task, below: [], open: depth < 2 };
+  nodes.set(task.name, node);
+  node.below = task.subtasks.map((inner) => task_node(inner, nodes, depth + 1));
+  return node;
+}
+
+/** What a task is about, in words; nothing of one that only has parts. */
+export function act_text(act) {
+  switch (act?.act) {
+    case "go": {
+      const via = act.via_m.length ? `, over ${act.via_m.map(point_text).join(" and ")}` : "";
+      return `robot ${act.robot} to ${point_text(act.place_m)}${via}`;
+    }
+    case "photo":
+      return `robot ${act.robot} takes a picture`;
+    case "wait":
+      return `${act.seconds} s`;
+    case "explore":
+      return `robots ${act.robots.join(", ")}`;
+    case "deploy":
+      return `${act.strategy.replace("_", "-")}: ${act.robots.map((robot, at) => `${robot} to ${point_text(act.places_m[at])}`).join("; ")}`;
+    default:
+      return "";
+  }
+}
+
+/** Where robots end up by a plan: [robot, [x, y]]. */
+export function final_places(task) {
+  const own = task.act?.act === "deploy" ? task.act.robots.map((robot, at) => [robot, task.act.places_m[at]]) : [];
+  const go = task.act?.act === "go" && task.act.final ? [[task.act.robot, task.act.place_m]] : [];
+  const below = own.length ? [] : task.subtasks.flatMap(final_places);
+  return [...own, ...go, ...below];
+}
+
+function point_text([x, y]) {
+  return `${Number(x.toFixed(1))}, ${Number(y.toFixed(1))}`;
+}

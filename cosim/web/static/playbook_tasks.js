@@ -1,0 +1,74 @@
+// The tasks of a plan as a tree: with their windows while it is tailored, with their states while it is played.
+
+import { act_text, task_nodes } from "./playbook_played.js";
+import { make, seconds } from "./playbook_parts.js";
+import { Tree } from "./playbook_tree.js";
+
+const SIGNS = { waiting: "○", running: "▶", done: "✓", failed: "✗", terminated: "■" };
+
+/** A tree of tasks. */
+export class Tasks {
+  /**
+   * @param {HTMLElement} root
+   * @param {(node: object) => void} picked
+   */
+  constructor(root, picked) {
+    this.tree = new Tree(root, { draw: (row, node) => this.draw(row, node), picked });
+    this.windows = {};
+    this.states = null;
+  }
+
+  /** The name of the task that is selected, or null. */
+  get selected() {
+    return this.tree.selected;
+  }
+
+  /** Show a plan: *windows* by task, and how tasks stand (a Map), or null if it is not being played. */
+  show(plan, windows, states) {
+    Object.assign(this, { windows: windows ?? {}, states });
+    const nodes = task_nodes(plan.root, [...Object.keys(this.windows), ...(states?.keys() ?? [])]);
+    this.describe(nodes);
+    this.tree.show(nodes);
+    return nodes;
+  }
+
+  describe(nodes) {
+    for (const node of nodes) {
+      const about = this.states ? [this.stand(node).state] : [window_text(this.windows[node.id])];
+      node.words = [node.name, act_text(node.task?.act), ...about].filter(Boolean).join(", ");
+      this.describe(node.below);
+    }
+  }
+
+  stand(node) {
+    return this.states.get(node.id) ?? { state: "waiting", robot: null, why: "" };
+  }
+
+  draw(row, node) {
+    const parts = [make("b", { textContent: node.label }), make("span", { className: "act", textContent: act_text(node.task?.act) })];
+    if (this.states) {
+      const { state, why } = this.stand(node);
+      parts.unshift(make("span", { className: `sign ${state}`, textContent: SIGNS[state] ?? "?", title: state }));
+      if (why) parts.push(make("span", { className: "why", textContent: why }));
+    } else if (this.windows[node.id]) {
+      parts.push(make("span", { className: "window", textContent: window_text(this.windows[node.id]) }));
+    }
+    const text = parts.map((part) => part.textContent + part.className).join("|");
+    if (row.dataset.text === text) return;
+    row.dataset.text = text;
+    row.replaceChildren(...parts.filter((part) => part.textContent));
+  }
+}
+
+/** When a task may start and end, in words; *window*: earliest and latest start, earliest and latest end, s. */
+export function window_text(window) {
+  if (!window) return "";
+  const [first, last, soonest, latest] = window;
+  return `starts ${span(first, last)}, ends ${span(soonest, latest)}`;
+}
+
+function span(from, to) {
+  if (to === null || to === undefined) return `from ${seconds(from ?? 0)} on`;
+  if (from !== null && Math.abs(to - from) < 0.05) return `at ${seconds(to)}`;
+  return `${seconds(from ?? 0).replace(" s", "")}–${seconds(to)}`;
+}

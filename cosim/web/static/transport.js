@@ -1,0 +1,167 @@
+// Time in the hands of whoever looks: play, pause, step, speed and, in a recorded run, the way back.
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100];
+const SEEK_MS = 60;
+
+/** The row of buttons below the floor, and the same by the keyboard. */
+export class Transport {
+  /**
+   * @param {HTMLElement} root an empty element
+   * @param {(message: object) => boolean} send
+   */
+  constructor(root, send) {
+    this.send = send;
+    this.state = "paused";
+    this.live = true;
+    this.tick_s = 0.1;
+    this.wanted_s = null;
+    this.waiting = 0;
+    this.since = null;
+    this.start = button("start", "To the beginning", "Home");
+    this.back = button("back", "A tick back", "ArrowLeft");
+    this.play = button("play", "Play", "Space");
+    this.step = button("step", "A tick on", "ArrowRight");
+    this.end = button("end", "To the end", "End");
+    this.slider = document.createElement("input");
+    Object.assign(this.slider, { type: "range", id: "scrub", min: 0, max: 1, step: "any", value: 0 });
+    this.slider.setAttribute("aria-label", "Time");
+    this.clock = document.createElement("output");
+    this.clock.id = "time";
+    this.clock.className = "number";
+    this.speed = speeds();
+    root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.slider, this.clock, this.speed);
+    this.start.addEventListener("click", () => this.seek(0));
+    this.end.addEventListener("click", () => this.seek(this.duration_s));
+    this.back.addEventListener("click", () => this.send({ say: "step", ticks: -1 }));
+    this.step.addEventListener("click", () => this.send({ say: "step", ticks: 1 }));
+    this.play.addEventListener("click", () => this.toggle());
+    this.speed.addEventListener("change", () => this.send({ say: "speed", speed: Number(this.speed.value) }));
+    this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** Take the scene: how long the run is, and whether one can go back. */
+  begin(scene) {
+    this.live = scene.live;
+    this.duration_s = scene.duration_s;
+    this.slider.max = scene.duration_s;
+    this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
+  }
+
+  /** Show where the run is. */
+  show(now) {
+    this.state = now.state;
+    const playing = now.state === "playing";
+    draw_sign(this.play, playing ? "pause" : "play");
+    this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
+    const over = this.live && (now.state === "ended" || now.state === "failed");
+    this.play.disabled = this.step.disabled = over;
+    if (this.wanted_s === null) this.slider.value = now.time_s;
+    const text = `${now.time_s.toFixed(2)} s`;
+    this.clock.textContent = `${text} of ${this.duration_s.toFixed(1)} s${this.reached(now)}`;
+    this.slider.setAttribute("aria-valuetext", text);
+    const nearest = SPEEDS.reduce((a, b) => (Math.abs(b - now.speed) < Math.abs(a - now.speed) ? b : a));
+    if (document.activeElement !== this.speed) this.speed.value = String(nearest);
+  }
+
+  /** Say how fast time passes really, if that is less than it should: a computer can do only so much. */
+  reached(now) {
+    const wall_s = performance.now() / 1000;
+    if (now.state !== "playing" || now.speed !== this.since?.speed || now.time_s < this.since.time_s) {
+      this.since = { wall_s, time_s: now.time_s, speed: now.speed, text: "" };
+    } else if (wall_s - this.since.wall_s > 1) {
+      const speed = (now.time_s - this.since.time_s) / (wall_s - this.since.wall_s);
+      this.since = { wall_s, time_s: now.time_s, speed: now.speed, text: "" };
+      if (speed < 0.8 * now.speed) this.since.text = ` (at ${speed.toPrecision(2)} ×)`;
+    }
+    return this.since.text;
+  }
+
+  toggle() {
+    this.send({ say: this.state === "playing" ? "pause" : "play" });
+  }
+
+  /** Ask for another time, but not more often than the server need hear it. */
+  seek(time_s) {
+    if (this.live) return;
+    this.wanted_s = time_s;
+    if (this.waiting) return;
+    const ask = () => {
+      this.send({ say: "seek", time_s: this.wanted_s });
+      const asked_s = this.wanted_s;
+      this.waiting = setTimeout(() => {
+        this.waiting = 0;
+        if (this.wanted_s === asked_s) this.wanted_s = null;
+        else ask();
+      }, SEEK_MS);
+    };
+    ask();
+  }
+
+  faster(by) {
+    const at = Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(Number(this.speed.value)) + by));
+    this.speed.value = String(SPEEDS[at]);
+    this.send({ say: "speed", speed: SPEEDS[at] });
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select, textarea, dialog")) return;
+    if (event.key === " " && event.target.closest?.("button")) return;
+    const acts = {
+      " ": () => this.play.click(),
+      ArrowRight: () => this.step.click(),
+      ArrowLeft: () => this.back.click(),
+      Home: () => this.start.click(),
+      End: () => this.end.click(),
+      "+": () => this.faster(1),
+      "-": () => this.faster(-1),
+    };
+    const act = acts[event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  }
+}
+
+// What stands on the buttons, as paths in a square of 16: not every font has signs for it.
+const SIGNS = {
+  start: "M3 3h2v10H3z M13 3v10L6 8z",
+  back: "M11 3v10L4 8z M12.5 3H14v10h-1.5z",
+  play: "M4 2.5v11L13 8z",
+  pause: "M4 3h3v10H4z M9 3h3v10H9z",
+  step: "M5 3v10l7-5z M2 3h1.5v10H2z",
+  end: "M11 3h2v10h-2z M3 3v10l7-5z",
+};
+
+function draw_sign(made, name) {
+  if (made.dataset.sign === name) return;
+  made.dataset.sign = name;
+  const space = "http://www.w3.org/2000/svg";
+  const picture = document.createElementNS(space, "svg");
+  const path = document.createElementNS(space, "path");
+  picture.setAttribute("viewBox", "0 0 16 16");
+  picture.setAttribute("aria-hidden", "true");
+  path.setAttribute("d", SIGNS[name]);
+  picture.append(path);
+  made.replaceChildren(picture);
+}
+
+function button(name, title, key) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.id = name;
+  made.title = `${title} (${key})`;
+  made.setAttribute("aria-label", title);
+  made.setAttribute("aria-keyshortcuts", key);
+  draw_sign(made, name);
+  return made;
+}
+
+function speeds() {
+  const made = document.createElement("select");
+  made.id = "speed";
+  made.title = "Speed (+ and −)";
+  made.setAttribute("aria-label", "Speed");
+  for (const speed of SPEEDS) made.add(new Option(`${speed} ×`, String(speed), speed === 1, speed === 1));
+  return made;
+}

@@ -1,0 +1,160 @@
+"""What paper 004 says of its three strategies, as tests: how many robots move, and what the augmentations are good for.
+
+``lowers_group_4`` in published.csv is ``lowers`` for the strategy ``group`` and four robots; the tests by such names
+are made at the end of this file. Interference is robot-seconds that robots lose to others: below their free speed
+because of another robot (:mod:`protocols.deployment.interference`), as shares of it. Where it counts whole seconds the
+names have ``hinders`` for ``lowers``.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from experiments.aggregation_search.comparison import columns, completes, quotient, told
+from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, Label, limits, values_of
+
+STRATEGIES: Final = ("group", "wave", "leap_frog")
+AUGMENTED: Final = ("group", "leap_frog")
+"""Those that have anything to augment."""
+SIZES: Final = (2, 4, 6, 8)
+LOST: Final = "interference_s"
+HINDERED: Final = "hindered_s"
+IN_TIME: Final = 0.9
+"""More than this share of the runs must end deployed for a strategy to be called robust."""
+NOTHING: Final = 0.01
+"""Less than this share of the time under way is no interference."""
+UNIT: Final = "robot-s"
+
+
+def _arm(strategy: str, robots: int, augmentation: str = "with") -> Arm:
+    return {"strategy": strategy, "robots": robots, "augmentation": augmentation}
+
+
+def _sizes(runs: pd.DataFrame) -> list[int]:
+    return [size for size in SIZES if "robots" in runs and size in set(runs["robots"])]
+
+
+# ---------------------------------------------------------------- how many robots move
+
+
+def _expected(strategy: str, robots: int) -> list[float]:
+    rising = [float(n) for n in range(1, robots + 1)]
+    return {"group": rising[::-1], "wave": rising, "leap_frog": [1.0] * robots}[strategy]
+
+
+def moving(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether in every deployment that came to its end so many robots moved per stage as the paper says."""
+    sizes = _sizes(runs)
+    if not sizes or not {"strategy", "moving_1", "deployed"} <= set(runs):
+        return NO_DATA
+    whole = runs[(runs["strategy"] == strategy) & (runs["deployed"] == 1)]
+    if whole.empty:
+        return NO_DATA
+    words, holds = [], True
+    for size, part in whole.groupby("robots"):
+        wanted = _expected(strategy, int(str(size)))
+        counted = part[[f"moving_{n}" for n in range(1, len(wanted) + 1)]].to_numpy(float)
+        right = (counted == wanted).all(axis=1)
+        holds &= bool(right.all()) and bool((part["stages"] == len(wanted)).all())
+        usual = ", ".join(f"{value:g}" for value in np.nanmedian(counted, axis=0))
+        words.append(f"{size} robots: {usual} in {int(right.sum())} of {len(part)}")
+    return "; ".join(words), holds
+
+
+# ---------------------------------------------------------------- what the augmentations are good for
+
+
+def _means(runs: pd.DataFrame, strategy: str, sizes: Sequence[int], metric: str) -> pd.DataFrame:
+    """Return the mean over team sizes, augmented (0) and not (1), a row a replicate; those that have all arms."""
+    parts = [
+        columns(runs, [_arm(strategy, size, augmentation) for size in sizes], metric).mean(axis=1)
+        for augmentation in ("with", "without")
+    ]
+    return pd.concat(parts, axis=1, join="inner", keys=(0, 1)).dropna()
+
+
+def lowers(strategy: str, size: int | None, metric: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether interference is lower with the augmentations, with 95 % confidence; None: in the mean of sizes."""
+    sizes = _sizes(runs) if size is None else [size]
+    both = _means(runs, strategy, sizes, metric) if sizes else pd.DataFrame()
+    if both.empty:
+        return NO_DATA
+    found = limits(both[1] - both[0])
+    one, other = (f"{mean:.4g}" for mean in both.mean())
+    words = f"{one} with against {other} {UNIT} without; {told(found, UNIT)} less"
+    if (both[1] > 0).any():
+        words += f", x {quotient(both).mean:.3g}"
+    return words, None if found.size < 2 else found.lower > 0
+
+
+def none_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether robots of a wave lose less than ``NOTHING`` of the time under way, with every size of team."""
+    words, holds = [], []
+    for size in _sizes(runs):
+        lost, way = (values_of(runs, _arm("wave", size, "without"), metric) for metric in (LOST, "under_way_s"))
+        shares = (lost / way).dropna()
+        if shares.empty:
+            return NO_DATA
+        found = limits(shares)
+        words.append(f"{size} robots: {100 * found.mean:.3g} % of the time under way")
+        holds.append(None if math.isnan(found.upper) else found.upper < NOTHING)
+    return ("; ".join(words), None if None in holds else all(holds)) if holds else NO_DATA
+
+
+def same_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether a wave is the same with the augmentations and without, replicate by replicate."""
+    parts = [
+        columns(runs, [_arm("wave", size), _arm("wave", size, "without")], metric)
+        for size in _sizes(runs)
+        for metric in (LOST, "until_deployed_s", "way_m")
+    ]
+    if not parts or any(part.empty for part in parts):
+        return NO_DATA
+    apart = max(float((part[0] - part[1]).abs().max()) for part in parts)
+    return f"differ by {apart:.3g} at most", apart == 0.0
+
+
+# ---------------------------------------------------------------- how robust they are
+
+
+def deploys(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether with every size of team the augmented strategy ends deployed."""
+    if "deployed" not in runs:
+        return NO_DATA
+    runs = runs.assign(completed=runs["deployed"])
+    return completes(runs, [(f"{size} robots:", _arm(strategy, size)) for size in _sizes(runs)], IN_TIME)
+
+
+def touches_nothing(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether no body touched another, or a wall, in any run."""
+    if runs.empty or not {"collisions", "wall_contacts"} <= set(runs):
+        return NO_DATA
+    bodies, walls = (int(runs[name].sum()) for name in ("collisions", "wall_contacts"))
+    return f"{bodies} contacts of bodies, {walls} with walls in {len(runs)} runs", bodies + walls == 0
+
+
+def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return time, way and interference with the augmentations over those without, by strategy and size."""
+    rows: list[dict[str, Label]] = []
+    for strategy in STRATEGIES:
+        for size in _sizes(runs):
+            row: dict[str, Label] = {"strategy": strategy, "robots": size}
+            for metric in ("until_deployed_s", "way_m", LOST):
+                both = columns(runs, [_arm(strategy, size), _arm(strategy, size, "without")], metric)
+                known = not both.empty and bool((both[1] > 0).any())
+                row[metric] = f"x {quotient(both).mean:.3g}" if known else "-"
+            rows.append(row)
+    return {"with the augmentations over without": pd.DataFrame(rows)} if rows else {}
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+globals().update({f"moving_{s}": partial(moving, s) for s in STRATEGIES})
+globals().update({f"deploys_{s}": partial(deploys, s) for s in STRATEGIES})
+globals().update({f"lowers_{s}": partial(lowers, s, None, LOST) for s in AUGMENTED})
+globals().update({f"hinders_{s}": partial(lowers, s, None, HINDERED) for s in AUGMENTED})
+globals().update({f"lowers_{s}_{n}": partial(lowers, s, n, LOST) for s in AUGMENTED for n in SIZES})

@@ -1,0 +1,78 @@
+"""What paper 004, section 7, says of its typical scenario, as tests; ``time_adhoc`` is ``time`` for ``adhoc``."""
+
+from functools import partial
+from typing import Final
+
+import pandas as pd
+
+from cosim.report import estimate
+from experiments.aggregation_search.comparison import completes
+from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
+from experiments.reflection_tables.comparison import NO_DATA, Answer, values_of
+
+__all__ = ["touches_nothing"]
+
+NETWORKS: Final = ("ideal", "adhoc")
+TIME_S: Final = (180.0, 240.0)
+"""The whole deployment would take about 3-4 minutes."""
+WAY_M: Final = 50.0
+"""The robots would average about 50 meters of travel."""
+ABOUT: Final = 0.1
+"""That much off is still about it."""
+
+
+def _interval(network: str, metric: str, runs: pd.DataFrame) -> tuple[float, float, str]:
+    """Return the mean of a metric, half its 95 % interval (NaN for a single run), and both as text, "-" without runs.
+
+    A run that never came to its end counts with its length, so the mean is a lower bound then.
+    """
+    values = values_of(runs, {"network": network}, metric)
+    found = estimate(values)
+    return found.mean, found.half, str(found)
+
+
+def _lies(mean: float, half: float, low: float, high: float) -> bool | None:
+    """Return whether an interval lies between two bounds, or outside; None if it does neither, or is none."""
+    least, most = mean - half, mean + half
+    if low <= least and most <= high:
+        return True
+    return False if most < low or high < least else None  # NaN is neither
+
+
+def time(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the mean time lies in the range that the paper gives, with its whole interval."""
+    mean, half, words = _interval(network, "until_deployed_s", runs)
+    if words == "-":
+        return NO_DATA
+    return f"{words} s, {mean / 60:.3g} min", _lies(mean, half, *TIME_S)
+
+
+def way(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the mean way of a robot lies about the 50 m, with its whole interval."""
+    mean, half, words = _interval(network, "way_m", runs)
+    if words == "-":
+        return NO_DATA
+    return f"{words} m", _lies(mean, half, (1 - ABOUT) * WAY_M, (1 + ABOUT) * WAY_M)
+
+
+def deploys(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the runs end deployed."""
+    runs = runs.assign(completed=runs["deployed"]) if "deployed" in runs else runs
+    return completes(runs, [("", {"network": network})], IN_TIME)
+
+
+def four_to_b(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether all four robots move in the first stage of every run."""
+    counts = values_of(runs, {"network": network}, "moving_1").dropna()
+    return (f"4 in {int((counts == 4).sum())} of {len(counts)}", bool((counts == 4).all())) if len(counts) else NO_DATA
+
+
+def ahead(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether the first leap-frogging robot leaves the intersection before the group pair in every run."""
+    leads_s = values_of(runs, {"network": network}, "leap_ahead_s").dropna()
+    return (f"by {leads_s.min():.3g} s at least", bool((leads_s > 0).all())) if len(leads_s) else NO_DATA
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+globals().update({f"{t.__name__}_{n}": partial(t, n) for t in (time, way, deploys, four_to_b, ahead) for n in NETWORKS})

@@ -1,0 +1,110 @@
+"""What an executive knows of the world: facts, each with the instant at which it became true.
+
+What has happened to a plan is a function of the set of its facts: not of the order in which they were heard, nor of how
+often. So robots that have heard the same agree, and whoever takes over from a dead host goes on where it was.
+"""
+
+from enum import IntEnum
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field
+
+from cosim.machine import Address
+from cosim.settings import Settings
+from cosim.units import Time
+from protocols.deployment.orders import Report, Result
+from protocols.deployment.plan import Place, Plan, Strategy
+
+
+class _Rank(IntEnum):
+    """The order of facts of one instant."""
+
+    REPORT = 0
+    FOUND = 1
+    LOST = 2
+    SWITCH = 3
+    TERMINATE = 4
+
+
+class Ended(Settings):
+    """A robot has ended what it was ordered."""
+
+    fact: Literal["ended"] = "ended"
+    task: str
+    robot: Address = Field(ge=0)
+    result: Result
+    why: str = ""
+    at: Time
+
+    @property
+    def rank(self) -> int:
+        """Among facts of one instant."""
+        return _Rank.REPORT
+
+    @property
+    def surer(self) -> tuple[bool, bool, Time]:
+        """Of two reports about one order the smaller one counts: what was done was done."""
+        return self.result is not Result.DONE, self.result is not Result.FAILED, self.at
+
+
+class Heard(Settings):
+    """A robot has fallen silent, or was heard again."""
+
+    fact: Literal["heard"] = "heard"
+    robot: Address = Field(ge=0)
+    again: bool
+    at: Time
+
+    @property
+    def rank(self) -> int:
+        """Among facts of one instant."""
+        return _Rank.FOUND if self.again else _Rank.LOST
+
+
+class Switched(Settings):
+    """Deployments are to go on by another strategy."""
+
+    fact: Literal["switched"] = "switched"
+    strategy: Strategy
+    at: Time
+
+    @property
+    def rank(self) -> int:
+        """Among facts of one instant."""
+        return _Rank.SWITCH
+
+
+class Terminated(Settings):
+    """A task is to end, with all below it."""
+
+    fact: Literal["terminated"] = "terminated"
+    task: str
+    at: Time
+
+    @property
+    def rank(self) -> int:
+        """Among facts of one instant."""
+        return _Rank.TERMINATE
+
+
+Fact: TypeAlias = Annotated[Ended | Heard | Switched | Terminated, Field(discriminator="fact")]
+
+
+def order(fact: Fact) -> tuple[Time, int, str]:
+    """Return where a fact stands among all others."""
+    return fact.at, fact.rank, fact.model_dump_json()
+
+
+def ended(report: Report) -> Ended:
+    """Return what a robot's report says."""
+    return Ended(task=report.task, robot=report.robot, result=report.result, why=report.why, at=report.at)
+
+
+class Record(Settings):
+    """All that it takes to go on with a plan: what a host tells the others, so that one of them can succeed it."""
+
+    plan: Plan
+    start: Time
+    starts_m: dict[Address, Place] = Field(default_factory=dict, description="m, where robots stood; else at base")
+    facts: tuple[Fact, ...] = ()
+    serials: dict[Address, int] = Field(default_factory=dict, description="next serial number, by robot")

@@ -1,0 +1,26 @@
+"""What the executive's augmentations and its re-planning can be told."""
+
+from pydantic import Field
+
+from cosim.settings import Settings
+
+
+class ExecutiveParameters(Settings):
+    """Distances of the augmentations, which the paper leaves open (paper 004, section 5), and what losses mean."""
+
+    spacing_m: float = Field(default=1.2, gt=0, description="m, between the robots of a group stage along their line")
+    behind_m: float = Field(default=1.5, ge=0, description="m, how far the robot ahead is before the next one sets off")
+    near_m: float = Field(default=4.0, gt=0, description="m, nearer than this a passing robot makes others step aside")
+    aside_m: float = Field(
+        default=0.5,
+        ge=0,
+        description="m, that a passing robot's way must keep from a deployed one's body beside its own",
+    )
+    gap_m: float = Field(default=0.2, ge=0, description="m, least room between the bodies of robots that stand")
+    detour: float = Field(
+        default=1.5,
+        ge=1,
+        description="a place is on the line to the next goal if its way is no longer than so many times",
+    )
+    tries: int = Field(default=2, ge=1, description="of a drive within a deployment, before its robot is left behind")
+    draft: bool = Field(default=True, description="whether robots that are not in the plan take over for lost ones")

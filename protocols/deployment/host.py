@@ -1,0 +1,327 @@
+"""The host's part of a robot: the play that is being played, who orders whom, who is lost, who takes over.
+
+Every robot has one, since every robot may become host. With a central executive only the host runs the play, and the
+others keep its ledger; with a distributed one all run it by the same facts, and obey their own orders to themselves.
+What is decided about the play (who is lost, a change of strategy) is the host's, and reaches the others as facts.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from cosim.machine import Address, Event
+from cosim.units import Time, from_seconds
+from protocols.deployment import executive_facts, journal
+from protocols.deployment.executive_facts import Fact, Heard, Record, Switched, Terminated
+from protocols.deployment.host_gossip import Gossip, lacking
+from protocols.deployment.host_play import Play
+from protocols.deployment.host_reunion import reunited
+from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
+from protocols.deployment.member_news import News
+from protocols.deployment.member_others import Others
+from protocols.deployment.orders import Order, Report, Whereabouts
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.plan import Place, Plan, Strategy
+from protocols.deployment.records import Records
+from protocols.deployment.succession import Succession, WhenHeard
+
+
+class Mail(Protocol):
+    """What carries letters to other robots."""
+
+    def post(self, destination: Address, letter: Letter, now: Time) -> None:
+        """Send a letter reliably."""
+
+    def forget(self, other: Address, now: Time) -> None:
+        """Send nothing any more of what is on its way to a robot."""
+
+
+class Host:
+    """One robot's part in leading a team."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        me: Address,
+        others: Others,
+        mail: Mail,
+        note: Callable[[Event], None],
+        records: Records,
+        start: Time,
+    ) -> None:
+        self.me = me
+        self.play: Play | None = None
+        self.breaches: list[str] = []
+        """Constraints that were not kept, in words; drained by who reads them."""
+        self.ends: list[tuple[int, str]] = []
+        """Plans that have ended, and how; likewise."""
+        self._parameters = parameters
+        self._knowledge = knowledge
+        self._others = others
+        self.mail = mail
+        self._note = note
+        self._records = records
+        self._silence = from_seconds(parameters.silence_s)
+        self._alone = from_seconds(parameters.alone_s)
+        self.succession = Succession(me, knowledge.size, parameters.host, self._silence, self._alone)
+        self._team = [robot for robot in range(knowledge.size) if robot != me]
+        self._since = start
+        """Since when it follows whom it follows."""
+        self._gossip = Gossip(from_seconds(parameters.again_s))
+        self._mine: list[Order] = []
+        self.changes = 0
+        """How often it has followed another host; who counts sees that serials begin anew."""
+
+    # ------------------------------------------------------------ what is known
+
+    @property
+    def leads(self) -> bool:
+        """Whether this robot is host."""
+        return self.succession.leads
+
+    @property
+    def number(self) -> int:
+        """The number of the plan that is known; 0 if none."""
+        return 0 if self.play is None else self.play.number
+
+    @property
+    def digest(self) -> int:
+        """What tells those who know other facts."""
+        return 0 if self.play is None else self.play.ledger.digest
+
+    @property
+    def calls(self) -> int:
+        """How many of the scenario's calls have been dealt with, as far as is known here."""
+        return 0 if self.play is None else self.play.ledger.calls
+
+    @property
+    def busy(self) -> bool:
+        """Whether a play is being played that it runs."""
+        return self.play is not None and self.play.executive is not None and not self.play.over
+
+    def wake_at(self) -> Time | None:
+        """Return the executive's next deadline."""
+        return None if self.play is None else self.play.wake_at()
+
+    def mine(self) -> list[Order]:
+        """Drain the orders to this robot itself."""
+        mine, self._mine = self._mine, []
+        return mine
+
+    # ------------------------------------------------------------ what is wanted
+
+    def execute(self, plan: Plan, starts_m: Mapping[Address, Place], calls: int, now: Time) -> None:
+        """Have *plan* played from now on, made for robots at *starts_m*; so many *calls* of the scenario are over."""
+        told = Told(record=Record(plan=plan, start=now, starts_m=dict(starts_m)), calls=calls)
+        self._records.plans += 1
+        self._take(told, now)
+        self._post_all(told, now)
+
+    def switch(self, strategy: Strategy, now: Time) -> None:
+        """Have what is left of the play done by another strategy."""
+        self._say(Switched(strategy=strategy, at=now), now)
+
+    def terminate(self, task: str, now: Time) -> None:
+        """Have a task, and all below it, ended."""
+        self._say(Terminated(task=task, at=now), now)
+
+    # ------------------------------------------------------------ what is heard
+
+    def hear(self, source: Address, news: News, now: Time) -> None:
+        """Take another's news."""
+        if news.host == source and self.succession.claimed(source, news.term, news.plan, self.number):
+            self._followed(now)
+        if self.play is None:
+            return
+        if self.play.executive is not None:
+            self.play.whereabouts(_whereabouts(source, news), now)
+        if self.leads and self.succession.rivalled(source, news.host, news.term):
+            if news.plan == self.number and news.digest != self.digest:
+                self._reunite(now)
+        elif self.leads or source == self.succession.host:
+            self._compare(source, news, now)
+
+    def letter(self, source: Address, letter: Letter, now: Time) -> None:
+        """Take a letter that concerns the play."""
+        match letter:
+            case Told():
+                self._told(source, letter, now)
+            case Facts(plan=plan, facts=facts):
+                if self.play is not None and plan == self.number:
+                    self.play.add(facts, now)
+            case Ordered(term=term, order=order):
+                if source != self.succession.host and self.succession.claimed(source, term, order.plan, self.number):
+                    self._followed(now)
+                if source == self.succession.host and order.robot == self.me:
+                    self._mine.append(order)
+
+    def report(self, report: Report, now: Time) -> None:
+        """Take how an order of this robot has ended, and tell all."""
+        if report.plan == self.number:
+            self._say(executive_facts.ended(report), now)
+
+    # ------------------------------------------------------------ time passes
+
+    def tick(self, heard: WhenHeard, whereabouts: Whereabouts, now: Time) -> None:
+        """Look, once a world tick, who is silent and who is not any more."""
+        if self.succession.judge(heard, now):
+            self._followed(now)
+        if self.play is None or self.play.over:
+            return
+        self.play.whereabouts(whereabouts, now)
+        if self.leads:
+            alone = self.succession.alone(heard, now)
+            self._judge(self.me, now, alone, now)  # others may have taken it for lost before it led them
+            for robot in self._team:
+                self._judge(robot, heard(robot), alone, now)
+
+    def advance(self, now: Time) -> None:
+        """Act on all deadlines, and pass on what the executive wants."""
+        play = self.play
+        if play is None or play.executive is None:
+            return
+        play.wake(now)
+        for order in play.orders():
+            self._order(order, now)
+        for breach in play.executive.breaches():
+            if self.leads:
+                self._records.breaches += 1
+                self._note(journal.Breached(play.number, breach.why))
+                self.breaches.append(breach.why)
+        if play.over and not play.announced:
+            play.announced = True
+            self._announce(play, now)
+
+    def _announce(self, play: Play, now: Time) -> None:
+        """Note the end of a play."""
+        assert play.executive is not None
+        result = play.executive.results.get(play.ledger.plan.root.name)
+        word = "unknown" if result is None else result.value
+        if self.leads:
+            self._records.ended.append((play.number, word, now))
+            self._note(journal.PlanEnded(play.number, word))
+            self.ends.append((play.number, word))
+
+    def _reunite(self, now: Time) -> None:
+        """End what two hosts have led at once, and begin again together."""
+        assert self.play is not None
+        ledger = self.play.ledger
+        plan = reunited(ledger.plan, self.number + 1)
+        if plan is not None:
+            starts_m = {robot: self._others.place_m(robot) for robot in self._team}
+            self._since = now
+            self.execute(plan, starts_m, ledger.calls, now)
+
+    def _order(self, order: Order, now: Time) -> None:
+        central = self._parameters.executive == "central"
+        if central and not self.leads:
+            return
+        if central or order.robot == self.me:
+            self._records.ordered += 1
+            kind = order.errand.act
+            self._note(journal.Ordered(order.robot, order.plan, order.serial, order.task, kind))
+        if order.robot == self.me:
+            self._mine.append(order)
+        elif central:
+            self._gossip.told(order.robot, now)
+            self.mail.post(order.robot, Ordered(term=self.succession.term, order=order), now)
+
+    # ------------------------------------------------------------ who is there
+
+    def _judge(self, robot: Address, heard: Time, alone: bool, now: Time) -> None:
+        """Take a robot for lost, or for found, by when it was *heard* last.
+
+        Who is *alone*, since nobody is heard, waits longer: it may be the one that is out of reach.
+        """
+        assert self.play is not None
+        lost = robot in self.play.ledger.lost
+        patience = self._alone if alone else self._silence
+        if not lost and now - max(heard, self._since) > patience:
+            self._lose(robot, now)
+        elif lost and now - heard < self._silence:
+            self._note(journal.RobotFound(robot))
+            self._say(Heard(robot=robot, again=True, at=now), now)
+
+    def _lose(self, robot: Address, now: Time) -> None:
+        self._records.lost += 1
+        self._note(journal.RobotLost(robot, *self._others.place_m(robot)))
+        self._say(Heard(robot=robot, again=False, at=now), now)
+        self.mail.forget(robot, now)
+
+    def _followed(self, now: Time) -> None:
+        """Be led by another host than before, or be it."""
+        succession = self.succession
+        self._since = now
+        self._gossip.clear()
+        self._mine.clear()
+        self.changes += 1
+        self._note(journal.HostChanged(succession.host, succession.why))
+        central = self._parameters.executive == "central"
+        if succession.leads:
+            self._records.successions += 1
+            if self.play is not None:
+                self._run(self.play, now)
+        elif self.play is not None and central:
+            self.play.rest()
+
+    # ------------------------------------------------------------ what is known of the play
+
+    def _told(self, source: Address, told: Told, now: Time) -> None:
+        """Take a plan: a later one, or the host's own."""
+        plan, own = told.record.plan, self.number
+        claims = plan.number > own and source != self.succession.host
+        if claims and self.succession.claimed(source, self.succession.term, plan.number, own):
+            self._followed(now)
+        if self.play is not None and plan == self.play.ledger.plan:
+            self.play.add(told.record.facts, now)
+        elif plan.number > own or (plan.number == own and source == self.succession.host):
+            self._take(told, now)
+
+    def _take(self, told: Told, now: Time) -> None:
+        self.play = play = Play(told, self._parameters, self._knowledge)
+        plan = play.ledger.plan
+        self._note(journal.PlanTaken(plan.number, plan.play, len(plan.robots)))
+        self._gossip.clear()
+        if self.leads:
+            self._knowledge.board.begins(plan, now)
+        if self.leads or self._parameters.executive == "distributed":
+            self._run(play, now)
+
+    def _run(self, play: Play, now: Time) -> None:
+        if play.executive is None:
+            play.run([_whereabouts(robot, news) for robot, (news, _) in sorted(self._others.news.items())], now)
+
+    def _say(self, fact: Fact, now: Time) -> None:
+        """Take a fact that is known here first, and tell all."""
+        if self.play is not None and self.play.add((fact,), now):
+            self._post_all(Facts(plan=self.number, facts=(fact,)), now)
+
+    def _post_all(self, letter: Letter, now: Time) -> None:
+        """Post to all who are not lost: those are told by the gossip once they are found."""
+        lost = frozenset() if self.play is None else self.play.ledger.lost
+        for robot in self._team:
+            if robot not in lost:
+                self.mail.post(robot, letter, now)
+
+    def _compare(self, source: Address, news: News, now: Time) -> None:
+        """Tell *source* what it seems not to know, once it has seemed so for a while."""
+        assert self.play is not None
+        orders = self.leads and self._parameters.executive == "central"
+        order = self.play.order_to(source) if orders else None
+        lacks = lacking(self.play.ledger, news, self.leads, order, self.succession.term)
+        if self._gossip.overdue(source, bool(lacks), now):
+            for letter in lacks:
+                self.mail.post(source, letter, now)
+
+
+def _whereabouts(robot: Address, news: News) -> Whereabouts:
+    return Whereabouts(
+        robot=robot,
+        x_m=news.x_m,
+        y_m=news.y_m,
+        heading_rad=news.heading_rad,
+        plan=news.plan,
+        task=news.task,
+        moving=news.moves,
+    )

@@ -1,0 +1,76 @@
+"""What a robot knows of a plan: the plan, and the facts about it, which it can tell to whoever is to know them too.
+
+Facts only become more, and two ledgers that have told each other all hold the same, in whatever order: that is what
+makes a host replaceable. A digest in everybody's news tells whether anything is to be told.
+"""
+
+from binascii import crc32
+from collections.abc import Iterable
+
+from cosim.machine import Address
+from cosim.units import Time
+from protocols.deployment import executive_facts
+from protocols.deployment.executive_facts import Ended, Fact, Heard, Record
+from protocols.deployment.member_letters import Facts, Told
+from protocols.deployment.orders import Order
+from protocols.deployment.plan import Plan
+
+
+class Ledger:
+    """A plan and its facts."""
+
+    def __init__(self, told: Told) -> None:
+        self.plan: Plan = told.record.plan
+        self.calls = told.calls
+        self._record = told.record
+        self._facts: dict[tuple[Time, int, str], Fact] = {}
+        self._lost: set[Address] = set()
+        self._ended: set[tuple[str, Address]] = set()
+        self._digest: int | None = None
+        self.add(told.record.facts)
+
+    @property
+    def number(self) -> int:
+        """The plan's number."""
+        return self.plan.number
+
+    @property
+    def lost(self) -> frozenset[Address]:
+        """The robots that are lost, by what was said last of each."""
+        return frozenset(self._lost)
+
+    def facts(self) -> Facts:
+        """Return all facts, in their order."""
+        return Facts(plan=self.number, facts=tuple(self._facts[key] for key in sorted(self._facts)))
+
+    def told(self) -> Told:
+        """Return all that is known, for somebody who knows nothing."""
+        return Told(record=self.record(), calls=self.calls)
+
+    def record(self) -> Record:
+        """Return all that it takes to go on with the plan."""
+        return self._record.model_copy(update={"facts": self.facts().facts})
+
+    @property
+    def digest(self) -> int:
+        """A number that is the same for those who know the same."""
+        if self._digest is None:
+            self._digest = crc32(repr(sorted(self._facts)).encode())
+        return self._digest
+
+    def ended(self, order: Order) -> bool:
+        """Return whether *order* has been reported to have ended."""
+        return (order.task, order.robot) in self._ended
+
+    def add(self, facts: Iterable[Fact]) -> list[Fact]:
+        """Take *facts*, and return those that are new."""
+        new = {executive_facts.order(fact): fact for fact in facts}
+        new = {key: fact for key, fact in new.items() if key not in self._facts}
+        if new:
+            self._facts |= new
+            self._digest = None
+            self._ended |= {(fact.task, fact.robot) for fact in new.values() if isinstance(fact, Ended)}
+            heard = [self._facts[key] for key in sorted(self._facts)]
+            last = {fact.robot: fact.again for fact in heard if isinstance(fact, Heard)}
+            self._lost = {robot for robot, again in last.items() if not again}
+        return list(new.values())

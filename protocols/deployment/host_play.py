@@ -1,0 +1,96 @@
+"""A play that is being played, as one robot knows it: its ledger, and, where it is run, its executive."""
+
+from collections.abc import Iterable
+
+from cosim.machine import Address
+from cosim.units import Time
+from protocols.deployment.executive import Executive
+from protocols.deployment.executive_facts import Fact
+from protocols.deployment.host_ledger import Ledger
+from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.member_letters import Told
+from protocols.deployment.orders import Order, Report, Whereabouts
+from protocols.deployment.parameters import Parameters
+
+
+class Play:
+    """One robot's copy of it."""
+
+    def __init__(self, told: Told, parameters: Parameters, knowledge: Knowledge) -> None:
+        self.ledger = Ledger(told)
+        self.executive: Executive | None = None
+        """Runs the play; None with one who only keeps the ledger."""
+        self.announced = False
+        """Whether its end has been announced."""
+        self._parameters = parameters
+        self._knowledge = knowledge
+        self._latest: dict[Address, Order] = {}
+        """The last order to each robot."""
+
+    @property
+    def number(self) -> int:
+        """The plan's number."""
+        return self.ledger.number
+
+    @property
+    def over(self) -> bool:
+        """Whether it has been played to its end, as far as is known here; never with one who does not run it.
+
+        One replica of several does not know whether others have come back to their posts; each knows it of itself.
+        """
+        if self.executive is None:
+            return False
+        if self._parameters.executive == "distributed":
+            return self.ledger.plan.root.name in self.executive.results
+        return self.executive.finished
+
+    def run(self, whereabouts: Iterable[Whereabouts], now: Time) -> None:
+        """Run it from now on, by all that is known of it."""
+        known, parameters, record = self._knowledge, self._parameters.executing, self.ledger.record()
+        self._latest.clear()
+        if record.facts or now != record.start:
+            self.executive = Executive.restored(record, known.crew, known.floor, parameters, now)
+        else:
+            self.executive = Executive(record.plan, known.crew, known.floor, parameters, now, record.starts_m)
+        for each in whereabouts:
+            self.executive.whereabouts(each, now)
+
+    def rest(self) -> None:
+        """Run it no more: somebody else does."""
+        self.executive = None
+
+    def add(self, facts: Iterable[Fact], now: Time) -> list[Fact]:
+        """Take facts; return those that are new."""
+        new = self.ledger.add(facts)
+        if self.executive is not None:
+            for fact in new:
+                self.executive.learn(fact, now)
+        return new
+
+    def whereabouts(self, whereabouts: Whereabouts, now: Time) -> None:
+        """Take where a robot is."""
+        if self.executive is not None:
+            self.executive.whereabouts(whereabouts, now)
+
+    def orders(self) -> list[Order]:
+        """Drain the orders that the executive gives."""
+        orders = [] if self.executive is None else self.executive.orders()
+        self._latest |= {order.robot: order for order in orders}
+        return orders
+
+    def order_to(self, robot: Address) -> Order | None:
+        """Return the last order to *robot*."""
+        return self._latest.get(robot)
+
+    def wake(self, now: Time) -> None:
+        """Act on the executive's deadlines."""
+        if self.executive is not None:
+            self.executive.wake(now)
+
+    def wake_at(self) -> Time | None:
+        """Return the executive's next deadline."""
+        return None if self.executive is None else self.executive.wake_at()
+
+    def ends(self) -> list[Report]:
+        """Drain how tasks have ended."""
+        return [] if self.executive is None else self.executive.ended()

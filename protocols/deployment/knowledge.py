@@ -1,0 +1,108 @@
+"""What all robots of a deployment know beforehand: the floor, the team, the plays."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.documents import read_yaml, validated
+from cosim.errors import UserError
+from cosim.geometry.polylines import middle
+from cosim.machine import Address
+from cosim.protocol import Surroundings
+from cosim.units import Time
+from protocols.deployment.crew import Body, Crew
+from protocols.deployment.floor import Floor
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.plan import Place
+from protocols.deployment.playbook import BUILT_IN, Playbook
+from protocols.deployment.plays import Play
+from protocols.deployment.standing import Board
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """The floor, the team and the plays of a run; and a board for the judge, which no machine reads."""
+
+    size: int
+    tick: Time
+    floor: Floor
+    crew: Crew
+    playbook: Playbook
+    starts_m: tuple[Place, ...]
+    board: Board
+    scan_range_m: float
+    """How far the robots' range scanners reach."""
+    beams: int
+    named_m: dict[str, tuple[Place, ...]]
+    """Places that the floor names."""
+
+
+def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
+    size = len(surroundings.starts_m)
+    _check_robots(parameters, size)
+    floor = Floor.of(surroundings, parameters.driving)
+    bodies = _bodies(parameters, surroundings, size)
+    return Knowledge(
+        size=size,
+        tick=surroundings.tick,
+        floor=floor,
+        crew=Crew(bodies, _base_m(parameters, floor, bodies, surroundings.starts_m)),
+        playbook=_playbook(parameters),
+        starts_m=tuple((float(x), float(y)) for x, y in surroundings.starts_m),
+        board=Board.of(size, surroundings.tick),
+        scan_range_m=surroundings.scan_range_m,
+        beams=surroundings.beams,
+        named_m={name: tuple(places) for name, places in surroundings.places_m.items()},
+    )
+
+
+def _check_robots(parameters: Parameters, size: int) -> None:
+    named: dict[str, Sequence[Address]] = {
+        "host": (parameters.host,),
+        "cameras": parameters.cameras or (),
+        "sonars": parameters.sonars,
+    }
+    for name, robots in named.items():
+        for robot in robots:
+            if not 0 <= robot < size:
+                raise UserError(f"protocol.parameters.{name}: {robot} is not one of 0 to {size - 1}, the team's robots")
+
+
+def _bodies(parameters: Parameters, surroundings: Surroundings, size: int) -> tuple[Body, ...]:
+    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
+    speeds_mps = surroundings.speeds_mps or (surroundings.speed_mps,) * size
+    accelerations = surroundings.accelerations_mps2 or (surroundings.acceleration_mps2,) * size
+    return tuple(
+        Body(
+            radius_m=radii_m[robot],
+            speed_mps=speeds_mps[robot],
+            acceleration_mps2=accelerations[robot],
+            camera=parameters.cameras is None or robot in parameters.cameras,
+            sensor="sonar" if robot in parameters.sonars else "laser",
+        )
+        for robot in range(size)
+    )
+
+
+def _playbook(parameters: Parameters) -> Playbook:
+    own = () if parameters.library is None else (Path(parameters.library),)
+    return Playbook.read([BUILT_IN, *own], _read)
+
+
+def _read(path: Path) -> Play:
+    return validated(Play, read_yaml(path), str(path))
+
+
+def _base_m(parameters: Parameters, floor: Floor, bodies: Sequence[Body], starts_m: Sequence[Place]) -> Place:
+    """Return where base is: as given, or in the middle of the starts, or at the start next to that."""
+    radius_m = max(body.radius_m for body in bodies)
+    if parameters.base_m is not None:
+        if not floor.free(radius_m, parameters.base_m):
+            raise UserError(f"protocol.parameters.base_m: {parameters.base_m} is no place for a robot of {radius_m} m")
+        return parameters.base_m
+    centre = middle(list(starts_m))
+    if floor.free(radius_m, centre):
+        return centre
+    return min(starts_m, key=lambda start: (math.dist(start, centre), start))

@@ -1,0 +1,289 @@
+"""One robot of a deployment: carries out what it is ordered, drives, steps aside, and reports how that ended.
+
+It obeys the order of the highest serial of the highest plan only, from whoever is host: a late letter of a host that
+was succeeded is not even shown to it, and a new host's serials begin anew (:meth:`Member.forget_serials`).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from cosim.machine import Address, Drive, Event
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.deployment.journal import SteppedAside, TaskEnded, TaskStarted
+from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.member_aside import Aloof
+from protocols.deployment.member_camera import Camera
+from protocols.deployment.member_letters import Aside, Picture
+from protocols.deployment.member_news import FAST_MPS
+from protocols.deployment.member_others import Others
+from protocols.deployment.mover import Mover
+from protocols.deployment.orders import Halt, Order, Report, Result, Retreat
+from protocols.deployment.parameters import MemberParameters
+from protocols.deployment.plan import Explore, Go, Photo, Place
+from protocols.deployment.records import Records
+
+NOWHERE: Final = -1
+"""Before the first plan, or serial."""
+CORNERS: Final = 8
+"""So much of its way a robot tells who is to step aside."""
+
+
+class Member:
+    """One robot's part in a play."""
+
+    def __init__(
+        self,
+        parameters: MemberParameters,
+        knowledge: Knowledge,
+        me: Address,
+        mover: Mover,
+        records: Records,
+        note: Callable[[Event], None],
+    ) -> None:
+        self.me = me
+        self.others = Others(me, knowledge.crew.bodies, knowledge.starts_m)
+        self.here: Place = knowledge.starts_m[me]
+        self.heading_rad = 0.0
+        self.speed_mps = 0.0
+        self.camera = Camera(parameters, knowledge.crew.bodies[me].camera)
+        self._parameters = parameters
+        self._knowledge = knowledge
+        self._mover = mover
+        self._records = records
+        self._note = note
+        self._order: Order | None = None
+        self._over = True
+        """Whether that order has ended."""
+        self._waits_since: Time | None = None
+        """Since when it waits for the robot that it is to set off behind."""
+        self._stuck_since: Time | None = None
+        self._aloof = Aloof(parameters, mover)
+        self._asked: dict[Address, Time] = {}
+        """When it has asked others to step aside."""
+        self._reports: list[Report] = []
+        self._looks: list[tuple[Address, int]] = []
+        self._requests: list[tuple[Address, Aside]] = []
+
+    # ------------------------------------------------------------ what is asked of it
+
+    @property
+    def idle(self) -> bool:
+        """Whether it has nothing to do."""
+        return self._over
+
+    @property
+    def order(self) -> Order | None:
+        """The last order that it has obeyed."""
+        return self._order
+
+    @property
+    def task(self) -> str:
+        """The name of the task that it is at; empty if none."""
+        return "" if self._over or self._order is None else self._order.task
+
+    @property
+    def goal_m(self) -> Place | None:
+        """Where it drives."""
+        return None if self._mover.state in ("idle", "arrived") else self._mover.goal_m
+
+    @property
+    def resting(self) -> bool:
+        """Whether it has nothing to do, and stands where it belongs."""
+        return self._over and not self._aloof.away
+
+    def forget_serials(self) -> None:
+        """Obey whatever comes next: there is another host."""
+        if self._order is not None:
+            self._order = self._order.model_copy(update={"serial": 0})
+
+    def obey(self, order: Order, now: Time) -> None:
+        """Carry out *order*, unless it is an older one, or the one that it has got already."""
+        last = self._order
+        if order.robot != self.me or (last is not None and (order.plan, order.serial) < (last.plan, last.serial)):
+            return
+        if last is not None and order == last:
+            return
+        if last is not None and not self._over and (order.task, order.errand) == (last.task, last.errand):
+            self._order = order  # of another host: it is at that already
+            return
+        self._end_silently()
+        self._order, self._over = order, False
+        self._records.obeyed += 1
+        goal = self._goal_m(order)
+        self._note(TaskStarted(order.plan, order.serial, order.task, order.errand.act, *self.here, *goal))
+        self._begin(order, now)
+
+    def step_aside(self, request: Aside, now: Time) -> None:
+        """Make way for who asks, if there is nothing else to do."""
+        if request.robot == self.me or not (self._over or self._waits_since is not None) or self._aloof.away:
+            return
+        self._withdraw(request.robot, self.here, [request.from_m, *request.way_m], now)
+
+    # ------------------------------------------------------------ every tick
+
+    def step(self, observation: Observation, now: Time) -> Drive | None:
+        """Go on; return what to drive now if that is anything new."""
+        self._records.way_m += math.dist(self.here, (observation.x_m, observation.y_m))
+        self._records.blocked += observation.blocked
+        self.here = observation.x_m, observation.y_m
+        self.heading_rad, self.speed_mps = observation.heading_rad, observation.speed_mps
+        met = self.others.look(observation, now)
+        if not self._over and self._order is not None and isinstance(self._order.errand, Go):
+            self._set_off_behind(self._order.errand, now)
+        turning = self._photograph(observation, now)
+        drive = turning or self._mover.step(observation, met, now)
+        self._ask_aside(now)
+        self._aloof.step(self.here, self.others, now)
+        self._look_for_the_end(now)
+        return drive
+
+    @property
+    def moves(self) -> bool:
+        """Whether it drives."""
+        return abs(self.speed_mps) > FAST_MPS
+
+    def look(self, request: int, asked_by: Address | None = None) -> None:
+        """Take a picture at the next tick for who asks; for the own console, if nobody else is named."""
+        self._looks.append((self.me if asked_by is None else asked_by, request))
+
+    def pictures(self, observation: Observation) -> list[tuple[Address, Picture]]:
+        """Drain the pictures that were asked for, with who did."""
+        looks, self._looks = self._looks, []
+        return [(asked_by, self.camera.picture(self.me, request, observation)) for asked_by, request in looks]
+
+    def reports(self) -> list[Report]:
+        """Drain reports of orders that have ended."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def requests(self) -> list[tuple[Address, Aside]]:
+        """Drain what is asked of others."""
+        requests, self._requests = self._requests, []
+        return requests
+
+    # ------------------------------------------------------------ errands
+
+    def _goal_m(self, order: Order) -> Place:
+        errand = order.errand
+        if isinstance(errand, Go):
+            return errand.place_m
+        return errand.post_m if isinstance(errand, Retreat) else self.here
+
+    def _begin(self, order: Order, now: Time) -> None:
+        match order.errand:
+            case Go(behind=None) as go:
+                self._go(go)
+            case Go():
+                self._waits_since = now
+            case Retreat(post_m=post_m, passing=passing):
+                at = self.others.place_m(passing)
+                self._withdraw(passing, post_m, [at, post_m], now, ordered=True)
+            case Halt():
+                self._mover.halt()
+                self._end(Result.TERMINATED, "halted", now)
+            case Photo() if not self.camera.works:
+                self._end(Result.FAILED, "it has no camera", now)
+            case Photo():
+                self._mover.halt()
+            case Explore():
+                self._end(Result.FAILED, "it does not know how to explore", now)
+
+    def _go(self, go: Go) -> None:
+        self._waits_since = self._stuck_since = None
+        self._aloof.forget()
+        self._mover.go(go.place_m, go.via_m)
+
+    def _set_off_behind(self, go: Go, now: Time) -> None:
+        """Set off once who is ahead is far enough ahead, or does not drive, or is heard no more."""
+        if self._waits_since is None or go.behind is None:
+            return
+        ahead = go.behind
+        apart_m = math.dist(self.here, self.others.place_m(ahead))
+        waited = now - self._waits_since
+        begun = waited >= from_seconds(self._parameters.behind_s)
+        if apart_m >= go.behind_m or (begun and not self.others.moves(ahead)):
+            self._go(go)
+
+    def _photograph(self, observation: Observation, now: Time) -> Drive | None:
+        """Turn to what is to be photographed, and take the picture; return how to turn, if that is to be done."""
+        if self._over or self._order is None or not isinstance(self._order.errand, Photo):
+            return None
+        wanted_rad = self._order.errand.heading_rad
+        turn = None if wanted_rad is None else self.camera.turn(wanted_rad, observation)
+        if turn is not None:
+            return turn
+        self._note(self.camera.taken(self._order.task, observation))
+        self._records.pictures += 1
+        self._end(Result.DONE, "", now)
+        return Drive(0.0, 0.0)
+
+    # ------------------------------------------------------------ ends
+
+    def _look_for_the_end(self, now: Time) -> None:
+        order = self._order
+        if self._over or order is None:
+            return
+        if isinstance(order.errand, Retreat):
+            if not self._aloof.away:
+                self._end(Result.DONE, "", now)
+        elif isinstance(order.errand, Go) and self._waits_since is None:
+            self._look_for_arrival(order.errand, now)
+
+    def _look_for_arrival(self, go: Go, now: Time) -> None:
+        state = self._mover.state
+        if state == "arrived":
+            self._end(Result.DONE, "", now)
+        elif state != "stuck":
+            self._stuck_since = None
+        elif self._stuck_since is None:
+            self._stuck_since = now
+            self._mover.go(go.place_m, go.via_m)
+        elif now - self._stuck_since > from_seconds(self._parameters.stuck_s):
+            x_m, y_m = self.here
+            self._end(Result.FAILED, f"stuck at ({x_m:.1f}, {y_m:.1f})", now)
+            self._mover.halt()
+
+    def _end(self, result: Result, why: str, now: Time) -> None:
+        order = self._order
+        assert order is not None
+        self._over = True
+        self._waits_since = self._stuck_since = None
+        self._records.failed += result is Result.FAILED
+        self._knowledge.board.ends(self.me)
+        self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
+        self._reports.append(
+            Report(
+                plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now
+            )
+        )
+
+    def _end_silently(self) -> None:
+        """Forget the order that it has; a later one has come, so nobody waits for its end."""
+        self._waits_since = self._stuck_since = None
+        self._aloof.forget()
+        if not self._over:
+            self._knowledge.board.ends(self.me)
+
+    # ------------------------------------------------------------ making way
+
+    def _withdraw(
+        self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False
+    ) -> None:
+        self._records.asides += 1
+        self._note(SteppedAside(passing, *self.here))
+        self._aloof.withdraw(passing, post_m, way, now, ordered)
+
+    def _ask_aside(self, now: Time) -> None:
+        """Ask who stands in the way, and has nothing to do, to step aside; again after a while."""
+        other, goal = self._mover.blocked_by, self._mover.goal_m
+        if self._over or other is None or goal is None or not self.others.idle(other):
+            return
+        last = self._asked.get(other)
+        if last is not None and 0 <= now - last < from_seconds(self._parameters.ask_s):
+            return
+        self._asked[other] = now
+        radius_m = self._knowledge.crew.bodies[self.me].radius_m
+        way = self._knowledge.floor.way(radius_m, self.here, goal) or [goal]
+        self._requests.append((other, Aside(robot=self.me, from_m=self.here, way_m=tuple(way[:CORNERS]))))

@@ -1,0 +1,68 @@
+"""How a robot that stands in another's way makes room, waits until that has passed, and comes back.
+
+"When it starts approaching, the robots move away (roughly perpendicular to the route of the moving robot), wait until
+the robot has passed, then move back into position" (paper 004, section 5).
+"""
+
+import math
+from collections.abc import Sequence
+
+from cosim.machine import Address
+from cosim.units import Time, from_seconds
+from protocols.deployment.member_others import Others
+from protocols.deployment.mover import Mover
+from protocols.deployment.parameters import MemberParameters
+from protocols.deployment.plan import Place
+
+
+class Aloof:
+    """One robot's absence from its post, if it is away."""
+
+    def __init__(self, parameters: MemberParameters, mover: Mover) -> None:
+        self._parameters = parameters
+        self._mover = mover
+        self._passing: Address | None = None
+        self._post_m: Place = (0.0, 0.0)
+        self._since: Time = 0
+        self._nearest_m = math.inf
+        self._returning = False
+        self._ordered = False
+
+    @property
+    def away(self) -> bool:
+        """Whether it is away from its post."""
+        return self._passing is not None
+
+    def withdraw(self, passing: Address, post_m: Place, way: Sequence[Place], now: Time, ordered: bool) -> None:
+        """Leave *post_m* for *passing*, whose way is *way*; who is *ordered* to will be ordered back as well."""
+        self._passing, self._post_m, self._since = passing, post_m, now
+        self._nearest_m, self._returning, self._ordered = math.inf, False, ordered
+        self._mover.retreat(way[0], way)
+
+    def forget(self) -> None:
+        """Be wherever it is: there is something else to do."""
+        self._passing = None
+
+    def step(self, here: Place, others: Others, now: Time) -> None:
+        """Come back once who was to pass has passed, or has not for too long."""
+        if self._passing is None:
+            return
+        if self._returning:
+            self._return(others)
+            return
+        away_m = math.dist(others.place_m(self._passing), self._post_m)
+        self._nearest_m = min(self._nearest_m, away_m)
+        passed = not self._ordered and self._nearest_m < self._parameters.near_m and away_m > self._parameters.away_m
+        if passed or now - self._since > from_seconds(self._parameters.aside_s):
+            self._returning = True
+            self._mover.go(self._post_m)
+
+    def _return(self, others: Others) -> None:
+        """End when it has come back, or when somebody who has nothing to do stands at its post: that is taken."""
+        blocker = self._mover.blocked_by
+        if blocker is not None and others.idle(blocker):
+            if math.dist(others.place_m(blocker), self._post_m) < self._parameters.taken_m:
+                self._mover.halt()
+                self._passing = None
+        elif self._mover.state in ("arrived", "idle"):
+            self._passing = None

@@ -1,0 +1,88 @@
+"""What a robot says of itself to all every so often: news, of which only the latest counts, in one short frame.
+
+Beside where it is (:class:`protocols.deployment.orders.Whereabouts`) it says whom it takes for the host, and what it
+knows of the plan: so that those who know less, or follow another, find out.
+"""
+
+import math
+from struct import Struct
+from typing import Final, NamedTuple
+
+from cosim.errors import WireError
+from cosim.machine import Address
+from protocols.deployment.plan import Place
+
+TOPIC: Final = 0
+"""Of all news."""
+TASK_BYTES: Final = 120
+"""Of a longer name the end is told, which says more than the beginning."""
+NONE: Final = 0xFFFFFFFF
+"""In place of a serial: it has no order."""
+FAST_MPS: Final = 0.02
+"""Whoever is slower stands."""
+_HEAD: Final = Struct(">BHIIIBffffff")
+_IDLE: Final = 1
+_BOUND: Final = 2
+
+
+class News(NamedTuple):
+    """One robot's news."""
+
+    host: Address
+    """Whom it follows."""
+    term: int
+    """That host's."""
+    plan: int
+    """Number of the plan that it knows; 0 if none."""
+    digest: int
+    """Of the facts that it knows."""
+    serial: int | None
+    """Of the order that it has; None without one."""
+    idle: bool
+    """Whether it has nothing to do."""
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    goal_m: Place | None
+    """Where it is going; None: nowhere."""
+    task: str
+    """What it is at; empty: nothing."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it drives."""
+        return abs(self.speed_mps) > FAST_MPS
+
+
+def encode(news: News) -> bytes:
+    """Return *news* as bytes."""
+    serial = NONE if news.serial is None else min(news.serial, NONE - 1)
+    goal_m, flags = news.goal_m or (0.0, 0.0), _IDLE * news.idle | _BOUND * (news.goal_m is not None)
+    pose = news.x_m, news.y_m, news.heading_rad, news.speed_mps
+    known = news.term & 0xFFFF, news.plan & 0xFFFFFFFF, news.digest & 0xFFFFFFFF
+    return _HEAD.pack(news.host, *known, serial, flags, *pose, *goal_m) + news.task.encode()[-TASK_BYTES:]
+
+
+def decode(data: bytes, size: int) -> News:
+    """Return the news that *data* are, in a team of *size*; raise WireError if they are none."""
+    if not _HEAD.size <= len(data) <= _HEAD.size + TASK_BYTES:
+        raise WireError(f"{len(data)} bytes are no news")
+    host, term, plan, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
+    if host >= size or flags > _IDLE | _BOUND or not all(map(math.isfinite, numbers)):
+        raise WireError(f"news with host {host}, flags {flags}, numbers {numbers}")
+    x_m, y_m, heading_rad, speed_mps, goal_x_m, goal_y_m = numbers
+    return News(
+        host=host,
+        term=term,
+        plan=plan,
+        digest=digest,
+        serial=None if serial == NONE else serial,
+        idle=bool(flags & _IDLE),
+        x_m=x_m,
+        y_m=y_m,
+        heading_rad=heading_rad,
+        speed_mps=speed_mps,
+        goal_m=(goal_x_m, goal_y_m) if flags & _BOUND else None,
+        task=data[_HEAD.size :].decode(errors="replace"),
+    )

@@ -1,0 +1,381 @@
+"""Driving to a goal: descent in the field of value iteration, by DWA, with a right of way (paper 004, section 6).
+
+The field says where to aim; DWA how to get there without touching anything. What neither knows of is in here: whose
+turn it is. Who has the lower address goes first. Robots that stand are gone round where there is room: at once by who
+yields, after a while by who goes first. Where there is none, who yields makes way: it backs off to the nearest place
+off the other's way, and comes back when that one has passed. A robot that is held by one that just stands there says
+so (``blocked_by``), so that somebody can ask that one to step aside.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from cosim.geometry.segments import swept_clearance
+from cosim.machine import Address, Drive
+from cosim.navigation.dwa import (
+    OWN,
+    STATE,
+    braking_way,
+    choose,
+    chord,
+    stopping_m,
+    towards,
+    unknown_points,
+    unseen_gap,
+    walls_near,
+)
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds, to_seconds
+from protocols.deployment.driving_parameters import DrivingParameters
+from protocols.deployment.floor import Aim, Blocker, Field, Floor
+from protocols.deployment.plan import Place
+from protocols.deployment.traffic import Other, Track, Traffic
+from protocols.deployment.yielding import Refuge, in_the_way, off_way_m, refuge
+
+State: TypeAlias = Literal["idle", "driving", "arrived", "stuck"]
+
+_PROGRESS_M: Final = 0.1
+"""Who has come nearer to its goal by so much has made progress."""
+_SLOW_TO_ROUND: Final = 3.0
+"""Who goes first waits so many times as long as others do before it goes round a body that stands."""
+_FIRST_M: Final = 2.0
+"""So much farther the others go to make way for who goes first."""
+_CORNERED_M: Final = 100.0
+"""What it costs to make way to where one is shut in when the other has arrived."""
+_WAIT_S: Final = 20.0
+"""Nobody makes way for longer than that."""
+_HELD_S: Final = 0.5
+"""s without progress after which a robot gets away from what it is too near to, before anything else."""
+_KEPT_SHARE: Final = 0.5
+"""This share of the margin by which ways are planned is kept in any case: ways are cells, and their corners are cut."""
+_SEEN_SHARE: Final = 0.75
+"""The line to where one aims keeps this share of it."""
+_REPLAN_S: Final = 0.5
+"""s between two looks at who stands in the way."""
+_TURN_SEEN_RAD: Final = 0.02
+"""By so much the turn of a tick may differ from what was commanded before what was seen counts instead."""
+
+
+class Mover:
+    """What drives one robot; asked once a tick."""
+
+    def __init__(
+        self,
+        floor: Floor,
+        me: Address,
+        radius_m: float,
+        speed_mps: float,
+        acceleration_mps2: float,
+        parameters: DrivingParameters,
+        tick: Time,
+    ) -> None:
+        self.me = me
+        self.state: State = "idle"
+        self.goal_m: Place | None = None
+        """Where it is to end up."""
+        self.remaining_m: float | None = None
+        """Length of the way that is left to where it drives now."""
+        self.blocked_by: Address | None = None
+        """Who stands in its way, where no way leads round."""
+        self.yielding_to: Address | None = None
+        """For whom it is making way."""
+        self._floor, self._radius_m, self._own = floor, radius_m, parameters
+        self._seconds = to_seconds(tick)
+        self._limits = _limits(radius_m, speed_mps, acceleration_mps2, parameters, self._seconds)
+        self._motion = np.zeros(STATE)
+        self._wanted = (0.0, 0.0)
+        self._known = False
+        self._traffic = Traffic(me, radius_m, acceleration_mps2 * self._seconds**2, self._seconds)
+        self._via: list[Place] = []
+        self._home: Place | None = None
+        self._aside: Place | None = None
+        self._field: Field | None = None
+        self._among: tuple[Blocker, ...] = ()
+        self._planned: Time | None = None
+        self._best_m, self._progress, self._made_way = math.inf, 0, 0
+
+    # ------------------------------------------------------------ what it is told
+
+    def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
+        """Drive to a place, past way points in their order; what it did before is given up."""
+        self.goal_m, self._via = (float(place_m[0]), float(place_m[1])), [(float(x), float(y)) for x, y in via_m]
+        self._home = None
+        self._begin("driving")
+
+    def halt(self) -> None:
+        """Stop, and stay there."""
+        self.goal_m, self._via, self._home = None, [], None
+        self._begin("idle")
+
+    def retreat(self, from_m: Place, way: Sequence[Place]) -> None:
+        """Get out of the *way* of somebody who is at *from_m*, and wait there for :meth:`come_back`.
+
+        Its goal, or where it stands if it has none, is where it comes back to. Where it cannot get out of the way it
+        stays. It has ``arrived`` when it is out of the way.
+        """
+        home = self._home or self.goal_m or self._here
+        blockers = [*self._traffic.standing(self._here), Blocker(*from_m, self._radius_m)]
+        place = refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
+        self.goal_m, self._via, self._home = (place.place_m if place else self._here), [], home
+        self._begin("driving")
+
+    def come_back(self) -> None:
+        """Drive back to where it was before :meth:`retreat`, or on to where it was going."""
+        if self._home is not None:
+            self.go(self._home)
+
+    def _begin(self, state: State) -> None:
+        self.state, self._aside, self.yielding_to, self.blocked_by = state, None, None, None
+        self.remaining_m = None
+        self._forget_progress()
+
+    def _forget_progress(self) -> None:
+        self._best_m, self._progress, self._planned, self._field = math.inf, -1, None, None
+
+    # ------------------------------------------------------------ a tick
+
+    def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
+        """Return what to do from the next tick on; None if that is what it does already.
+
+        The observation's pose is taken for its own; *others* are the robots it has heard of, and where they are.
+        """
+        self._follow(observation)
+        self._traffic.look(observation, others, now)
+        if self._progress < 0:
+            self._progress = now
+        way, turn = 0.0, 0.0
+        if self.state in ("driving", "stuck"):
+            aim = self._aim(now)
+            if aim is not None:
+                way, turn = self._drive_to(aim, observation)
+        if (way, turn) == self._wanted:
+            return None
+        self._wanted = way, turn
+        return Drive(way / self._seconds, turn / self._seconds)
+
+    @property
+    def _here(self) -> Place:
+        return float(self._motion[0]), float(self._motion[1])
+
+    def _follow(self, observation: Observation) -> None:
+        """Note where it is, how it has moved in the last tick, and how it moves until the next."""
+        x, y, heading, speed = observation[:4]
+        motion, own = self._motion, self._limits
+        was_x, was_y, was_heading, _, turn, _, _ = motion.tolist()
+        gone_x, gone_y = (x - was_x, y - was_y) if self._known else (0.0, 0.0)
+        seen = math.remainder(heading - was_heading, math.tau) if self._known else 0.0
+        if abs(math.remainder(seen - turn, math.tau)) > _TURN_SEEN_RAD:
+            turn = min(max(seen, -own[3]), own[3])
+        way = towards(self._wanted[0], speed * self._seconds, own[2])
+        motion[:] = x, y, heading, way, towards(self._wanted[1], turn, own[4]), gone_x, gone_y
+        self._known = True
+
+    # ------------------------------------------------------------ where to
+
+    def _aim(self, now: Time) -> Aim | None:
+        """Return where to aim; None to stay (it has arrived, or there is no way)."""
+        here = self._here
+        self._give_way(now)
+        self._pass_way_points()
+        target = self._aside or (self._via[0] if self._via else self.goal_m)
+        assert target is not None
+        if self._planned is None or now >= self._planned + from_seconds(_REPLAN_S):
+            self._plan(target, now)
+        held = now - self._progress > from_seconds(_HELD_S)
+        aim = self._clear_aim(self._field, here, held) if self._field is not None else None
+        if aim is None:
+            self.remaining_m = None
+            self._judge(math.inf, now)
+            return None
+        self.remaining_m = aim.left_m
+        if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
+            return self._arrive()
+        self._judge(aim.left_m, now)
+        return aim
+
+    def _clear_aim(self, field: Field, here: Place, held: bool) -> Aim | None:
+        """Return where to aim: as far ahead on the way as a straight line leads clear of the walls."""
+        kept_m = self._radius_m + _SEEN_SHARE * self._own.margin_m
+        reach_m, aim = self._own.look_ahead_m, None
+        while reach_m > 0.5 * self._own.cell_m:
+            aim = field.aim(here, reach_m, held)
+            if aim is None:
+                return None
+            line = np.array([[*here, *here], [*here, *aim.place_m]])
+            at, along = swept_clearance(self._floor.walls, line[:, :2], line[:, 2:], kept_m).tolist()
+            if along >= at - 1e-6:
+                return aim
+            reach_m = min(0.5 * reach_m, 0.8 * math.dist(here, aim.place_m))
+        return aim
+
+    def _arrive(self) -> None:
+        if self._aside is not None:
+            self._progress = -1
+        elif self._motion[3] == 0.0:
+            self.state, self.blocked_by = "arrived", None
+
+    def _pass_way_points(self) -> None:
+        while self._via and self._aside is None and math.dist(self._here, self._via[0]) <= self._own.via_m:
+            self._via.pop(0)
+            self._forget_progress()
+
+    def _plan(self, target: Place, now: Time) -> None:
+        """Choose the field to follow: round those who stand in the way, if a way leads round."""
+        self._planned = now
+        plain = self._floor.field(self._radius_m, target)
+        way = plain.way(self._here) or []
+        standing = self._in_the_way(way, now)
+        self.blocked_by = None
+        if not standing:
+            self._field, self._among = plain, ()
+            return
+        among = tuple(track.blocker for track in standing)
+        if self._field is None or not _alike(among, self._among) or self._field.goal_m != plain.goal_m:
+            self._field = self._floor.field_among(self._radius_m, target, among)
+            self._among = among
+        if not self._field.cost_m(self._here) < math.inf:
+            self.blocked_by = standing[0].address
+            self._field, self._among = plain, ()
+
+    def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
+        """Return who stands in the way, the nearest first."""
+        found = []
+        for track in self._traffic.tracks(self._here):
+            still_s = self._own.still_s if track.address < self.me or track.idle else _SLOW_TO_ROUND * self._own.still_s
+            margin_m = self._own.margin_m + self._own.stray_m
+            if track.still_s(now) >= still_s and in_the_way(
+                track.place_m, self._radius_m, way, track.radius_m, margin_m
+            ):
+                found.append(track)
+        return found
+
+    # ------------------------------------------------------------ whose turn it is
+
+    def _judge(self, left_m: float, now: Time) -> None:
+        """Note progress, or that there has been none for too long; make way if that is due to one who goes first."""
+        if left_m < self._best_m - _PROGRESS_M:
+            self._best_m, self._progress, self.state = left_m, now, "driving"
+            return
+        held_s = to_seconds(now - self._progress)
+        if held_s >= self._own.patience_s:
+            self.state = "stuck"
+        if self._aside is not None or held_s < self._own.yield_s:
+            return
+        for track in self._traffic.tracks(self._here):
+            near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
+            if not track.idle and math.dist(self._here, track.place_m) <= near_m:
+                self._make_way(track, held_s >= 0.5 * self._own.patience_s, now)
+                if self._aside is not None:
+                    return
+
+    def _make_way(self, track: Track, anyway: bool, now: Time) -> None:
+        """Back off to where the other can pass, if it comes this way, and if that is easier than for the other.
+
+        Of two to whom it is about as easy the one with the lower address goes first.
+        """
+        way = self._way_of(track)
+        margin_m = self._own.margin_m + self._own.stray_m
+        if not in_the_way(self._here, self._radius_m, way, track.radius_m, margin_m):
+            return
+        mine = self._refuge(self._radius_m, self._here, track.radius_m, way, track.place_m, self.goal_m)
+        if not anyway and track.goal_m is not None and self.goal_m is not None:
+            on = self._floor.way(self._radius_m, self._here, self.goal_m) or []
+            theirs = self._refuge(track.radius_m, track.place_m, self._radius_m, on, self._here, track.goal_m)
+            handicap = -_FIRST_M if track.address < self.me else _FIRST_M
+            if (mine.cost_m if mine else math.inf) + handicap >= (theirs.cost_m if theirs else math.inf):
+                return
+        elif not anyway and track.address > self.me:
+            return
+        if mine is not None:
+            self._aside, self.yielding_to, self._made_way = mine.place_m, track.address, now
+            self._forget_progress()
+
+    def _refuge(
+        self, radius_m: float, at: Place, other_m: float, way: Sequence[Place], other: Place, goal: Place | None
+    ) -> Refuge | None:
+        """Return where a body can go out of the way of another, and come on from when that one has arrived."""
+        standing = [body for body in self._traffic.standing(self._here) if body.place_m not in (at, other)]
+        found = refuge(self._floor, radius_m, at, way, other_m, [Blocker(*other, other_m), *standing])
+        if found is None or goal is None or not way:
+            return found
+        end = way[-1]
+        if math.dist(end, goal) < radius_m + other_m or math.dist(end, found.place_m) < radius_m + other_m:
+            return found
+        then = self._floor.field_among(radius_m, goal, [Blocker(*end, other_m)])
+        return found if then.cost_m(found.place_m) < math.inf else found._replace(cost_m=found.cost_m + _CORNERED_M)
+
+    def _way_of(self, track: Track) -> list[Place]:
+        goal = track.goal_m or self._here
+        return self._floor.way(track.radius_m, track.place_m, goal) or [track.place_m, goal]
+
+    def _give_way(self, now: Time) -> None:
+        """End having made way when the other has passed, stands, or takes too long."""
+        if self._aside is None:
+            return
+        track = self._traffic.of(self.yielding_to)
+        target = self._via[0] if self._via else self.goal_m
+        waited_s = to_seconds(now - self._made_way)
+        passed = track is None or waited_s >= _WAIT_S or (waited_s > 5.0 and track.still_s(now) > 3.0)
+        if track is not None and not passed and target is not None:
+            way = self._floor.field(self._radius_m, target).way(self._here) or []
+            ahead = math.dist(self._here, track.place_m) < 3.0 and off_way_m(track.place_m, way) < 1.0
+            passed = not ahead and waited_s > 1.0
+        if passed:
+            self._aside, self.yielding_to = None, None
+            self._forget_progress()
+            self._progress = now
+
+    # ------------------------------------------------------------ how
+
+    def _drive_to(self, aim: Aim, observation: Observation) -> tuple[float, float]:
+        """Return way and turn of the tick after the next."""
+        own, motion = self._limits, self._motion
+        most = own[1]
+        if aim.last:
+            dx, dy = chord(motion[2], motion[3], motion[4])
+            left = math.hypot(aim.place_m[0] - motion[0] - dx, aim.place_m[1] - motion[1] - dy)
+            most = min(most, braking_way(left, own[2]))
+        x, y = self._here
+        stop_m = own[1] + stopping_m(own[1] + own[2], own[2])
+        if self._traffic.surprises((x, y), 4.0 * own[0] + 3.0 * stop_m):
+            return 0.0, 0.0
+        reach = own[0] + max(own[5], own[7]) + stop_m
+        walls = walls_near(self._floor.walls, x, y, reach + 2.0 * own[0])
+        bodies = self._traffic.bodies()
+        ranges = observation.ranges_m
+        points = unknown_points(walls, bodies, x, y, ranges, reach, self._own.known_m)
+        if self._own.blind_corners and self._traffic.somebody_unseen(self._here):
+            gap = unseen_gap(walls, x, y, motion[2]) - own[0]
+            most = min(most, max(braking_way(0.5 * gap, own[2]), own[2]))
+        way, turn, _ = choose(own, motion, walls, points, bodies, aim.place_m[0], aim.place_m[1], most)
+        return float(way), float(turn)
+
+
+def _limits(
+    radius_m: float, speed_mps: float, acceleration_mps2: float, own: DrivingParameters, seconds: float
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    row = np.empty(OWN)
+    row[:] = (
+        radius_m,
+        speed_mps * seconds,
+        acceleration_mps2 * seconds**2,
+        own.turn_radps * seconds,
+        own.turn_acceleration_radps2 * seconds**2,
+        _KEPT_SHARE * own.margin_m,
+        own.stray_m,
+        own.clear_m,
+        own.heading_weight,
+        own.clearance_weight,
+        own.speed_weight,
+    )
+    return row
+
+
+def _alike(some: Sequence[Blocker], others: Sequence[Blocker]) -> bool:
+    """Return whether discs stand where others have stood, but for a little."""
+    return len(some) == len(others) and all(
+        math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) < 0.05 for a, b in zip(some, others, strict=True)
+    )

@@ -1,0 +1,97 @@
+"""The parameters of a deployment in a scenario."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from cosim.machine import Address
+from cosim.settings import Settings
+from protocols.deployment.courier_parameters import CourierParameters
+from protocols.deployment.driving_parameters import DrivingParameters
+from protocols.deployment.executive_parameters import ExecutiveParameters
+from protocols.deployment.plan import Place, Strategy
+from protocols.deployment.planner import Call, PlannerParameters
+
+
+class MemberParameters(Settings):
+    """How a robot carries out its orders."""
+
+    behind_s: float = Field(
+        default=3.0, ge=0, description="s, who is to set off behind another waits so long for it to begin to drive"
+    )
+    near_m: float = Field(default=2.0, gt=0, description="m, who has come as near to the post has come to pass it")
+    away_m: float = Field(default=3.0, gt=0, description="m, and has passed once it is so far from it again")
+    aside_s: float = Field(default=45.0, gt=0, description="s, after which who stepped aside comes back in any case")
+    taken_m: float = Field(default=0.8, gt=0, description="m, who comes back leaves its post to one who stands so near")
+    ask_s: float = Field(default=3.0, gt=0, description="s from one request to step aside to the next")
+    stuck_s: float = Field(default=60.0, gt=0, description="s that a robot is stuck until its drive has failed")
+    view_deg: float = Field(default=60.0, gt=0, le=360, description="degrees, how wide a picture is")
+    look_radps: float = Field(default=0.5, gt=0, description="rad/s, how fast a robot turns to what it photographs")
+
+    @model_validator(mode="after")
+    def _passes(self) -> Self:
+        if not self.near_m < self.away_m:
+            raise ValueError(f"near_m {self.near_m} is not < away_m {self.away_m}")
+        return self
+
+
+class TimedCall(Settings):
+    """A play that the host calls without an operator."""
+
+    at_s: float = Field(default=0.0, ge=0, description="s after the start; later if another play is not over by then")
+    call: Call
+
+
+class TimedSwitch(Settings):
+    """The host switches the strategy of the play that is being played, without an operator."""
+
+    at_s: float = Field(ge=0, description="s after the start")
+    strategy: Strategy
+
+
+class Parameters(Settings):
+    """What all robots of a run have been told."""
+
+    host: Address = Field(default=0, ge=0, description="the robot at whose machine planner and executive begin")
+    executive: Literal["central", "distributed"] = Field(
+        default="central", description="whether the host orders all, or each robot runs the plan and orders itself"
+    )
+    calls: tuple[TimedCall, ...] = Field(default=(), description="plays to be played, in the order of their times")
+    switches: tuple[TimedSwitch, ...] = Field(default=(), description="changes of strategy, in that order")
+    library: str | None = Field(default=None, description="path of a playbook (YAML) of the user's own")
+    base_m: Place | None = Field(default=None, description="m, where base is; the middle of the starts if not given")
+    cameras: tuple[Address, ...] | None = Field(default=None, description="who has a camera; all if not given")
+    sonars: tuple[Address, ...] = Field(default=(), description="who has sonar, not a laser scanner")
+    news_s: float = Field(default=1.0, gt=0, description="s from one telling of whereabouts to the next")
+    listen_s: float = Field(default=2.0, ge=0, description="s, who has booted listens so long before it leads others")
+    silence_s: float = Field(default=15.0, gt=0, description="s, nothing heard for so long: a robot is taken for lost")
+    alone_s: float = Field(
+        default=45.0, gt=0, description="s, nothing heard of anybody for so long: a robot goes on alone"
+    )
+    again_s: float = Field(
+        default=5.0, gt=0, description="s, what another's news say that it lacks it is told once in so long"
+    )
+    member: MemberParameters = MemberParameters()
+    driving: DrivingParameters = DrivingParameters()
+    courier: CourierParameters = CourierParameters()
+    planner: PlannerParameters = PlannerParameters()
+    executing: ExecutiveParameters = ExecutiveParameters()
+
+    @property
+    def carried(self) -> CourierParameters:
+        """What the courier is told: where radios need links, the host is the first to lead their piconet."""
+        links = self.courier.links
+        if links is None:
+            return self.courier
+        return self.courier.model_copy(update={"links": links.model_copy(update={"first": self.host})})
+
+    @model_validator(mode="after")
+    def _silence_is_longer_than_news(self) -> Self:
+        if not 2.0 * self.news_s <= self.silence_s:
+            raise ValueError(f"silence_s {self.silence_s} is not >= 2 news_s, {2.0 * self.news_s}")
+        if not self.silence_s <= self.alone_s:
+            raise ValueError(f"alone_s {self.alone_s} is not >= silence_s {self.silence_s}")
+        times = [call.at_s for call in self.calls]
+        if times != sorted(times):
+            raise ValueError(f"calls are not in the order of their times: {times}")
+        return self

@@ -1,0 +1,147 @@
+"""What would mend a play that is infeasible: changes of the call, each tried before it is offered."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from cosim.machine import Address
+from cosim.units import S, Time, to_seconds
+from protocols.deployment.constraints import sentence
+from protocols.deployment.crew import Body
+from protocols.deployment.plan import Between, Place, Task
+from protocols.deployment.plays_binding import Role
+from protocols.deployment.roles import Shortage, wanted
+from protocols.deployment.stn import Bound, Network
+
+STEP: Time = S // 10
+"""Relaxed times are told in tenths of seconds."""
+
+
+class Change(NamedTuple):
+    """A change of a call, or of who is there."""
+
+    bodies: tuple[Body, ...] = ()
+    """More robots, at the base."""
+    everybody: bool = False
+    """Robots may take part that the call has left out."""
+    uncast: bool = False
+    """The planner chooses who plays which role, whatever the call says."""
+    spans_s: tuple[tuple[str, float, float | None], ...] = ()
+    """Constraints by their ``why``, time-outs by their task's name, and their new limits."""
+    moved_m: tuple[tuple[Place, Place], ...] = ()
+    """Places, and other places instead of them."""
+    before: tuple[tuple[str, str], ...] = ()
+    """Tasks, and tasks that are to start after their end."""
+    apart_m: float | None = None
+    """Robots that gather stand at most so far apart."""
+
+    def with_(self, other: "Change") -> "Change":
+        """Return both changes."""
+        return Change(
+            self.bodies + other.bodies,
+            self.everybody or other.everybody,
+            self.uncast or other.uncast,
+            self.spans_s + other.spans_s,
+            self.moved_m + other.moved_m,
+            self.before + other.before,
+            self.apart_m if other.apart_m is None else other.apart_m,
+        )
+
+
+class Mend(NamedTuple):
+    """A change, in words."""
+
+    text: str
+    change: Change
+
+
+class Stuck(NamedTuple):
+    """Why there is no plan, and what might mend it."""
+
+    conflicts: tuple[str, ...]
+    mends: tuple[Mend, ...] = ()
+
+
+# ---------------------------------------------------------------- too few robots
+
+
+def short_of_robots(
+    shortage: Shortage, roles: Mapping[str, Role], template: Body, left_out: Sequence[Address]
+) -> Stuck:
+    """Return what is told of roles that have too few robots; *template*: the smallest robot of the team."""
+    count, fit = len(shortage.roles), len(shortage.robots)
+    needs = sorted({wanted(roles[name].needs) for name in shortage.roles})
+    detail = "" if needs == ["a robot"] else f" ({'; '.join(needs)})"
+    wants = f"wants {needs[0]}" if count == 1 else f"want {count} robots{detail}"
+    there = f"there are {fit}: {', '.join(map(str, shortage.robots))}" if fit else "there is none"
+    conflicts = [f"role{'s' * (count > 1)} {', '.join(shortage.roles)} {wants}, and {there}"]
+    mends = []
+    if left_out:
+        mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everybody=True)))
+    if any(role.fixed is not None for role in roles.values()):
+        mends.append(Mend("the planner chooses the robots for all roles", Change(uncast=True)))
+    bodies = tuple(_fitting(roles[name], template) for name in shortage.lacking)
+    lacking = Counter(wanted(roles[name].needs) for name in shortage.lacking)
+    mends.append(Mend(" and ".join(_more(what, number) for what, number in lacking.items()), Change(bodies=bodies)))
+    return Stuck((*conflicts, *shortage.reasons), tuple(mends))
+
+
+def _more(what: str, count: int) -> str:
+    return f"1 more {what.removeprefix('a ')}" if count == 1 else f"{count} more {what.replace('a robot', 'robots', 1)}"
+
+
+def _fitting(role: Role, template: Body) -> Body:
+    """Return the smallest robot of the team with what *role* needs."""
+    for need in role.needs:
+        if need.camera:
+            template = template._replace(camera=True)
+        if need.sensor is not None:
+            template = template._replace(sensor=need.sensor)
+        if need.passage_m is not None:
+            template = template._replace(radius_m=min(template.radius_m, need.passage_m / 2.0))
+    return template
+
+
+# ---------------------------------------------------------------- too little time
+
+
+def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]) -> Stuck:
+    """Return what is told of a temporal conflict: what was asked for, then durations; the plan's shape is understood.
+
+    *asked*: the bounds of the plan's constraints; *timed*: those of time-outs.
+    """
+    conflict = network.conflict
+    mends = [
+        Mend(text, Change(spans_s=((between.why, least_s, most_s),)))
+        for bound, between in asked
+        if bound in conflict
+        for least_s, most_s in _relaxed(network, conflict, bound)
+        for text in [f"{_who(between)}{sentence(between.earlier, between.later, least_s, most_s)}"]
+    ]
+    mends += [
+        Mend(f"{task.name}: times out after {most_s:g} s", Change(spans_s=((task.name, 0.0, most_s),)))
+        for bound, task in timed
+        if bound in conflict
+        for _, most_s in _relaxed(network, conflict, bound)
+    ]
+    first = [bound for bound, _ in (*asked, *timed) if bound in conflict]
+    lasting = [bound for bound in conflict if bound not in first and (bound.least or bound.most is not None)]
+    return Stuck(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
+
+
+def _who(between: Between) -> str:
+    who, colon, _ = between.why.partition(": ")
+    return f"{who}{colon}" if colon else ""
+
+
+def _relaxed(network: Network, conflict: Sequence[Bound], bound: Bound) -> Iterator[tuple[float, float | None]]:
+    """Yield the limits (s) nearest to those of *bound* that all others leave; nothing if they leave none."""
+    others = Network(each for each in network.bounds if each != bound)
+    if not others.consistent:  # there are more conflicts: at least without this one
+        others = Network(each for each in conflict if each != bound)
+    least, most = others.least(bound.earlier, bound.later), others.most(bound.earlier, bound.later)
+    if bound.most is not None and least is not None and least > bound.most:
+        yield to_seconds(bound.least), to_seconds(-(-least // STEP) * STEP)
+    elif most is not None and most < bound.least:
+        down = most // STEP * STEP
+        yield to_seconds(down), None if bound.most is None else to_seconds(bound.most)

@@ -1,0 +1,304 @@
+"""How far a plan has come: a function of the plan, when it was begun, and the facts so far.
+
+Nothing here depends on when a fact was heard, only on when it became true. What a progress wants of the robots follows
+from the leaves that run; to make orders of that is the executive's business.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from cosim.machine import Address
+from cosim.units import Time
+from protocols.deployment.crew import Crew
+from protocols.deployment.dispatch import Breach, Edge, Timetable
+from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated
+from protocols.deployment.executive_parameters import ExecutiveParameters
+from protocols.deployment.orders import Result
+from protocols.deployment.plan import Deployment, Explore, Go, Photo, Place, Strategy, Task
+from protocols.deployment.progress_deploying import Deploying
+from protocols.deployment.recovery import Length, substitute
+from protocols.deployment.tree import Node, State, TaskTree, claims
+from protocols.deployment.ways import Ways
+
+
+class End(NamedTuple):
+    """How a task has ended."""
+
+    task: str
+    state: State
+    why: str
+    at: Time
+    robot: Address | None
+    """Whose it was, if it was one robot's."""
+
+
+class Progress:
+    """A plan under way, in the time of its facts. It is the director of its task tree."""
+
+    def __init__(
+        self,
+        record: Record,
+        crew: Crew,
+        ways: Ways,
+        parameters: ExecutiveParameters,
+        length: Length,
+    ) -> None:
+        plan, start = record.plan, record.start
+        self._plan, self._crew, self._parameters = plan, crew, parameters
+        self._deploying = partial(Deploying, crew, ways, parameters, length)
+        self._length = length
+        self._windows = Timetable(plan, start)
+        self._strategy: Strategy | None = None
+        self._roles: dict[Address, Address] = {}
+        """Who has taken over from a lost robot, outside deployments."""
+        self._drafted: set[Address] = set()
+        self._taken = 0
+        self.deployments: dict[str, Deploying] = {}
+        """Those that have begun, by name."""
+        self.stands_m: dict[Address, Place] = dict.fromkeys(crew.robots, crew.base_m) | record.starts_m
+        """Where a robot has been ordered to, and arrived at, last."""
+        self.lost: set[Address] = set()
+        self.heard: dict[tuple[str, Address], Ended] = {}
+        """What robots have reported, by the task's name and theirs."""
+        self.ends: list[End] = []
+        """Tasks in the order in which they ended, until somebody clears it."""
+        self.time = start
+        """ns, of the last instant at which anything happened."""
+        self.tree = TaskTree(plan.root, self)
+        self._settle()
+        self._wake = self._next()
+
+    # ------------------------------------------------------------ time and facts
+
+    def run(self, facts: Sequence[Fact], now: Time) -> None:
+        """Go on to *now* with *facts*, all in their order; those that were taken before are known."""
+        while (due := self._due(facts)) is not None and due <= now:
+            self.time = max(due, self.time)
+            while self._taken < len(facts) and facts[self._taken].at <= self.time:
+                self._take(facts[self._taken])
+                self._taken += 1
+            self._settle()
+            self._wake = self._next()
+
+    def _due(self, facts: Sequence[Fact]) -> Time | None:
+        fact = facts[self._taken].at if self._taken < len(facts) else None
+        wake = self.wake_at()
+        return wake if fact is None else fact if wake is None else min(fact, wake)
+
+    def wake_at(self) -> Time | None:
+        """Return when something happens by itself."""
+        return self._wake
+
+    def _next(self) -> Time | None:
+        if self.tree.over:
+            return None
+        times = [at for at in (self.tree.wake_at(self.time), self._windows.wake_at(self.time)) if at is not None]
+        return min(times, default=None)
+
+    def breaches(self) -> list[Breach]:
+        """Return all windows that have broken so far."""
+        return self._windows.breaches()
+
+    def _take(self, fact: Fact) -> None:
+        match fact:
+            case Ended():
+                self.heard[fact.task, fact.robot] = fact
+            case Heard(robot=robot, again=True):
+                self._found(robot)
+            case Heard(robot=robot):
+                self._lose(robot)
+            case Switched(strategy=strategy):
+                self._strategy = strategy
+                for deploying, node in self._under_way():
+                    deploying.strategy = strategy
+                    self._deploy_again(deploying, node)
+            case Terminated(task=task):
+                if (wanted := self.tree.get(task)) is not None and not wanted.over:
+                    self.tree.terminate(wanted, self.time, "as was ordered")
+
+    def _settle(self) -> None:
+        """Do all that follows at this instant."""
+        while not self.tree.over:
+            self._conclude()  # before anything runs out of time at this instant
+            self.tree.advance(self.time)
+            if self._conclude():
+                continue
+            known = len(self.breaches())
+            self._windows.check(self.time)
+            if len(self.breaches()) == known and not self._loosen():
+                return
+
+    def _conclude(self) -> bool:
+        """End the leaves of which all is heard, those that are done before others; return whether there was one."""
+        found = False
+        for leaf, report in self._reported():
+            if report.result is Result.DONE:
+                self.tree.finish(leaf)
+                found = True
+        for leaf, report in self._reported():
+            if leaf.over:  # one that failed before it in the list has ended it
+                continue
+            found = True
+            if report.result is Result.FAILED:
+                self.tree.fail(leaf, self.time, report.why or "its robot has failed")
+            else:
+                self.tree.terminate(leaf, self.time, report.why)
+        return found
+
+    def _reported(self) -> list[tuple[Node, Ended]]:
+        """Return the leaves of which all is heard, each with the report that counts."""
+        found = list[tuple[Node, Ended]]()
+        for leaf in self.tree.running():
+            robots = () if leaf.reached else self.robots(leaf) or ()
+            reports = [self.heard[leaf.name, robot] for robot in robots if (leaf.name, robot) in self.heard]
+            if reports and len(reports) == len(robots):
+                found.append((leaf, min(reports, key=lambda report: report.surer)))
+        return found
+
+    def _loosen(self) -> bool:
+        """Give up a window for which everything would wait for ever; return whether there was one."""
+        if any(claims(leaf.task) and not leaf.reached for leaf in self.tree.running()):
+            return False
+        if self.tree.wake_at(self.time) is not None:
+            return False
+        for node in self.tree.root.walk():
+            if not node.over:
+                edge: Edge = "start" if node.state is State.WAITING else "end"
+                if (key := self._windows.hindering(node.task.name, edge)) is not None:
+                    self._windows.give_up(key, self.time)
+                    return True
+        return False
+
+    # ------------------------------------------------------------ what the tree asks
+
+    @property
+    def tries(self) -> int:
+        """Return how often a drive of a deployment is begun before it is passed over."""
+        return self._parameters.tries
+
+    def opens(self, node: Node, edge: str, now: Time) -> Time | None:
+        """Return when a task's windows let it start or end."""
+        return self._windows.opens(node.task.name, "start" if edge == "start" else "end", now)
+
+    def robots(self, node: Node) -> frozenset[Address] | None:
+        """Return who does a leaf; None: those who could are lost."""
+        named = claims(node.task)
+        living = frozenset(self._role(robot) for robot in named) - self.lost
+        return living if living or not named else None
+
+    def expand(self, node: Node, now: Time) -> Sequence[Task]:
+        """Return the stages of a deployment that begins, or begins again."""
+        assert isinstance(node.task.act, Deployment)
+        deploying = self.deployments.get(node.task.name)
+        if deploying is None:
+            deploying = self.deployments[node.task.name] = self._deploying(node.task, self._strategy)
+        return deploying.tasks(self.lost, self.stands_m, self._draft)
+
+    def verdict(self, node: Node) -> tuple[str, bool]:
+        """Return why a deployment whose stages have ended has failed, if it has."""
+        deploying = self.deployments.get(node.task.name)
+        return ("", False) if deploying is None else deploying.verdict(self.lost)
+
+    def began(self, node: Node, now: Time) -> None:
+        """Note the start of a task."""
+        self._windows.happened(node.task.name, "start", now)
+        if isinstance(node.task.act, Go):
+            for robot in self.robots(node) or ():
+                for deploying in self.deployments.values():
+                    deploying.left(robot)
+
+    def ended(self, node: Node, now: Time) -> None:
+        """Note the end of a task, and where it has left its robot."""
+        self._windows.closed(node.task.name, now)
+        robots = sorted(self.robots(node) or ()) if not node.children else ()
+        self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
+        if node.state is State.DONE and isinstance(node.task.act, Go) and robots:
+            self.stands_m[robots[0]] = node.task.act.place_m
+            for deploying in self.deployments.values():
+                deploying.arrived(node.task.name, robots[0], node.task.act.place_m)
+
+    # ------------------------------------------------------------ what is wanted
+
+    def errands(self) -> dict[Address, tuple[str, Go | Photo | Explore]]:
+        """Return what every robot is to be at, with the task's name."""
+        errands = dict[Address, tuple[str, Go | Photo | Explore]]()
+        for leaf in self.tree.running():
+            act = leaf.task.act
+            if leaf.reached or not isinstance(act, Go | Photo | Explore):
+                continue
+            robots = self.robots(leaf) or frozenset()
+            for robot in sorted(robots):
+                changed = {"robots": tuple(sorted(robots))} if isinstance(act, Explore) else {"robot": robot}
+                errands[robot] = leaf.name, act.model_copy(update=changed)
+        return errands
+
+    # ------------------------------------------------------------ robots that come and go
+
+    def _role(self, robot: Address) -> Address:
+        while robot in self._roles:
+            robot = self._roles[robot]
+        return robot
+
+    def _draft(self, least: Place) -> Address | None:
+        """Return the spare robot that has the shortest way to a place, and take it."""
+        task = Task(name="draft", act=Go(robot=0, place_m=least))
+        spare = substitute([task], self._spares(), self.stands_m, self._crew, self._length)
+        if spare is not None:
+            self._drafted.add(spare)
+        return spare
+
+    def _spares(self) -> set[Address]:
+        if not self._parameters.draft:
+            return set()
+        return set(self._crew.robots) - set(self._plan.robots) - self.lost - self._drafted
+
+    def _under_way(self) -> Iterator[tuple[Deploying, Node]]:
+        """Yield the deployments that have begun and not ended, outer ones first."""
+        for name, deploying in list(self.deployments.items()):
+            node = self.tree.get(name)
+            if node is not None and node.state is State.RUNNING:
+                yield deploying, node
+
+    def _deploy_again(self, deploying: Deploying, node: Node) -> None:
+        tasks = deploying.tasks(self.lost, self.stands_m, self._draft)
+        self.tree.graft(node, tasks, self.time)
+
+    def _found(self, robot: Address) -> None:
+        self.lost.discard(robot)
+        for deploying, node in self._under_way():
+            if deploying.misses(robot):
+                self._deploy_again(deploying, node)
+
+    def _lose(self, robot: Address) -> None:
+        """Give a silent robot's posts and roles to others."""
+        if robot in self.lost:
+            return
+        self.lost.add(robot)
+        for deploying, node in self._under_way():
+            if robot in deploying.posts:
+                self._deploy_again(deploying, node)
+        leaves = [leaf for leaf in self._leaves() if robot in {self._role(each) for each in claims(leaf.task)}]
+        alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
+        spare = substitute([leaf.task for leaf in alone], self._spares(), self.stands_m, self._crew, self._length)
+        if alone and spare is not None:
+            self._drafted.add(spare)
+            self._roles[robot] = spare
+        for leaf in leaves:
+            if leaf.state is State.RUNNING and self.robots(leaf) is None:
+                self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)
+            elif leaf.state is State.RUNNING and leaf in alone:
+                self.tree.renew(leaf, self.time)
+
+    def _leaves(self) -> list[Node]:
+        """Return the leaves that have not ended, those of deployments left out."""
+        leaves = list[Node]()
+        pending = [self.tree.root]
+        while pending:
+            node = pending.pop()
+            if node.over or isinstance(node.task.act, Deployment):
+                continue
+            pending += reversed(node.children)
+            if not node.children:
+                leaves.append(node)
+        return leaves

@@ -1,0 +1,251 @@
+"""The machine of one robot of a deployment: a member that drives, a host that may lead, a console, a courier.
+
+The rooms know nothing of each other but what passes here: what the courier brings goes to the host and the member, what
+the executive orders this robot goes to the member, and what the member has ended goes to all.
+"""
+
+from cosim.errors import WireError
+from cosim.machine import (
+    OPERATOR,
+    Address,
+    Command,
+    Event,
+    LinkCommand,
+    LinkEvent,
+    Outgoing,
+    Reception,
+)
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.deployment import member_letters, member_news
+from protocols.deployment.console import Console
+from protocols.deployment.console_planning import Planning
+from protocols.deployment.courier import Courier
+from protocols.deployment.host import Host
+from protocols.deployment.host_calls import Calls
+from protocols.deployment.journal import BadBytes
+from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.member import Member
+from protocols.deployment.member_letters import Aside, Letter, Look, Picture
+from protocols.deployment.member_news import News
+from protocols.deployment.mover import Mover
+from protocols.deployment.orders import Whereabouts
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.records import Records
+
+
+class Runner:
+    """One robot's machine."""
+
+    def __init__(self, parameters: Parameters, knowledge: Knowledge, me: Address, start: Time) -> None:
+        self.me = me
+        self.records = Records()
+        self._knowledge = knowledge
+        self._events: list[Event] = []
+        self._commands: list[Command] = []
+        self._start = start
+        self._period = from_seconds(parameters.news_s)
+        self._next_news = start + self._period * me // knowledge.size
+        body = knowledge.crew.bodies[me]
+        limits = body.radius_m, body.speed_mps, body.acceleration_mps2
+        mover = Mover(knowledge.floor, me, *limits, parameters.driving, knowledge.tick)
+        note = self._events.append
+        self.courier = Courier(me, knowledge.size, parameters.carried, start)
+        self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
+        self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
+        planning = Planning(parameters, knowledge, self.member, self._silent)
+        self.console = Console(planning, knowledge, self.host, self.member, self._heard, note)
+        self._calls = Calls(parameters, planning, self.host, note, self.records, start)
+        self._now = start
+        self._changes = 0
+        """How often the host has changed, as far as the member was told."""
+
+    # ------------------------------------------------------------ the contract of machines
+
+    @property
+    def finished(self) -> bool:
+        """Whether all that was to be played has been, and the robot rests; never where an operator may call plays."""
+        return (
+            self._calls.over(self._now)
+            and not self.host.busy
+            and self.member.resting
+            and not self.console.attended
+            and self.courier.wake_at() is None
+        )
+
+    def receive(self, data: bytes, reception: Reception, now: Time) -> None:
+        """Take a frame of another robot, or what the operator says at this robot's console."""
+        if reception.source == OPERATOR:
+            self.console.request(data, now)
+        else:
+            self.courier.receive(data, reception, now)
+        self._settle(now)
+
+    def link(self, event: LinkEvent, now: Time) -> None:
+        """Take news about links and frames."""
+        self.courier.link(event, now)
+        self._settle(now)
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        """Drive on, look who is there, and tell all where this robot is."""
+        drive = self.member.step(observation, now)
+        if drive is not None:
+            self._commands.append(drive)
+        for other, request in self.member.requests():
+            self.post(other, request, now)
+        for picture in self.member.pictures(observation):
+            self._show(picture, now)
+        self.courier.tick(self.member.here, observation.visible, now)
+        self.host.tick(self._heard, self._whereabouts(), now)
+        self._calls.tick(now)
+        if now >= self._next_news or now < self._next_news - self._period:
+            self._next_news = now + self._period
+            self.courier.tell(member_news.TOPIC, member_news.encode(self._news()), now)
+        self._settle(now)
+
+    def wake(self, now: Time) -> None:
+        """Act on the courier's and the executive's deadlines."""
+        self.courier.wake(now)
+        self._settle(now)
+
+    def wake_at(self) -> Time | None:
+        """Return the earliest of them."""
+        courier, host = self.courier.wake_at(), self.host.wake_at()
+        if courier is None or host is None:
+            return courier if host is None else host
+        return min(courier, host)
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain frames, link commands, and what is said to the operator."""
+        out = self.courier.drain()
+        return [*out, *(Outgoing(OPERATOR, said) for said in self.console.drain())]
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands."""
+        commands = self._commands[:]
+        self._commands.clear()
+        return commands
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace."""
+        if not (self._events or self.courier.bad):
+            return []
+        events = [*self._events, *self.courier.bad]
+        self._events.clear()
+        self.courier.bad = []
+        return events
+
+    # ------------------------------------------------------------ letters
+
+    def post(self, destination: Address, letter: Letter, now: Time) -> None:
+        """Send a letter reliably."""
+        payload = member_letters.encode(letter)
+        self.records.letters += 1
+        self.records.letter_bytes += len(payload)
+        self.courier.post(destination, payload, now)
+
+    def forget(self, other: Address, now: Time) -> None:
+        """Send nothing any more of what is on its way to a robot."""
+        self.courier.forget(other, now)
+
+    def _settle(self, now: Time) -> None:
+        """Take what the courier has brought, and pass on what follows from it, until nothing more does."""
+        self._now = now
+        self._read(now)
+        self.host.advance(now)
+        if self.host.changes != self._changes:
+            self._changes = self.host.changes
+            self.member.forget_serials()
+        while orders := self.host.mine():
+            for order in orders:
+                self.member.obey(order, now)
+            self._report(now)
+            self.host.advance(now)
+        self._report(now)
+        self.console.tell(now)
+        self.records.returned += len(self.courier.returned())
+        self.records.frames, self.records.frame_bytes = self.courier.counts.frames, self.courier.counts.octets
+
+    def _report(self, now: Time) -> None:
+        for report in self.member.reports():
+            self.host.report(report, now)
+            self.host.advance(now)
+
+    def _read(self, now: Time) -> None:
+        for source, topic, payload, _ in self.courier.news():
+            try:
+                if topic != member_news.TOPIC:
+                    raise WireError(f"there is no topic {topic}")
+                news = member_news.decode(payload, self._knowledge.size)
+            except WireError:
+                self._events.append(BadBytes(source, len(payload)))
+                continue
+            self.member.others.tell(source, news, now)
+            self.host.hear(source, news, now)
+        for source, payload in self.courier.letters():
+            try:
+                letter = member_letters.decode(payload, self._knowledge.size)
+            except WireError:
+                self._events.append(BadBytes(source, len(payload)))
+                continue
+            self._deliver(source, letter, now)
+
+    def _deliver(self, source: Address, letter: Letter, now: Time) -> None:
+        match letter:
+            case Aside():
+                self.member.step_aside(letter, now)
+            case Look(request=request):
+                self.member.look(request, source)
+            case Picture():
+                self.console.picture(letter)
+            case _:
+                self.host.letter(source, letter, now)
+
+    def _show(self, picture: tuple[Address, Picture], now: Time) -> None:
+        asked_by, shown = picture
+        if asked_by == self.me:
+            self.console.picture(shown)
+        else:
+            self.post(asked_by, shown, now)
+
+    # ------------------------------------------------------------ who is where
+
+    def _heard(self, other: Address) -> Time:
+        """Return when *other* was heard last; when this machine began, if never."""
+        at = self.courier.heard(other)
+        return self._start if at is None else at
+
+    def _silent(self, other: Address, now: Time) -> bool:
+        return self.host.succession.silent(other, self._heard, now)
+
+    def _whereabouts(self) -> Whereabouts:
+        member = self.member
+        x_m, y_m = member.here
+        return Whereabouts(
+            robot=self.me,
+            x_m=x_m,
+            y_m=y_m,
+            heading_rad=member.heading_rad,
+            plan=self.host.number,
+            task=member.task,
+            moving=member.moves,
+        )
+
+    def _news(self) -> News:
+        member, host = self.member, self.host
+        order = member.order
+        x_m, y_m = member.here
+        return News(
+            host=host.succession.host,
+            term=host.succession.term,
+            plan=host.number,
+            digest=host.digest,
+            serial=order.serial if order is not None and order.plan == host.number else None,
+            idle=member.idle,
+            x_m=x_m,
+            y_m=y_m,
+            heading_rad=member.heading_rad,
+            speed_mps=member.speed_mps,
+            goal_m=member.goal_m,
+            task=member.task,
+        )

@@ -1,0 +1,134 @@
+"""What cosim must know of deployments: the entry point ``deployment`` names ``SPEC``."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from cosim.errors import UserError
+from cosim.machine import Address
+from cosim.protocol import Metric, ProtocolSpec, Surroundings
+from cosim.units import Time, to_seconds
+from protocols.deployment.floor import Floor
+from protocols.deployment.journal import EVENTS
+from protocols.deployment.knowledge import Knowledge, knowledge_of
+from protocols.deployment.links import MOST_ROBOTS
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.plan import Place
+from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
+from protocols.deployment.runner import Runner
+
+TEAM_LIMIT: Final = 64
+"""Frames hold addresses in a byte; nobody has ever watched more robots by one page."""
+APART: Final = 3.0
+"""Robots start so many radii apart, from centre to centre, about base."""
+
+METRICS: Final = (
+    Metric("plans_ended", "1", "plays that were played to their end, however that was"),
+    Metric("plans_done", "1", "plays that were played, and done"),
+    Metric("played_s", "s", "when the last of them ended; NaN if none did"),
+    Metric("refused", "1", "plays that were called, and refused"),
+    Metric("orders", "1", "orders that executives gave"),
+    Metric("orders_failed", "1", "orders that robots could not carry out"),
+    Metric("breaches", "1", "temporal constraints that were not kept"),
+    Metric("asides", "1", "times that robots stepped aside, ordered or asked"),
+    Metric("robots_lost", "1", "times that a host took a robot for lost"),
+    Metric("successions", "1", "times that a robot became host in another's place"),
+    Metric("letters", "1", "letters that robots have posted"),
+    Metric("letter_bytes", "B", "bytes in these letters"),
+    Metric("letters_returned", "1", "letters that were given up"),
+    Metric("frames", "1", "frames that robots have sent, copies and acknowledgements included"),
+    Metric("frame_bytes", "B", "bytes in these frames"),
+    Metric("pictures", "1", "pictures that robots have taken"),
+    Metric("blocked_ticks", "1", "ticks in which a wall or a body held a robot up"),
+    *REFEREE_METRICS,
+)
+
+
+def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Place]:
+    """Put the robots where the floor's ``starts`` say, or close together about base; raise UserError without room.
+
+    Base is as given, or the floor's place ``base``, or the middle of the floor.
+    """
+    named = surroundings.places_m.get("starts", ())
+    if len(named) >= size:
+        return list(named[:size])
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    middle = (x_min + x_max) / 2.0, (y_min + y_max) / 2.0
+    base = parameters.base_m or surroundings.places_m.get("base", (middle,))[0]
+    floor = Floor.of(surroundings, parameters.driving)
+    step_m = APART * surroundings.radius_m
+    reach = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
+    offsets = [step_m * k for k in range(-reach, reach + 1)]
+    lattice = [(base[0] + dx, base[1] + dy) for dx in offsets for dy in offsets]
+    starts: list[Place] = []
+    for point in sorted(lattice, key=lambda point: (math.dist(point, base), point)):
+        radius_m = surroundings.radius_m
+        if floor.free(radius_m, point) and (not starts or floor.length_m(radius_m, point, starts[0]) is not None):
+            starts.append(point)
+            if len(starts) == size:
+                return starts
+    raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {base}; give starts")
+
+
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+    """Return what all robots know; raise UserError for a team that the parameters do not fit."""
+    size = len(surroundings.starts_m)
+    if parameters.courier.links is not None and size > MOST_ROBOTS:
+        raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
+    return knowledge_of(parameters, surroundings)
+
+
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> Runner:
+    """Return the machine of robot *me*; it draws nothing."""
+    return Runner(parameters, knowledge, me, start)
+
+
+def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> DeploymentReferee:
+    """Return the judge of the truth."""
+    return DeploymentReferee(parameters, knowledge, surroundings)
+
+
+def measure(machines: Sequence[Runner]) -> dict[str, float]:
+    """Return what the machines have counted."""
+    records = [machine.records for machine in machines]
+    ends = {number: (result, at) for each in records for number, result, at in each.ended}
+    return {
+        "plans_ended": float(len(ends)),
+        "plans_done": float(sum(result == "done" for result, _ in ends.values())),
+        "played_s": to_seconds(max(at for _, at in ends.values())) if ends else math.nan,
+        "refused": float(sum(each.refused for each in records)),
+        "orders": float(sum(each.ordered for each in records)),
+        "orders_failed": float(sum(each.failed for each in records)),
+        "breaches": float(sum(each.breaches for each in records)),
+        "asides": float(sum(each.asides for each in records)),
+        "robots_lost": float(sum(each.lost for each in records)),
+        "successions": float(sum(each.successions for each in records)),
+        "letters": float(sum(each.letters for each in records)),
+        "letter_bytes": float(sum(each.letter_bytes for each in records)),
+        "letters_returned": float(sum(each.returned for each in records)),
+        "frames": float(sum(each.frames for each in records)),
+        "frame_bytes": float(sum(each.frame_bytes for each in records)),
+        "pictures": float(sum(each.pictures for each in records)),
+        "blocked_ticks": float(sum(each.blocked for each in records)),
+    }
+
+
+SPEC = ProtocolSpec(
+    name="deployment",
+    parameters=Parameters,
+    place=place,
+    prepare=prepare,
+    make=make,
+    referee=referee,
+    metrics=METRICS,
+    measure=measure,
+    events=EVENTS,
+    team_limit=TEAM_LIMIT,
+    needs_sight=True,
+    needs_view=True,
+)
+"""The protocol."""

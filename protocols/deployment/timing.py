@@ -1,0 +1,224 @@
+"""How long tasks take, and the temporal network of a whole plan.
+
+A drive takes at least the time of its way at full speed (with least_share: ways on a grid of cells are up to 8 % too
+long), and at most a multiple of the time that is expected. Between these the world decides. A task contains its
+subtasks; in a serial one they follow each other. A task that may be cut short (it ends with another, or its time-out is
+skipped) has no least duration. Everything that bounds instants has a name in words: conflicts are told by them.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import networkx as nx
+from pydantic import Field
+
+from cosim.machine import Address
+from cosim.settings import Settings
+from cosim.units import from_seconds, to_seconds
+from protocols.deployment.constraints import sentence
+from protocols.deployment.crew import Body
+from protocols.deployment.plan import ORIGIN, Between, Go, Instant, Photo, Place, Task, Wait
+from protocols.deployment.stn import BEGINNING, Bound, Network, Point
+
+
+class TimingParameters(Settings):
+    """What the planner assumes of durations."""
+
+    least_share: float = Field(
+        default=0.9, gt=0, le=1, description="a drive takes at least this share of its time at full speed"
+    )
+    turns_s: float = Field(default=5.0, ge=0, description="s, expected for the turns of a drive")
+    slack: float = Field(default=4.0, ge=1, description="a drive takes at most so many times what is expected")
+    photo_s: float = Field(default=5.0, ge=0, description="s, a picture takes at most")
+
+
+class Span(NamedTuple):
+    """How long a task takes; in words, for conflicts."""
+
+    least_s: float
+    expected_s: float
+    most_s: float | None
+    name: str
+
+
+class Leg(NamedTuple):
+    """A drive as the planner sees it: who, from where, over which places, to where."""
+
+    task: str
+    robot: Address
+    places_m: tuple[Place, ...]
+
+
+def drive_s(length_m: float, body: Body) -> float:
+    """Return the shortest time of a straight drive from rest to rest, under the limits of speed and acceleration."""
+    speed, acceleration = body.speed_mps, body.acceleration_mps2
+    if length_m < speed * speed / acceleration:
+        return 2.0 * math.sqrt(length_m / acceleration)
+    return length_m / speed + speed / acceleration
+
+
+def driving(leg: Leg, length_m: float, body: Body, parameters: TimingParameters) -> Span:
+    """Return how long a drive of *length_m* takes."""
+    free_s = drive_s(length_m, body)
+    expected_s = free_s + parameters.turns_s
+    least_s, most_s = parameters.least_share * free_s, parameters.slack * expected_s
+    x_m, y_m = leg.places_m[-1]
+    to = f"drives {length_m:.1f} m to ({x_m:g}, {y_m:g})"
+    name = f"{leg.task}: robot {leg.robot} {to} at {body.speed_mps:g} m/s in {least_s:.1f} to {most_s:.1f} s"
+    return Span(least_s, expected_s, most_s, name)
+
+
+def standing(task: Task, parameters: TimingParameters) -> Span | None:
+    """Return how long a task without subtasks takes that is no drive; None: as long as it wants."""
+    match task.act:
+        case Wait(seconds=seconds):
+            return Span(seconds, seconds, seconds, f"{task.name}: lasts {seconds:g} s")
+        case Photo():
+            most_s = parameters.photo_s
+            return Span(0.0, most_s, most_s, f"{task.name}: a picture takes at most {most_s:g} s")
+        case _:
+            return None
+
+
+# ---------------------------------------------------------------- order
+
+
+def precedence(root: Task, constraints: Sequence[Between]) -> "nx.DiGraph[Point]":
+    """Return which instants are not earlier than which, by the plan's shape and its constraints."""
+    graph: nx.DiGraph[Point] = nx.DiGraph()
+    for bound in structure(root):
+        graph.add_edge(bound.earlier, bound.later)
+    for each in constraints:
+        if each.at_least_s >= 0:
+            graph.add_edge(_point(each.earlier), _point(each.later))
+    return graph
+
+
+def in_order(root: Task, graph: "nx.DiGraph[Point]") -> list[Task]:
+    """Return the leaves in an order in which they can start; that of the plan where *graph* leaves it open."""
+    leaves = [task for task in root.walk() if task.leaf]
+    number = {(task.name, "start"): at for at, task in enumerate(root.walk())}
+    number |= {(name, "end"): at for (name, _), at in list(number.items())}
+    if not nx.is_directed_acyclic_graph(graph):
+        return leaves
+    order = list(nx.lexicographical_topological_sort(graph, key=lambda point: number.get(point, -1)))
+    at = {point: position for position, point in enumerate(order)}
+    return sorted(leaves, key=lambda task: at[task.name, "start"])
+
+
+def wanted_at_once(
+    leaves: Sequence[Task], graph: "nx.DiGraph[Point]", robots_of: Callable[[Task], tuple[Address, ...]]
+) -> list[tuple[Address, str, str]]:
+    """Return robots that have two tasks of which none precedes the other; *leaves* in their order."""
+    tasks: dict[Address, list[str]] = {}
+    for leaf in leaves:
+        for robot in robots_of(leaf):
+            tasks.setdefault(robot, []).append(leaf.name)
+    return [
+        (robot, a, b)
+        for robot, names in sorted(tasks.items())
+        for a, b in pairwise(names)
+        if not nx.has_path(graph, (a, "end"), (b, "start"))
+    ]
+
+
+def legs_of(leaves: Sequence[Task], starts_m: Mapping[Address, Place]) -> dict[str, Leg]:
+    """Return the drives among *leaves*, which are in their order, by their tasks' names.
+
+    A drive begins where the robot's last one ended; after exploring, where it set out.
+    """
+    at, legs = dict(starts_m), dict[str, Leg]()
+    for leaf in leaves:
+        if isinstance(leaf.act, Go):
+            go = leaf.act
+            legs[leaf.name] = Leg(leaf.name, go.robot, (at[go.robot], *go.via_m, go.place_m))
+            at[go.robot] = go.place_m
+    return legs
+
+
+# ---------------------------------------------------------------- networks
+
+
+def structure(root: Task) -> Iterator[Bound]:
+    """Yield what the shape of a plan says: nothing ends before it starts, parts lie within the whole, series follow."""
+    yield Bound(f"{root.name} is the plan", BEGINNING, (root.name, "start"))
+    for task in root.walk():
+        yield Bound(f"{task.name} ends after it starts", (task.name, "start"), (task.name, "end"))
+        for inner in task.subtasks:
+            yield Bound(f"{inner.name} is part of {task.name}", (task.name, "start"), (inner.name, "start"))
+            yield Bound(f"{inner.name} is part of {task.name}", (inner.name, "end"), (task.name, "end"))
+        if task.order == "serial":
+            for a, b in pairwise(task.subtasks):
+                yield Bound(f"{b.name} comes after {a.name}", (a.name, "end"), (b.name, "start"))
+
+
+def lasting(root: Task, spans: Mapping[str, Span]) -> Iterator[Bound]:
+    """Yield how long leaves take; those that may be cut short have no least duration."""
+    short = _cut_short(root)
+    for name, span in spans.items():
+        least = 0 if name in short else from_seconds(span.least_s)
+        most = None if span.most_s is None else max(from_seconds(span.most_s), least)
+        yield Bound(span.name, (name, "start"), (name, "end"), least, most)
+
+
+def expected_s(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> float:
+    """Return when a plan is expected to have ended, s, if everything begins as soon as it may."""
+    short = _cut_short(root)
+    bounds = [*structure(root), *ending(root)]
+    bounds += [
+        Bound(span.name, (name, "start"), (name, "end"), 0 if name in short else from_seconds(span.expected_s))
+        for name, span in spans.items()
+    ]
+    bounds += [asked(each)._replace(most=None) for each in constraints]
+    network = Network(bounds)
+    if not network.consistent:
+        return math.inf
+    earliest, _ = network.windows()[root.name, "end"]
+    return to_seconds(earliest or 0)
+
+
+def ending(root: Task) -> Iterator[Bound]:
+    """Yield that tasks end no later than those that terminate them."""
+    for task in root.walk():
+        if task.ends_with is not None:
+            yield Bound(f"{task.name} ends with {task.ends_with}", (task.name, "end"), (task.ends_with, "end"))
+
+
+def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
+    """Yield the time-outs that would make the plan fail, each with its task."""
+    for task, fatal in _fatal(root):
+        if task.time_out_s is not None and fatal:
+            name = f"{task.name}: times out after {task.time_out_s:g} s"
+            yield Bound(name, (task.name, "start"), (task.name, "end"), 0, from_seconds(task.time_out_s)), task
+
+
+def asked(constraint: Between) -> Bound:
+    """Return a plan's constraint as a bound, named by who asked for it."""
+    most = None if constraint.at_most_s is None else from_seconds(constraint.at_most_s)
+    name = constraint.why or sentence(constraint.earlier, constraint.later, constraint.at_least_s, constraint.at_most_s)
+    earlier, later = _point(constraint.earlier), _point(constraint.later)
+    return Bound(name, earlier, later, from_seconds(constraint.at_least_s), most)
+
+
+def _point(instant: Instant) -> Point:
+    return BEGINNING if instant.task == ORIGIN else (instant.task, instant.edge)
+
+
+def _fatal(task: Task, fatal: bool = True) -> Iterator[tuple[Task, bool]]:
+    """Yield each task, and whether its failure makes the whole plan fail."""
+    fatal = fatal and task.on_failure != "skip"
+    yield task, fatal
+    for inner in task.subtasks:
+        yield from _fatal(inner, fatal)
+
+
+def _cut_short(root: Task) -> set[str]:
+    """Return the tasks that may end before they are done, without the plan failing."""
+    cut = [
+        task
+        for task, fatal in _fatal(root)
+        if task.ends_with is not None or (task.time_out_s is not None and not fatal)
+    ]
+    return {inner.name for task in cut for inner in task.walk()}

@@ -1,0 +1,551 @@
+"""Couriers: letters arrive once and in order or come back, news replace each other, and what it costs."""
+
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim.errors import LocalProtocolError
+from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
+from cosim.units import MS, S, Time
+from protocols.deployment.courier import Courier, Letter
+from protocols.deployment.courier_parameters import CourierParameters
+from protocols.deployment.journal import BadBytes
+from protocols.deployment.letters import (
+    ALL,
+    NEWS_OVERHEAD,
+    PART_OVERHEAD,
+    WINDOW,
+    Ack,
+    Bulletin,
+    Frame,
+    Part,
+    decode,
+    encode,
+)
+from tests.deployment.lossy_air import HERE, Air
+
+PLAN = bytes(number * 7919 % 251 for number in range(18_000))
+
+
+def courier(me: Address = 0, size: int = 3, start: Time = 0, **parameters: Any) -> Courier:
+    return Courier(me, size, CourierParameters.model_validate(parameters), start)
+
+
+def frames(robot: Courier) -> list[Frame]:
+    return [decode(item.payload) for item in robot.drain() if isinstance(item, Outgoing)]
+
+
+def hears(robot: Courier, author: Address, message: Any, now: Time = 0, life: int = 0) -> None:
+    to = ALL if isinstance(message, Bulletin) else robot.me
+    robot.receive(encode(Frame(author, to, life, message)), Reception(author, to == ALL), now)
+
+
+def all_sent(robot: Courier, now: Time) -> list[Frame]:
+    """Return what it sends until it waits, by a radio that sends everything at once."""
+    found: list[Frame] = []
+    while items := [item for item in robot.drain() if isinstance(item, Outgoing)]:
+        for item in items:
+            found.append(decode(item.payload))
+            assert item.token is not None
+            robot.link(Fate(item.token, Outcome.DELIVERED), now)
+    return found
+
+
+# ---------------------------------------------------------------- letters
+
+
+def test_a_plan_arrives_at_ten_percent_loss() -> None:
+    air = Air(2, loss=0.1)
+    air.post(0, 1, PLAN)
+    took = air.run_until(lambda: bool(air.letters[1]))
+    assert air.letters[1] == [Letter(0, PLAN)]
+    assert took < 5 * S
+    air.run(30 * S)
+    assert air.returned[0] == []
+    assert [courier.wake_at() for courier in air.couriers] == [None, None]
+
+
+def test_without_loss_each_part_is_sent_once_and_every_fourth_is_acknowledged() -> None:
+    air = Air(2)
+    air.post(0, 1, PLAN)
+    air.run(5 * S)
+    parts = -(-len(PLAN) // (200 - PART_OVERHEAD))
+    sent = [teller for teller, _ in air.frames]
+    assert sent.count(0) == parts == 102
+    assert sent.count(1) <= -(-parts // 4) + 1
+    assert max(len(data) for _, data in air.frames) == 200
+    assert air.couriers[0].counts.frames == 102
+    assert air.couriers[0].counts.octets == len(PLAN) + 102 * PART_OVERHEAD
+    assert air.couriers[0].counts.parts_again == 0
+
+
+def test_what_is_lost_is_sent_again_and_hardly_anything_else() -> None:
+    air = Air(2, loss=0.1)
+    air.post(0, 1, 10 * PLAN)
+    air.run_until(lambda: bool(air.letters[1]))
+    parts = -(-len(10 * PLAN) // (200 - PART_OVERHEAD))
+    expected = parts * 0.1 / 0.9
+    assert 0.6 * expected < air.couriers[0].counts.parts_again < 1.5 * expected
+
+
+def test_letters_of_any_size_arrive_in_order_and_also_empty_ones() -> None:
+    air = Air(2, loss=0.2, doubled=0.2, jitter=300 * MS)
+    letters = [b"", b"a", PLAN[:177], PLAN[:178], PLAN[:179], b"", PLAN, b"z"]
+    for each in letters:
+        air.post(0, 1, each)
+    air.run(60 * S)
+    assert [letter.payload for letter in air.letters[1]] == letters
+
+
+def test_a_letter_to_oneself_has_arrived() -> None:
+    robot = courier()
+    assert robot.post(0, b"me", 0) == 1
+    assert robot.letters() == [Letter(0, b"me")]
+    assert robot.letters() == []
+    assert robot.drain() == []
+
+
+def test_both_ways_and_among_all_at_once() -> None:
+    air = Air(4, loss=0.1, jitter=50 * MS)
+    for source in range(4):
+        for destination in range(4):
+            for number in range(5):
+                air.post(source, destination, bytes([source, destination, number]))
+    air.run(30 * S)
+    for me in range(4):
+        for source in range(4):
+            got = [letter.payload for letter in air.letters[me] if letter.source == source]
+            assert got == [bytes([source, me, number]) for number in range(5)]
+
+
+def test_a_letter_to_who_never_answers_comes_back_after_the_time_to_give_up() -> None:
+    air = Air(2, give_up_s=20.0)
+    air.reach = lambda teller, hearer: False
+    first = air.post(0, 1, b"first")
+    air.run(10 * S)
+    second = air.post(0, 1, b"second")
+    air.run(9 * S)
+    assert air.returned[0] == []
+    air.run(5 * S)  # it is found out at the end of a wait, of 4 s at most
+    assert air.returned[0] == [(1, first)]
+    air.run(10 * S)
+    assert air.returned[0] == [(1, first), (1, second)]
+    assert air.couriers[0].wake_at() is None
+
+
+def test_who_never_answers_is_tried_ever_more_rarely() -> None:
+    air = Air(2, give_up_s=100.0)
+    air.reach = lambda teller, hearer: False
+    air.post(0, 1, b"x")
+    air.run(20 * S)
+    assert air.sent_at == [second * S for second in (0, 1, 3, 7, 11, 15, 19)]
+
+
+def test_what_comes_after_a_letter_that_was_given_up_arrives() -> None:
+    air = Air(2, give_up_s=5.0)
+    air.post(0, 1, b"before")
+    air.run(S)
+    air.reach = lambda teller, hearer: False
+    lost = air.post(0, 1, PLAN)
+    air.run(4 * S)
+    later = air.post(0, 1, b"after")
+    air.run_until(lambda: bool(air.returned[0]))
+    assert air.returned[0] == [(1, lost)]
+    air.reach = lambda teller, hearer: True
+    air.run(10 * S)
+    assert [letter.payload for letter in air.letters[1]] == [b"before", b"after"]
+    assert later not in dict(air.returned[0])
+
+
+def test_who_was_out_of_reach_for_less_than_the_time_to_give_up_gets_all() -> None:
+    air = Air(2, loss=0.1)
+    air.post(0, 1, PLAN)
+    air.run(50 * MS)
+    air.reach = lambda teller, hearer: False
+    air.run(50 * S)
+    assert air.letters[1] == []
+    air.reach = lambda teller, hearer: True
+    air.run(10 * S)
+    assert air.letters[1] == [Letter(0, PLAN)]
+
+
+def test_who_is_heard_again_is_tried_at_once() -> None:
+    air = Air(2, retry_most_s=30.0)
+    air.reach = lambda teller, hearer: False
+    air.post(0, 1, b"x")
+    air.run(20 * S)
+    air.reach = lambda teller, hearer: True
+    air.tell(1, 0, b"here")
+    assert air.run_until(lambda: bool(air.letters[1])) <= 1200 * MS
+
+
+def test_being_heard_shortens_no_time_to_give_up() -> None:
+    """Its news arrive, but what is sent to it does not."""
+    air = Air(2, give_up_s=30.0)
+    air.reach = lambda teller, hearer: teller == 1
+    air.post(0, 1, b"x")
+    for _ in range(140):
+        air.tell(1, 0, b"here")
+        air.run(200 * MS)
+    assert air.returned[0] == []
+    air.run(6 * S)
+    assert len(air.returned[0]) == 1
+
+
+def test_letters_for_who_is_forgotten_come_back_at_once() -> None:
+    air = Air(3)
+    air.reach = lambda teller, hearer: hearer != 1
+    numbers = [air.post(0, 1, PLAN), air.post(0, 1, b"b")]
+    air.post(0, 2, b"c")
+    air.forget(0, 1)
+    assert air.returned[0] == [(1, number) for number in numbers]
+    air.reach = lambda teller, hearer: True
+    air.post(0, 1, b"again")
+    air.run(5 * S)
+    assert [letter.payload for letter in air.letters[1]] == [b"again"]
+    assert [letter.payload for letter in air.letters[2]] == [b"c"]
+    assert air.returned[0] == [(1, number) for number in numbers]
+
+
+def test_a_full_radio_takes_no_more() -> None:
+    robot = courier(in_device=3)
+    robot.post(1, PLAN, 0)
+    assert len(robot.drain()) == 3
+    robot.wake(100 * MS)
+    assert robot.drain() == []
+    robot.post(2, b"another neighbour", 100 * MS)
+    (item,) = robot.drain()
+    assert isinstance(item, Outgoing)
+    assert item.destination == 2
+    assert item.token is not None
+    robot.link(Fate(item.token + 5, Outcome.DELIVERED), 200 * MS)  # nobody's
+    assert robot.drain() == []
+
+
+def test_what_the_radio_holds_is_not_sent_again() -> None:
+    robot = courier(fate_s=3.0)
+    robot.post(1, b"x", 0)
+    assert len(robot.drain()) == 1
+    for time in (1 * S, 2 * S, 2900 * MS):
+        robot.wake(time)
+        assert robot.drain() == []
+    robot.wake(3 * S)
+    assert len(robot.drain()) == 1
+
+
+def test_a_radio_that_tells_no_fates_slows_down_but_stops_nothing() -> None:
+    air = Air(2, fate_s=0.5)
+    air.fates = False
+    air.post(0, 1, PLAN)
+    air.run(60 * S)
+    assert air.letters[1] == [Letter(0, PLAN)]
+
+
+def test_no_more_parts_are_on_the_way_than_the_window_allows() -> None:
+    robot = courier(window=5, in_device=100)
+    robot.post(1, PLAN, 0)
+    numbers = [frame.message.number for frame in all_sent(robot, 0) if isinstance(frame.message, Part)]
+    assert numbers == [0, 1, 2, 3, 4]
+    hears(robot, 1, Ack(0, 0, 0b1))  # part 1
+    assert all_sent(robot, 0) == []
+    hears(robot, 1, Ack(0, 2, 0))
+    assert [frame.message[0] for frame in all_sent(robot, 0)] == [5, 6]
+
+
+def test_a_part_that_three_later_ones_have_overtaken_is_sent_again_at_once() -> None:
+    robot = courier(window=8, in_device=100)
+    robot.post(1, PLAN, 0)
+    all_sent(robot, 0)
+    hears(robot, 1, Ack(0, 0, 0b10))  # part 2: overtaken by one, and by two
+    assert [frame.message[0] for frame in all_sent(robot, 0)] == []
+    hears(robot, 1, Ack(0, 0, 0b110))
+    assert [frame.message[0] for frame in all_sent(robot, 0)] == [0]
+    hears(robot, 1, Ack(0, 0, 0b1110))
+    assert [frame.message[0] for frame in all_sent(robot, 0)] == [1]
+
+
+def test_parts_far_ahead_are_not_kept_but_answered() -> None:
+    robot = courier()
+    for ahead in (1, WINDOW, WINDOW + 1):
+        hears(robot, 1, Part(6 + ahead, 6, 1, 99, b""))
+    (answer,) = [frame.message for frame in all_sent(robot, 0)][-1:]
+    assert answer == Ack(0, 6, 1 | 1 << WINDOW - 1)
+
+
+# ---------------------------------------------------------------- booting again
+
+
+def test_a_robot_that_boots_again_begins_a_new_stream() -> None:
+    air = Air(2)
+    air.post(0, 1, b"old")
+    air.run(S)
+    air.boot(0)
+    air.post(0, 1, b"new")
+    air.run(S)
+    assert [letter.payload for letter in air.letters[1]] == [b"old", b"new"]
+
+
+def test_who_boots_again_in_mid_letter_gets_the_whole_of_it() -> None:
+    air = Air(2)
+    air.post(0, 1, b"before")
+    air.run(S)
+    air.post(0, 1, PLAN)
+    air.run(50 * MS)
+    assert [letter.payload for letter in air.letters[1]] == [b"before"]
+    air.boot(1)
+    air.run(10 * S)
+    assert [letter.payload for letter in air.letters[1]] == [b"before", PLAN]
+
+
+def test_an_acknowledgement_of_a_former_life_is_none() -> None:
+    robot = courier(start=5 * MS)
+    robot.post(1, b"x", 5 * MS)
+    all_sent(robot, 5 * MS)
+    hears(robot, 1, Ack(4, 1, 0), 6 * MS)
+    assert robot.wake_at() is not None
+    hears(robot, 1, Ack(5, 1, 0), 6 * MS)
+    assert robot.wake_at() is None
+
+
+def test_late_frames_of_a_former_life_disturb_nothing() -> None:
+    robot = courier(1)
+    for life in (1, 2):
+        hears(robot, 0, Part(0, 0, 0, 1, bytes([life])), life=life)
+    hears(robot, 0, Part(0, 0, 0, 1, b"\x01"), life=1)
+    hears(robot, 0, Part(1, 0, 0, 1, b"\x03"), life=2)
+    assert [letter.payload for letter in robot.letters()] == [b"\x01", b"\x02", b"\x03"]
+
+
+# ---------------------------------------------------------------- news
+
+
+def test_news_reach_all_and_are_not_repeated() -> None:
+    air = Air(3, spread_s=0.0)
+    air.tell(0, 7, b"here")
+    air.run(10 * S)
+    for me in (1, 2):
+        (news,) = air.news[me]
+        assert news == (0, 7, b"here", 10 * MS)
+        assert air.couriers[me].heard(0) == 10 * MS
+    assert air.news[0] == []
+    assert air.couriers[1].heard(2) is None
+    assert len(air.frames) == 1
+
+
+def test_of_news_that_wait_only_the_latest_of_a_topic_is_sent() -> None:
+    robot = courier(in_device=1, spread_s=0.0)
+    robot.tell(0, b"1", 0)
+    (first,) = robot.drain()
+    assert isinstance(first, Outgoing)
+    assert first.destination == BROADCAST
+    for number in (2, 3, 4):
+        robot.tell(0, bytes([number]), 0)
+    robot.tell(1, b"other", 0)
+    assert robot.drain() == []
+    assert first.token is not None
+    robot.link(Fate(first.token, Outcome.SENT), 0)
+    assert [frame.message for frame in all_sent(robot, 0)] == [Bulletin(0, 4, b"\x04"), Bulletin(1, 5, b"other")]
+
+
+def test_news_wait_a_little_each_another_time_so_that_robots_do_not_all_speak_at_once() -> None:
+    waits = []
+    for me in range(3):
+        robot = courier(me, spread_s=0.05)
+        for number in range(40):
+            now = number * S
+            robot.tell(0, b"", now)
+            assert robot.drain() == []
+            robot.tell(0, b"newer", now)  # that makes it no later
+            at = robot.wake_at()
+            assert at is not None
+            robot.wake(at)
+            (said,) = all_sent(robot, at)
+            assert isinstance(said.message, Bulletin)
+            assert said.message.payload == b"newer"
+            waits.append(at - now)
+    assert 0 < min(waits) < 3 * MS
+    assert 47 * MS < max(waits) < 50 * MS
+    assert len(set(waits)) > 110
+
+
+def test_news_that_are_older_or_known_are_not_heard() -> None:
+    robot = courier()
+    for number in (2, 1, 2, 3):
+        hears(robot, 1, Bulletin(0, number, bytes([number])))
+    hears(robot, 1, Bulletin(0, 1, b"reborn"), life=9)
+    hears(robot, 1, Bulletin(1, 1, b"other topic"))
+    assert [news.payload for news in robot.news()] == [b"\x02", b"\x03", b"reborn", b"other topic"]
+
+
+def test_news_that_are_flooded_reach_who_is_out_of_reach_and_each_says_them_once() -> None:
+    air = Air(5, flood=True)
+    air.reach = lambda teller, hearer: abs(teller - hearer) == 1
+    air.tell(0, 0, b"far")
+    air.run(S)
+    assert [[news.payload for news in each] for each in air.news] == [[], *[[b"far"]] * 4]
+    assert len(air.frames) == 5
+
+
+@pytest.mark.parametrize("news", [(0, bytes(200 - NEWS_OVERHEAD + 1)), (255, b""), (-1, b"")])
+def test_news_that_are_none_are_our_own_mistake(news: tuple[int, bytes]) -> None:
+    with pytest.raises(LocalProtocolError):
+        courier().tell(*news, 0)
+    courier().tell(254, bytes(200 - NEWS_OVERHEAD), 0)
+
+
+@pytest.mark.parametrize("robot", [-1, 3])
+def test_nobody_writes_to_who_does_not_exist(robot: Address) -> None:
+    with pytest.raises(LocalProtocolError):
+        courier().post(robot, b"", 0)
+    with pytest.raises(LocalProtocolError):
+        courier().forget(robot, 0)
+
+
+# ---------------------------------------------------------------- laws
+
+
+BAD = {
+    "junk": b"\x4cjunk",
+    "another team": encode(Frame(3, 0, 0, Ack(0, 0, 0))),
+    "to another team": encode(Frame(1, 3, 0, Ack(0, 0, 0))),
+    "answer to nothing": encode(Frame(1, 0, 0, Ack(0, 0, 0))),
+    "answer to more than was sent": encode(Frame(2, 0, 0, Ack(0, 2, 0))),
+    "answer to more than was sent, beyond": encode(Frame(2, 0, 0, Ack(0, 0, 1))),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_nobody_can_mean_becomes_an_event(case: str) -> None:
+    robot = courier()
+    robot.post(2, b"x", 0)
+    robot.drain()
+    robot.receive(BAD[case], Reception(2, False), 0)
+    assert robot.bad == [BadBytes(2, len(BAD[case]))]
+    assert robot.drain() == []
+    assert robot.letters() == []
+
+
+@given(st.lists(st.binary(max_size=60), max_size=20))
+def test_bytes_of_any_kind_raise_nothing(junk: list[bytes]) -> None:
+    robot = courier()
+    for data in junk:
+        robot.receive(data, Reception(1, False), 0)
+        robot.receive(b"\x4c" + data, Reception(1, True), 0)
+
+
+@given(
+    st.lists(st.builds(Part, *[st.integers(0, 99)] * 2, st.integers(0, 3), st.integers(1, 4), st.binary(max_size=2)))
+)
+def test_parts_of_any_kind_raise_nothing(parts: list[Part]) -> None:
+    robot = courier()
+    for part in parts:
+        if part.place < part.parts and part.number >= max(part.place, part.oldest):
+            hears(robot, 1, part)
+
+
+@given(st.lists(st.tuples(st.integers(0, 120), st.integers(0, 2**32 - 1), st.integers(0, 2)), max_size=20))
+def test_answers_of_any_kind_raise_nothing(answers: list[tuple[int, int, int]]) -> None:
+    robot = courier()
+    robot.post(1, PLAN, 0)
+    for number, beyond, life in answers:
+        all_sent(robot, 0)
+        hears(robot, 1, Ack(0, number, beyond), life=life)
+    robot.wake(100 * S)
+
+
+def test_own_frames_that_come_back_change_nothing() -> None:
+    one, other = courier(), courier()
+    for robot in (one, other):
+        robot.post(1, b"x", 0)
+        robot.tell(0, b"y", 0)
+    for item in one.drain():
+        assert isinstance(item, Outgoing)
+        one.receive(item.payload, Reception(0, True), 0)
+    other.drain()
+    assert one.drain() == []
+    assert (one.letters(), one.news(), one.bad) == ([], [], [])
+    assert one.wake_at() == other.wake_at()
+    assert one.heard(0) is None
+
+
+def test_a_later_start_makes_all_later_by_as_much() -> None:
+    def outline(start: Time) -> list[tuple[Time, int, int]]:
+        air = Air(3, loss=0.2, jitter=40 * MS, start=start)
+        log = []
+        for number in range(6):
+            air.post(number % 2, 2, PLAN[: 900 * number])
+            for _ in range(10):
+                air.run(100 * MS)
+                log.append((air.now - start, len(air.frames), len(air.letters[2])))
+        return log
+
+    assert outline(0) == outline(86_399 * S + 123_456_789)
+
+
+def test_a_clock_that_is_set_back_delays_what_is_sent_again_by_no_more_than_a_tick() -> None:
+    robot = courier()
+    start = 1000 * S
+    robot.tick(HERE, (), start)
+    robot.post(1, b"x", start)
+    all_sent(robot, start)
+    hears(robot, 2, Bulletin(0, 1, b""), start)
+    robot.tick(HERE, (), 10 * S)
+    assert robot.wake_at() == 11 * S
+    assert robot.heard(2) == 10 * S
+    robot.wake(11 * S)
+    assert len(all_sent(robot, 11 * S)) == 1
+
+
+def test_a_clock_that_jumps_ahead_gives_nothing_up() -> None:
+    robot = courier(give_up_s=60.0)
+    robot.post(1, b"x", 0)
+    all_sent(robot, 0)
+    robot.wake(10_000 * S)
+    assert robot.returned() == []
+    assert len(all_sent(robot, 10_000 * S)) == 1
+
+
+# ---------------------------------------------------------------- nothing is lost silently
+
+
+def check_nothing_is_lost(seed: int, loss: float, jitter: Time, outage: tuple[int, int], letters: int) -> None:
+    """What was posted has arrived once and in order, or come back; of what came back some may have arrived."""
+    air = Air(3, loss=loss, doubled=0.1, jitter=jitter, seed=seed, give_up_s=6.0, retry_most_s=2.0)
+    posted: dict[tuple[Address, Address], dict[int, bytes]] = {(a, b): {} for a in range(3) for b in range(3) if a != b}
+    for step in range(letters):
+        outside = outage[0] <= step < outage[1]
+        air.reach = (lambda teller, hearer: 1 not in (teller, hearer)) if outside else lambda teller, hearer: True
+        pair = list(posted)[step * 5 % 6]
+        payload = bytes([step]) * (step * 131 % 1500)
+        posted[pair][air.post(*pair, payload)] = payload
+        air.run((step * 7 % 5) * 300 * MS)
+    air.run(60 * S)
+    for (source, destination), sent in posted.items():
+        back = [number for to, number in air.returned[source] if to == destination]
+        assert len(set(back)) == len(back)
+        assert set(back) <= set(sent)
+        got = [letter.payload for letter in air.letters[destination] if letter.source == source]
+        surely = [payload for number, payload in sent.items() if number not in back]
+        rest = iter(sent.values())
+        assert all(any(payload == each for each in rest) for payload in got)  # in order, and each once
+        left = iter(got)
+        assert all(any(payload == each for each in left) for payload in surely)
+    assert all(robot.wake_at() is None and robot.bad == [] for robot in air.couriers)
+
+
+CASES = (
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.0, 0.1, 0.4, 0.7]),
+    st.sampled_from([0, 5 * MS, 400 * MS]),
+    st.tuples(st.integers(0, 20), st.integers(0, 40)),
+    st.integers(1, 30),
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@given(*CASES)
+def test_nothing_is_lost_silently(seed: int, loss: float, jitter: Time, outage: tuple[int, int], letters: int) -> None:
+    check_nothing_is_lost(seed, loss, jitter, outage, letters)

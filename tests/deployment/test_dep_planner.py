@@ -1,0 +1,392 @@
+"""The planner: plans hold together, infeasible calls are refused with a true conflict, and what is offered mends it."""
+
+import math
+import re
+from itertools import pairwise, permutations
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim.errors import UserError
+from protocols.deployment.crew import Body
+from protocols.deployment.plan import ORIGIN, Deployment, Go, Instant, Plan
+from protocols.deployment.planner import PlannerParameters, Refusal
+from protocols.deployment.plays_casting import robots_of
+from protocols.deployment.timing import TimingParameters, drive_s
+from tests.deployment.plays_scene import BODY, OpenFloor, Scene, playbook_of
+from tests.deployment.random_plays import RandomCall, random_calls
+
+NEAR_FAR = [[5.0, 0.0], [10.0, 0.0]]
+WEAN = {"crossing": [10, 0], "leap_places": [[20, 0], [30, 0]], "group_places": [[10, 10], [10, 20]]}
+
+
+def scene_of(folder: Path, play: dict[str, Any], **more: Any) -> Scene:
+    """Return a scene with a play that is called ``mine``."""
+    (folder / "mine.yaml").write_text(yaml.safe_dump(play))
+    return Scene(playbook=playbook_of(folder), **more)
+
+
+def applied(scene: Scene, mend: str, play: str, **more: Any) -> Plan | Refusal:
+    """Do what a mend says, as a person would, and call again."""
+    for part in mend.split("; and "):
+        if found := re.search(r"ends at most ([\d.]+) s after the plan begins", part):
+            task = re.search(r"the call: (\S+) ends", part)
+            assert task is not None
+            more["constraints"] = [
+                each | {"seconds": float(found[1])}
+                if each["kind"] == "deadline" and task[1].endswith(each.get("task", ""))
+                else each
+                for each in more["constraints"]
+            ]
+        elif found := re.search(r"(\d+) more robots?", part):
+            for _ in range(int(found[1])):
+                scene.join(BODY._replace(radius_m=0.2, camera="camera" in part))
+                if "robots" in more:
+                    more["robots"] = [*more["robots"], len(scene.crew.bodies) - 1]
+        elif "may take part" in part:
+            del more["robots"]
+        elif "the planner chooses" in part:
+            del more["roles"]
+        elif found := re.search(r"(\S+) after (\S+)$", part):
+            then, first = (name.removeprefix("mine/") for name in found.groups())
+            more["constraints"] = [*more.get("constraints", []), {"kind": "before", "first": first, "then": then}]
+        elif found := re.search(r"at most ([\d.]+) m apart", part):
+            more["parameters"] = more["parameters"] | {"apart_m": float(found[1])}
+        elif found := re.search(r"\(([-\d.]+), ([-\d.]+)\) instead of", part):
+            more["places"] = [[float(found[1]), float(found[2])], *more["places"][1:]]
+        elif found := re.search(r"times out after ([\d.]+) s", part):
+            more["parameters"] = more["parameters"] | {"patience_s": float(found[1])}
+        else:
+            raise AssertionError(part)
+    return scene.call(play, **more)
+
+
+def assert_mends(scene: Scene, play: str, count: int | None, **more: Any) -> Refusal:
+    """Assert that a call is refused, with so many mends, each of which is true; but those of the play are not tried."""
+    refusal = scene.refusal(play, **more)
+    assert len(refusal.mend) == count or count is None, refusal
+    crew, starts_m = scene.crew, dict(scene.starts_m)
+    for mend in refusal.mend:
+        if mend.startswith(f"{play}: "):
+            continue
+        assert isinstance(applied(scene, mend, play, **more), Plan), mend
+        scene.crew, scene.starts_m = crew, dict(starts_m)
+        scene.planner = scene._planner()
+    return refusal
+
+
+# ---------------------------------------------------------------- roles
+
+
+@pytest.mark.parametrize("play", ["deploy/group", "deploy/wave", "deploy/leap-frog"])
+def test_robots_are_assigned_so_that_their_routes_are_shortest_together(play: str) -> None:
+    """Against all permutations: a robot's route goes from place to place as its strategy has it."""
+    places = [(4.0, 3.0), (9.0, -2.0), (12.0, 5.0)]
+    scene = Scene()
+    scene.starts_m = {0: (3.0, 9.0), 1: (-4.0, 1.0), 2: (0.0, -7.0), 3: (8.0, 8.0)}
+    (leaf,) = [task.act for task in scene.plan(play, places=places).root.walk() if task.leaf]
+    assert isinstance(leaf, Deployment)
+
+    def route_m(robot: int, place: int) -> float:
+        along = [scene.starts_m[robot], *places[: place + 1]]
+        return sum(math.dist(a, b) for a, b in pairwise(along))
+
+    def total_m(robots: tuple[int, ...]) -> float:
+        return sum(route_m(robot, place) for place, robot in enumerate(robots))
+
+    assert total_m(leaf.robots) == min(total_m(robots) for robots in permutations(range(4), 3))
+
+
+def test_the_quickest_assignment_is_another_than_the_shortest() -> None:
+    bodies = [BODY, BODY._replace(speed_mps=2.0)]
+    starts_m = {0: (2.0, 0.0), 1: (0.0, 0.0)}
+    found = {}
+    for cost in ("length", "time"):
+        scene = Scene(bodies, parameters=PlannerParameters.model_validate({"cost": cost}))
+        scene.starts_m = starts_m
+        plan = scene.plan("photo", parameters={"place": "hall"})
+        found[cost] = plan.robots
+    assert found == {"length": (0,), "time": (1,)}
+
+
+def test_only_a_robot_with_a_camera_takes_a_picture() -> None:
+    scene = Scene([BODY._replace(camera=robot == 2) for robot in range(3)])
+    assert scene.plan("photo", parameters={"place": "hall"}).robots == (2,)
+
+
+def test_a_wide_robot_is_not_sent_where_it_has_no_room() -> None:
+    """A narrow passage is what the navigation layer has no way for."""
+    floor = OpenFloor([(5.0, 1.2, 0.8)])  # leaves a radius of 0.4 at (5, 0)
+    scene = Scene([BODY._replace(radius_m=0.5), BODY._replace(radius_m=0.3)], floor)
+    assert scene.plan("deploy/group", places=[[5, 0]]).robots == (1,)
+    refusal = assert_mends(scene, "deploy/group", 2, places=[[5, 0]], robots=[0])
+    assert refusal.conflicts[1:] == ("robot 0, 1 m wide: no room for it at (5, 0)",)
+
+
+@pytest.mark.parametrize("play", ["deploy/group", "deploy/wave", "deploy/leap-frog"])
+def test_too_few_robots_are_told_and_how_many_more_it_takes(play: str) -> None:
+    scene = Scene([BODY] * 2)
+    refusal = assert_mends(scene, play, 1, places=[[5, 0], [9, 0], [13, 0], [17, 0]])
+    assert refusal.mend == ("2 more robots",)
+    assert refusal.conflicts == ("roles robots-1, robots-2, robots-3, robots-4 want 4 robots, and there are 2: 0, 1",)
+
+
+def test_a_missing_camera_is_told() -> None:
+    scene = Scene([BODY._replace(camera=False)] * 2)
+    refusal = assert_mends(scene, "photo", 1, parameters={"place": "hall"})
+    assert refusal.mend == ("1 more robot with a camera",)
+    assert "robot 1 has no camera" in refusal.conflicts
+
+
+def test_who_was_left_out_or_fixed_by_the_call_may_be_the_reason() -> None:
+    scene = Scene([BODY._replace(camera=robot == 1) for robot in range(3)])
+    refusal = assert_mends(scene, "photo", 2, parameters={"place": "hall"}, robots=[0, 2])
+    assert refusal.mend[0] == "robots 1 may take part"
+    refusal = assert_mends(scene, "photo", 1, parameters={"place": "hall"}, roles={"robot": 2})
+    assert refusal.mend == ("the planner chooses the robots for all roles",)
+    assert "robot 2 has no camera" in refusal.conflicts
+
+
+def test_a_call_may_say_who_plays_a_role() -> None:
+    plan = Scene().plan("deploy/group", places=NEAR_FAR, roles={"robots-2": 3})
+    (leaf,) = [task.act for task in plan.root.walk() if task.leaf]
+    assert isinstance(leaf, Deployment)
+    assert leaf.robots == (0, 3)
+    with pytest.raises(UserError, match="roles: there is no role 'robots-9', did you mean robots-"):
+        Scene().call("deploy/group", places=NEAR_FAR, roles={"robots-9": 3})
+
+
+# ---------------------------------------------------------------- places
+
+
+def test_a_place_that_nobody_can_get_to_is_told_with_one_nearby() -> None:
+    scene = Scene(floor=OpenFloor([(5.0, 0.0, 1.0)]))
+    refusal = assert_mends(scene, "deploy/group", 1, places=NEAR_FAR)
+    assert refusal.conflicts == ("no robot can get to (5, 0)",)
+
+
+def test_robots_cannot_end_up_in_each_other() -> None:
+    refusal = Scene().refusal("deploy/group", places=[[5.0, 0.0], [5.4, 0.0]])
+    assert refusal.conflicts == ("robot 0 at (5, 0) and robot 1 at (5.4, 0) would overlap",)
+
+
+def test_robots_that_gather_want_a_way_to_stand_on() -> None:
+    given = WEAN | {"leap_places": [[13, 0], [30, 0]]}
+    refusal = assert_mends(Scene(), "wean", 1, parameters=given)
+    assert refusal.conflicts == (
+        "wean/to-crossing: 4 robots 1.5 m apart want 4.5 m of way from (10, 0) to (13, 0), and there are 3.0 m",
+    )
+    assert refusal.mend == ("robots gather at most 1 m apart",)
+
+
+# ---------------------------------------------------------------- time
+
+
+def test_a_deadline_that_cannot_be_met_is_told_with_the_one_that_can() -> None:
+    deadline = {"kind": "deadline", "seconds": 20.0}
+    refusal = assert_mends(Scene(), "deploy/leap-frog", 1, places=NEAR_FAR, constraints=[deadline])
+    assert refusal.conflicts[0] == "the call: leap-frog ends at most 20 s after the plan begins"
+    drives = [re.sub(r" at 0.5.*", "", text) for text in refusal.conflicts[1:]]
+    assert set(drives) <= {
+        "leap-frog/deploy/stage-1/robot-0-leg-1: robot 0 drives 5.0 m to (5, 0)",
+        "leap-frog/deploy/stage-2/robot-1-leg-1: robot 1 drives 6.0 m to (5, 0)",
+        "leap-frog/deploy/stage-2/robot-1-leg-2: robot 1 drives 5.0 m to (10, 0)",
+    }
+    lengths_m = [float(re.findall(r"drives ([\d.]+) m", text)[0]) for text in drives]
+    assert 0.9 * sum(drive_s(length_m, BODY) for length_m in lengths_m) > 20.0  # they conflict by themselves
+    least_s = 0.9 * sum(drive_s(length_m, BODY) for length_m in (5.0, 6.0, 5.0))
+    assert refusal.mend == (
+        f"the call: leap-frog ends at most {math.ceil(least_s * 10) / 10:g} s after the plan begins",
+    )
+
+
+def test_two_conflicts_are_mended_by_two_changes() -> None:
+    constraints = [
+        {"kind": "deadline", "seconds": 1.0, "task": "to-crossing"},
+        {"kind": "deadline", "seconds": 60.0, "task": "beyond/group"},
+    ]
+    refusal = assert_mends(Scene(), "wean", 1, parameters=WEAN, constraints=constraints)
+    assert refusal.mend[0].count("; and ") == 1
+
+
+def test_a_time_out_that_is_too_short_is_told(tmp_path: Path) -> None:
+    play = {
+        "parameters": {"r": {"kind": "robot"}, "patience_s": {"kind": "number", "default": 10}},
+        "tasks": [{"kind": "go", "robot": "r", "to": [20, 0], "time_out_s": "patience_s"}],
+    }
+    refusal = assert_mends(scene_of(tmp_path, play), "mine", 1, parameters={})
+    assert refusal.conflicts[0] == "mine/go: times out after 10 s"
+
+
+def test_a_robot_cannot_do_two_things_at_once(tmp_path: Path) -> None:
+    go = {"kind": "go", "robot": "r"}
+    play = {
+        "parameters": {"r": {"kind": "robot"}},
+        "order": "parallel",
+        "tasks": [go | {"label": "a", "to": [5, 0]}, go | {"label": "b", "to": [9, 0]}],
+    }
+    refusal = assert_mends(scene_of(tmp_path, play), "mine", 2)
+    assert refusal.conflicts == ("robot 0 is wanted by mine/a and by mine/b at once",)
+    assert refusal.mend == ("mine/b after mine/a", "mine/a after mine/b")
+
+
+def test_contradicting_orders_are_told() -> None:
+    before = {"kind": "before", "first": "beyond/group", "then": "beyond/leap"}
+    refusal = assert_mends(Scene(), "wean", 0, parameters=WEAN, constraints=[before])
+    assert refusal.conflicts[:2] == (
+        "wean: wean/beyond/group starts at least 5 s after wean/beyond/leap starts",
+        "the call: wean/beyond/leap starts any time after wean/beyond/group ends",
+    )
+
+
+def test_a_refusal_comes_at_once() -> None:
+    """Each length is asked of the navigation layer once a call, whatever is tried to mend it."""
+    scene = Scene([BODY] * 8)
+    places = [[3.0 * at, float(at % 3)] for at in range(1, 9)]
+    scene.plan("deploy/group", places=places)
+    once = scene.floor.asked
+    scene.floor.asked = 0
+    scene.refusal("deploy/group", places=places, constraints=[{"kind": "deadline", "seconds": 10}])
+    assert scene.floor.asked <= once
+
+
+# ---------------------------------------------------------------- tailoring
+
+
+def test_constraints_and_waypoints_are_added_to_a_called_play() -> None:
+    plan = Scene().plan(
+        "deploy/leap-frog",
+        places=NEAR_FAR,
+        constraints=[{"kind": "before", "first": "deploy/stage-1", "then": "deploy/stage-2", "at_least_s": 10}],
+        via={"deploy/stage-1/robot-0-leg-1": [[3, 3], "hall"]},
+    )
+    (constraint,) = plan.constraints
+    assert constraint.later == Instant(task="leap-frog/deploy/stage-2")
+    assert constraint.why == (
+        "the call: leap-frog/deploy/stage-2 starts at least 10 s after leap-frog/deploy/stage-1 ends"
+    )
+    act = plan.tasks["leap-frog/deploy/stage-1/robot-0-leg-1"].act
+    assert isinstance(act, Go)
+    assert act.via_m == ((3.0, 3.0), (30.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("more", "error"),
+    [
+        ({"via": {"deploy": [[1, 1]]}}, "via: group/deploy is no drive of one robot, expected the name of one"),
+        ({"via": {"deplyo": [[1, 1]]}}, "there is no task 'group/deplyo' in group, did you mean group/deploy?"),
+        ({"constraints": [{"kind": "within", "task": "x", "seconds": 1}]}, "there is no task 'group/x' in group"),
+        ({"constraints": [{"kind": "within", "seconds": "x"}]}, "deploy/group: 'x' is not a number, and there is none"),
+    ],
+)
+def test_tailoring_that_means_nothing_is_told(more: dict[str, Any], error: str) -> None:
+    with pytest.raises(UserError, match=re.escape(error)):
+        Scene().call("deploy/group", places=NEAR_FAR, **more)
+
+
+def test_waypoints_make_a_play_longer_and_a_deadline_notices() -> None:
+    more = {"places": [[5.0, 0.0]], "constraints": [{"kind": "deadline", "seconds": 30.0}]}
+    assert isinstance(Scene().call("deploy/group", **more), Plan)
+    via = {"deploy/stage-1/robot-0": [[0.0, 20.0]]}
+    assert isinstance(Scene().call("deploy/group", via=via, **more), Refusal)
+
+
+def test_strategy_and_augmentation_are_set_by_the_call() -> None:
+    plan = Scene().plan("wean", parameters=WEAN, strategy="wave", augmented=False)
+    acts = [task.act for task in plan.root.walk() if isinstance(task.act, Deployment)]
+    assert [(act.strategy, act.augmented) for act in acts] == [("wave", False)] * 2
+
+
+@pytest.mark.parametrize(
+    ("own", "called", "deepest"),
+    [("none", None, 2), ("all", None, 5), ("none", "all", 5), ("all", 1, 2), ("none", 2, 5)],
+)
+def test_either_side_expands_a_deployment(own: str, called: str | int | None, deepest: int) -> None:
+    scene = Scene(parameters=PlannerParameters.model_validate({"expand": own}))
+    plan = scene.plan("wean", parameters=WEAN, expand=called)
+    assert max(name.count("/") for name in plan.tasks) + 0 == deepest - (deepest == 5)
+
+
+def test_a_group_stage_that_is_called_alone_stands_in_line() -> None:
+    plan = Scene([BODY] * 3).plan("deploy/group/stage-1", places=[[5, 0], [10, 0], [15, 0]])
+    goes = [task.act for task in plan.root.subtasks if isinstance(task.act, Go)]
+    assert [go.final for go in goes] == [True, False, False]
+    assert goes[0].place_m == (5.0, 0.0)
+    assert 5.5 < goes[1].place_m[0] < goes[2].place_m[0] < 10.0
+    assert [go.behind for go in goes] == [goes[1].robot, goes[2].robot, None]
+
+
+# ---------------------------------------------------------------- random plays
+
+
+def schedule(plan: Plan, scene: Scene) -> dict[tuple[str, str], float]:
+    """Return the earliest times of all starts and ends."""
+    windows = scene.planner.windows_s(plan, scene.starts_m)
+    times = {(point.task, point.edge): earliest for point, (earliest, _) in windows.items()}
+    assert all(latest is None or latest >= times[p.task, p.edge] - 1e-9 for p, (_, latest) in windows.items())
+    return {point: time for point, time in times.items() if time is not None}
+
+
+@pytest.mark.slow
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+@given(random_calls())
+def test_the_earliest_schedule_of_a_random_play_keeps_all_that_the_plan_says(case: RandomCall) -> None:
+    plan, scene = case.plan()
+    times = schedule(plan, scene)
+    for each in plan.constraints:
+        apart = times[each.later.task, each.later.edge] - times[each.earlier.task, each.earlier.edge]
+        assert apart >= each.at_least_s - 1e-6
+        assert each.at_most_s is None or apart <= each.at_most_s + 1e-6
+    for task in plan.root.walk():
+        assert times[ORIGIN, "start"] <= times[task.name, "start"] <= times[task.name, "end"]
+        spans = [(times[inner.name, "start"], times[inner.name, "end"]) for inner in task.subtasks]
+        assert all(times[task.name, "start"] <= a <= b <= times[task.name, "end"] for a, b in spans)
+        if task.order == "serial":
+            assert all(b <= c for (_, b), (c, _) in pairwise(spans))
+    busy: dict[int, list[tuple[float, float]]] = {}
+    for task in plan.root.walk():
+        for robot in robots_of(task.act) if task.leaf else ():
+            busy.setdefault(robot, []).append((times[task.name, "start"], times[task.name, "end"]))
+    for spans in busy.values():
+        assert all(b <= c + 1e-9 for (_, b), (c, _) in pairwise(sorted(spans)))
+
+
+@pytest.mark.slow
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+@given(random_calls(), st.integers(1, 100))
+def test_a_random_play_under_a_deadline_below_its_least_time_is_refused_truly(case: RandomCall, percent: int) -> None:
+    plan, scene = case.plan()
+    earliest_s = schedule(plan, scene)["random", "end"]
+    least_s = math.floor(earliest_s * 10.0) / 10.0
+    if least_s < 0.2:
+        return
+    tight = {"kind": "deadline", "seconds": round(least_s * percent / 101.0, 3)}
+    more = {"parameters": case.parameters, "constraints": [tight]}
+    refusal = assert_mends(scene, "random", None, **more)
+    (text,) = [text for text in refusal.conflicts if text.startswith("the call: ")]
+    assert text.startswith("the call: random ends at most ")
+    assert sum(text.startswith("the call: random ends at most ") for text in refusal.mend) == 1
+    loose = tight | {"seconds": math.ceil(earliest_s * 10.0 + 1e-6) / 10.0}
+    assert isinstance(scene.call("random", parameters=case.parameters, constraints=[loose]), Plan)
+
+
+def test_expected_times_lie_between_the_earliest_and_forever() -> None:
+    scene = Scene(parameters=PlannerParameters(timing=TimingParameters(turns_s=0.0, least_share=1.0)))
+    plan = scene.plan("deploy/leap-frog", places=NEAR_FAR)
+    sum_s = sum(drive_s(length_m, BODY) for length_m in (5.0, 6.0, 5.0))
+    assert scene.planner.expected_s(plan, scene.starts_m) == pytest.approx(sum_s, abs=1e-6)
+    assert schedule(plan, scene)["leap-frog", "end"] == pytest.approx(sum_s, abs=1e-6)
+
+
+def test_robots_of_one_team_differ_in_speed() -> None:
+    bodies = [Body(speed_mps=1.0, acceleration_mps2=1.0), Body(speed_mps=0.25, acceleration_mps2=1.0)]
+    scene = Scene(bodies, parameters=PlannerParameters(timing=TimingParameters(turns_s=0.0)))
+    times_s = [
+        scene.planner.expected_s(scene.plan("photo", parameters={"place": [9, 0], "robot": robot}), scene.starts_m)
+        for robot in (0, 1)
+    ]
+    assert times_s == [pytest.approx(9.0 + 1.0 + 5.0), pytest.approx(10.0 / 0.25 + 0.25 + 5.0)]

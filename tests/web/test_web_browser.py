@@ -1,0 +1,273 @@
+"""The page in a real browser: a recorded run and one under way, by mouse and by keyboard, and what goes wrong."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
+from cosim.trace import TABLES
+from cosim.units import S
+from cosim.web.live import Live
+from cosim.web.recorded import Recorded
+from cosim.web.scenes import scene_of, write_scene
+from cosim.web.session import Session
+from tests.web.browser import chromium, pixels, tab
+from tests.web.console import PLAIN
+from tests.web.served import Served
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the trace of a run in which robot 0 drives, robot 2 is killed, and all call and mark."""
+    folder = tmp_path_factory.mktemp("trace")
+    faults = [{"kind": "kill", "robot": 2, "at_s": 4.0}]
+    protocol = {"use": "tests.web.console:SPEC", "parameters": {"calls": 8}}
+    plain = Scenario.model_validate(PLAIN | {"faults": faults, "protocol": protocol})
+    run = Simulation(plain, 1, tuple(TABLES.values()))
+    run.begin()
+    run.operate(0, b'{"go": [10.0, 3.0]}')
+    run.advance(20 * S)
+    run.trace.write(folder)
+    write_scene(scene_of(plain, run.floorplan, 1) | {"base_m": [1.0, 6.0]}, folder)
+    return folder
+
+
+@pytest.fixture
+def serve() -> Iterator[Any]:
+    """Return a function that serves a session; all are ended after the test."""
+    begun: list[tuple[Served, Session]] = []
+
+    def begin(session: Session, port: int = 0) -> Served:
+        begun.append((Served(session, port=port), session))
+        return begun[-1][0]
+
+    yield begin
+    for served, session in begun:
+        if served.thread.is_alive():
+            served.stop()
+        session.close()
+
+
+def live(playing: bool = True, **parameters: Any) -> Live:
+    duration_s = parameters.pop("duration_s", 10)
+    protocol = {"use": "tests.web.console:SPEC", "parameters": parameters}
+    return Live(Scenario.model_validate(PLAIN | {"protocol": protocol, "duration_s": duration_s}), 1, playing)
+
+
+def state(page: Any, name: str) -> None:
+    """Wait until the page says that the run is in the state *name*."""
+    page.wait_for_function("name => document.getElementById('state').textContent === name", arg=name)
+
+
+def seconds(page: Any) -> float:
+    return float(page.inner_text("#time").split()[0])
+
+
+# ---------------------------------------------------------------- recorded
+
+
+def test_a_recorded_run_is_played_by_the_keyboard(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        assert page.inner_text("#name") == "consoles"
+        assert page.inner_text("#about").endswith("recorded")
+        state(page, "paused")
+        assert seconds(page) == 0
+        page.keyboard.press("ArrowRight")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.10')")
+        page.keyboard.press("ArrowLeft")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.00')")
+        page.keyboard.press("Space")
+        state(page, "playing")
+        page.keyboard.press("Space")
+        state(page, "paused")
+        assert 0 < seconds(page) < 8
+        page.keyboard.press("End")
+        state(page, "ended")
+        end_s = seconds(page)
+        assert 8 < end_s < 8.2
+        page.keyboard.press("Home")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.00')")
+        page.keyboard.press("+")
+        page.wait_for_function("() => document.getElementById('speed').value === '2'")
+
+
+def test_every_control_is_reached_by_the_tabulator(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        page.keyboard.press("End")
+        state(page, "ended")
+        reached = set()
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            reached.add(page.evaluate("document.activeElement.id || document.activeElement.closest('ul, ol')?.id"))
+        assert {"floor", "robots", "filter", "events", "start", "back", "play", "step", "scrub", "speed"} <= reached
+
+
+def test_every_control_has_a_name_for_those_who_do_not_see_it(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        for name in ("Play", "A tick on", "A tick back", "To the beginning", "To the end"):
+            assert page.get_by_role("button", name=name, exact=True).count() == 1
+        assert page.get_by_role("slider", name="Time").count() == 1
+        assert page.get_by_role("combobox", name="Speed").count() == 1
+        assert page.get_by_role("searchbox").get_attribute("aria-label")
+        assert "robot 0 at 2.0, 2.0" in page.get_attribute("#floor", "aria-label")
+
+
+def test_one_can_scrub_to_any_time_and_sees_what_was_then(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        page.locator("#scrub").fill("5.95")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('5.95')")
+        page.wait_for_function("() => document.querySelectorAll('#events li').length > 10")
+        assert "robot 2 †" in page.inner_text("#robots")
+        assert page.inner_text("#events li >> nth=0").startswith("5.")  # the newest is the first
+        page.locator("#scrub").fill("2")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('2.00')")
+        page.wait_for_function("() => !document.getElementById('robots').textContent.includes('†')")
+        assert page.locator("#events li").count() < 8
+
+
+def test_an_event_leads_to_its_time(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        page.keyboard.press("End")
+        page.fill("#filter", "killed")
+        page.wait_for_function("() => document.querySelectorAll('#events li').length === 1")
+        page.get_by_role("button", name="Killed").click()
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('4.00')")
+
+
+def test_a_robot_can_be_selected_in_the_list_and_on_the_floor(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        page.keyboard.press("End")
+        state(page, "ended")
+        page.locator("#robots button").nth(1).click()
+        page.wait_for_function(
+            "() => [...document.querySelectorAll('#events li')].every(row => / 1 /.test(row.textContent))"
+        )
+        page.keyboard.press("Escape")
+        page.wait_for_function(
+            "() => [...document.querySelectorAll('#events li')].some(row => / 0 /.test(row.textContent))"
+        )
+        box = page.locator("#floor").bounding_box()
+        scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
+        across, up = box["width"] / 2 + (4 - 6) * scale, box["height"] / 2 - (2 - 4) * scale
+        page.mouse.click(box["x"] + across, box["y"] + up)  # robot 1 stands at 4, 2
+        page.wait_for_function(
+            "() => document.querySelectorAll('#robots button')[1].getAttribute('aria-pressed') === 'true'"
+        )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_floor_shows_walls_base_robots_and_their_trails(browser: Any, serve: Any, folder: Path, scheme: str):
+    with tab(browser, serve(Recorded(folder, playing=False)), color_scheme=scheme) as page:
+        page.locator("#scrub").fill("7.5")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('7.50')")
+        page.wait_for_timeout(200)
+        for colour, least in [("wall", 1000), ("base", 60), ("robot-0", 200), ("robot-1", 200)]:
+            assert pixels(page, colour) >= least, colour
+        assert pixels(page, "robot-2") < 100  # it is dead: only an outline is left
+
+
+def test_frames_fly_and_fade(browser: Any, serve: Any, folder: Path):
+    with tab(browser, serve(Recorded(folder, playing=False))) as page:
+        page.locator("#scrub").fill("0.95")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.95')")
+        assert "0 frames" in page.inner_text("#counts")
+        page.click("#step")
+        page.wait_for_function("() => document.getElementById('counts').textContent.startsWith('3 frames')")
+
+
+# ---------------------------------------------------------------- under way
+
+
+def test_a_run_under_way_is_paused_stepped_and_played_to_its_end(browser: Any, serve: Any):
+    with tab(browser, serve(live(playing=False))) as page:
+        state(page, "paused")
+        assert page.is_disabled("#scrub")
+        assert page.is_disabled("#back")
+        page.click("#step")
+        page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.10')")
+        page.select_option("#speed", "10")
+        page.click("#play")
+        state(page, "ended")
+        page.wait_for_selector("#metrics tr")
+        metrics = page.inner_text("#metrics")
+        assert "heard" in metrics
+        assert page.is_disabled("#play")
+        assert page.locator("#events li").count() == 9
+
+
+def test_a_second_page_sees_the_same_and_a_closed_one_leaves_nothing(browser: Any, serve: Any):
+    served = serve(live(patient=True, duration_s=1000))
+    with tab(browser, served) as one:
+        with tab(browser, served) as two:
+            served.wait_for(2)
+            one.keyboard.press("Space")
+            for page in (one, two):
+                state(page, "paused")
+            assert seconds(one) == seconds(two)
+            assert one.inner_text("#robots") == two.inner_text("#robots")
+            two.keyboard.press("Space")
+            state(one, "playing")
+        served.wait_for(1)
+    served.wait_for(0)
+
+
+def test_a_run_that_breaks_says_why(browser: Any, serve: Any):
+    with tab(browser, serve(live(break_at_s=0.5))) as page:
+        state(page, "failed: RuntimeError: the console has broken")
+
+
+def test_what_cannot_be_done_is_told(browser: Any, serve: Any):
+    served = serve(live(patient=True, duration_s=1000))
+    with tab(browser, served) as page:
+        page.evaluate(
+            "() => { const s = new WebSocket(`ws://${location.host}/socket`); window.told = [];"
+            " s.onmessage = (e) => window.told.push(JSON.parse(e.data).say);"
+            " s.onopen = () => s.send('nonsense'); }"
+        )
+        page.wait_for_function("() => window.told.includes('error')")
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Any, serve: Any):
+    served = serve(live(patient=True, duration_s=1000))
+    with tab(browser, served) as page:
+        state(page, "playing")
+        served.stop()
+        page.wait_for_selector("#trouble:not([hidden])")
+        assert "server" in page.inner_text("#trouble-text")
+        page.click("#reconnect")  # nobody is there yet
+        page.wait_for_function("() => document.getElementById('trouble-text').textContent.includes('does not answer')")
+        serve(live(playing=False, patient=True), port=served.port)
+        page.click("#reconnect")
+        state(page, "paused")
+        assert page.is_hidden("#trouble")
+        assert all("WebSocket connection" in fault for fault in page.faults)
+        page.faults.clear()
+
+
+def test_a_page_from_elsewhere_cannot_talk_to_the_run(browser: Any, serve: Any, folder: Path):
+    served, elsewhere = serve(live(patient=True, duration_s=1000)), serve(Recorded(folder))
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(elsewhere.address + "static/view.css")  # another origin of this computer, whose policy has no script
+    talked = page.evaluate(
+        "address => new Promise((done) => { const s = new WebSocket(address);"
+        " s.onmessage = () => done('answered'); s.onerror = () => done('refused'); })",
+        f"ws://127.0.0.1:{served.port}/socket",
+    )
+    context.close()
+    assert talked == "refused"
+    assert served.server.open == 0

@@ -1,0 +1,235 @@
+"""The server as pages meet it: who may ask, what is refused, and what is left when pages come and go."""
+
+import json
+import logging
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from cosim.errors import UserError
+from cosim.scenario import Scenario
+from cosim.web.guard import HOST
+from cosim.web.history import Cursor
+from cosim.web.live import Live
+from cosim.web.messages import Plain, Wish
+from cosim.web.pages import STATIC
+from cosim.web.server import MOST_PAGES, listening
+from tests.web.console import PLAIN
+from tests.web.served import Served, next_of, until_closed
+
+PATIENT = PLAIN | {"duration_s": 1000, "protocol": {"use": "tests.web.console:SPEC", "parameters": {"patient": True}}}
+
+
+@pytest.fixture
+def session() -> Iterator[Live]:
+    made = Live(Scenario.model_validate(PATIENT), 1, attended=True)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def served(session: Live) -> Iterator[Served]:
+    made = Served(session)
+    yield made
+    made.stop()
+
+
+def refused(served: Served, **more: Any) -> int:
+    """Return the status with which a WebSocket is refused."""
+    with pytest.raises(InvalidStatus) as told:
+        served.connect(**more)
+    return told.value.response.status_code
+
+
+# ---------------------------------------------------------------- who may ask
+
+
+@pytest.mark.parametrize("path", ["/", "/static/view.js", "/static/floor.js", "/static/common.css", "/static/view.css"])
+def test_the_page_and_all_that_it_loads_are_there(served: Served, path: str):
+    answer, _ = served.get(path)
+    assert answer.status == 200
+    assert "default-src 'self'" in answer.headers["content-security-policy"]
+    assert answer.headers["cache-control"] == "no-cache"
+
+
+def test_nothing_is_loaded_from_elsewhere():
+    for path in STATIC.iterdir():
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")  # a name, not an address
+        assert "http://" not in text
+        assert "https://" not in text
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/static/../server.py", "/static/%2e%2e/server.py", "/static/nothing.js"])
+def test_nothing_else_is_there(served: Served, path: str):
+    assert served.get(path)[0].status == 404
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:PORT", HOST, f"{HOST}:1", "localhost", "[::1]:PORT"])
+def test_another_name_is_refused(served: Served, host: str):
+    """So is a page of that name: it was made to point here (DNS rebinding)."""
+    host = host.replace("PORT", str(served.port))
+    for path in ("/", "/static/view.js"):
+        answer, text = served.get(path, Host=host)
+        assert (answer.status, text) == (403, "this server does not go by that name\n")
+    assert refused(served, host=host) == 403
+    assert refused(served, host=host, origin=f"http://{host}") == 403
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "https://HERE", f"http://{HOST}:1", "http://localhost", "null"]
+)
+def test_a_page_from_elsewhere_is_refused(served: Served, origin: str):
+    origin = origin.replace("HERE", f"{HOST}:{served.port}")
+    assert served.get("/", Origin=origin)[0].status == 403
+    assert refused(served, origin=origin) == 403
+
+
+@pytest.mark.parametrize("name", [HOST, "localhost"])
+def test_the_own_page_is_answered(served: Served, name: str):
+    host = f"{name}:{served.port}"
+    with served.connect(host, origin=f"http://{host}") as page:
+        assert next_of(page, "scene")
+
+
+def test_a_secret_is_asked_for_if_there_is_one(session: Live):
+    served = Served(session, "yes")
+    for query in ("", "?token=", "?token=no", "?token=yes2", "?other=yes"):
+        assert refused(served, query=query) == 403
+    with served.connect(query="?token=yes") as page:
+        assert next_of(page, "scene")
+    served.stop()
+
+
+# ---------------------------------------------------------------- what pages say, and how they go
+
+
+def test_malformed_messages_are_answered_by_an_error_and_ignored(served: Served):
+    with served.connect() as page:
+        for text in ("nonsense", "[1]", '{"say": "fly"}', b"\xff\x00", '{"say": "seek", "time_s": 1}'):
+            page.send(text)
+            assert next_of(page, "error")["why"]
+        page.send(json.dumps({"say": "operator", "robot": 2, "data": {"request": 8}}))
+        assert next_of(page, "operator")["data"] == {"answer": 8, "robot": 2}
+
+
+def test_a_flood_of_malformed_messages_hangs_nothing(served: Served):
+    with served.connect() as page:
+        for _ in range(3000):
+            page.send("{")
+        page.send('{"say": "pause"}')
+        assert next_of(page, "error")
+        while next_of(page, "now")["state"] != "paused":
+            pass
+
+
+def test_a_message_that_is_too_long_ends_the_connection_only(served: Served):
+    with served.connect() as page, served.connect() as other:
+        page.send("x" * (1 << 21))
+        assert until_closed(page) == 1009
+        assert next_of(other, "now")
+
+
+def test_a_second_page_sees_what_the_first_one_does(served: Served):
+    with served.connect() as one, served.connect() as two:
+        one.send('{"say": "pause"}')
+        seen = []
+        for page in (one, two):
+            while (now := next_of(page, "now"))["state"] != "paused":
+                pass
+            seen.append((now["time_s"], now["robots"]))
+        assert seen[0] == seen[1]
+
+
+def test_a_closed_page_leaves_nothing(served: Served):
+    threads = threading.active_count()
+    for _ in range(5):
+        with ExitStack() as stack:
+            pages = [stack.enter_context(served.connect()) for _ in range(4)]
+            served.wait_for(4)
+            pages[0].close()
+            pages[1].socket.close()  # gone without a word
+            pages[2].socket.shutdown(socket.SHUT_RDWR)
+            pages[3].close()
+            served.wait_for(0)
+    end_s = time.monotonic() + 20
+    while served.uvicorn.server_state.tasks or threading.active_count() > threads:
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+def test_too_many_pages_are_turned_away(served: Served):
+    with ExitStack() as stack:
+        for _ in range(MOST_PAGES):
+            stack.enter_context(served.connect())
+        served.wait_for(MOST_PAGES)
+        assert refused(served) == 403
+    served.wait_for(0)
+    with served.connect() as page:
+        assert next_of(page, "scene")
+
+
+class Loud:
+    """A session that has half a megabyte to say whenever it is asked, and says when it was."""
+
+    scene: ClassVar[Plain] = {}
+
+    def wish(self, wish: Wish) -> None:
+        raise AssertionError("nobody asks")
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        return [{"say": "now", "at_s": time.monotonic(), "much": "x" * 500_000}], Cursor(0, 0, 0, ())
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.slow
+def test_a_page_that_sleeps_gets_the_newest_when_it_wakes_and_holds_up_nobody():
+    served = Served(Loud())
+    with served.connect(max_queue=1) as sleeper, served.connect() as other:
+        begun_s, count = time.monotonic(), 0
+        while time.monotonic() < begun_s + 2 or count < 10:
+            next_of(other, "now")
+            count += 1
+        times = [next_of(sleeper, "now")["at_s"] for _ in range(25)]
+        assert max(after - before for before, after in pairwise(times)) > 0.8  # what it slept through was not composed
+        assert times[-1] > begun_s + 1.9
+    served.stop()
+
+
+def test_a_server_that_is_ended_ends_its_pages_and_its_run(session: Live):
+    served = Served(session)
+    with served.connect() as page:
+        assert next_of(page, "now")
+        begun_s = time.monotonic()
+        served.stop()
+        assert time.monotonic() - begun_s < 10
+        assert until_closed(page) == 1012
+    assert not session.running
+
+
+def test_a_server_that_is_ended_says_nothing_of_it(session: Live, caplog: pytest.LogCaptureFixture):
+    served = Served(session)
+    with served.connect() as page:
+        assert next_of(page, "now")
+        with caplog.at_level(logging.WARNING):
+            served.stop()
+    assert caplog.records == []
+
+
+def test_a_port_that_is_taken_is_told_in_one_line():
+    with listening(0) as taken, pytest.raises(UserError, match=r"--port \d+: Address already in use"):
+        listening(taken.getsockname()[1])
+
+
+def test_only_this_computer_is_listened_to():
+    with listening(0) as listener:
+        assert listener.getsockname()[0] == HOST
