@@ -1,4 +1,4 @@
-"""The law of the dynamic window: who obeys it can always stop, alone or among others who do, and does it on real bodies.
+"""The law of the dynamic window: who obeys it can always stop, alone or among others who do, and with real bodies.
 
 The bodies are those of the simulator, whose own drive and contacts are the judge: nobody is ever stopped by a touch.
 """
@@ -98,9 +98,7 @@ class Drivers:
 
     def gap(self):
         places, radii = self.fleet.positions_m, [body.radius_m for body in self.bodies]
-        return min(
-            math.dist(places[i], places[j]) - radii[i] - radii[j] for i in range(len(radii)) for j in range(i)
-        )
+        return min(math.dist(places[i], places[j]) - radii[i] - radii[j] for i in range(len(radii)) for j in range(i))
 
 
 def differential(**limits):
@@ -247,7 +245,7 @@ def test_an_unknown_thing_is_stopped_for():
     free = window(own, state, *nothing, (5.0, 1.0), 0.05)
     held = window(own, state, nothing[0], np.array([(1.40, 1.0)]), nothing[2], (5.0, 1.0), 0.05)
     assert free == (0.05, 0.0, True)
-    assert held[0] < 0.045
+    assert held[0] <= 0.045
 
 
 def test_who_could_come_round_a_corner_is_unseen():

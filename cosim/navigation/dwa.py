@@ -317,7 +317,8 @@ def _landing_turn(own: Floats, state: Floats, x: float, y: float, heading: float
     """Return the turn of a robot that turns to its aim as fast as it may, and stops turning when it faces it."""
     error = _wrapped(math.atan2(aim_y - y, aim_x - x) - heading)
     sign = 1.0 if error > 0.0 else -1.0
-    return sign * min(braking_way(abs(error), own[TURN_CHANGE]), own[MOST_TURN])
+    turn: float = sign * min(braking_way(abs(error), own[TURN_CHANGE]), own[MOST_TURN])
+    return turn
 
 
 @njit(cache=True)

@@ -4,15 +4,17 @@ This follows the robots' whereabouts, not the facts: who stands aside is forgott
 again.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
-from typing import Final, NamedTuple, TypeAlias
+from functools import cached_property
+from itertools import pairwise
+from typing import Final, TypeAlias
 
 from cosim.machine import Address
 from protocols.deployment.augmenting import in_the_way
 from protocols.deployment.crew import Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.orders import Errand, Halt, Retreat, Whereabouts
+from protocols.deployment.orders import Halt, Retreat, Whereabouts
 from protocols.deployment.plan import Go, Place
 from protocols.deployment.progress import Progress
 from protocols.deployment.progress_deploying import Deploying
@@ -32,15 +34,21 @@ class _Step(Enum):
     COMING_BACK = "back"
 
 
-class Passing(NamedTuple):
-    """A robot on its way past others."""
+class Passing:
+    """A robot on its way past others; what is left of that is only looked up for one who is near."""
 
-    robot: Address
-    here_m: Place
-    way: tuple[Place, ...]
+    def __init__(self, robot: Address, radius_m: float, stops_m: Sequence[Place], ways: Ways) -> None:
+        self.robot, self.radius_m, self.here_m = robot, radius_m, stops_m[0]
+        self._stops_m, self._ways = stops_m, ways
+
+    @cached_property
+    def way(self) -> list[Place]:
+        """What is left of its way, its later places included."""
+        legs = [self._ways.way(self.radius_m, a, b) or [b] for a, b in pairwise(self._stops_m)]
+        return [self.here_m, *(place for leg in legs for place in leg)]
 
 
-Request: TypeAlias = tuple[str, Errand]
+Request: TypeAlias = tuple[str, Retreat | Go | Halt]
 """The deployment's name, and what one of its robots is to do."""
 
 
@@ -81,7 +89,7 @@ class Room:
                 if robot in busy or robot in progress.lost or robot not in deploying.stands_m:
                     continue
                 standing.add(robot)
-                request: Errand | None = self._request(robot, deploying.stands_m[robot], passing)
+                request: Retreat | Go | Halt | None = self._request(robot, deploying.stands_m[robot], passing)
                 if node.state is State.TERMINATED and isinstance(request, Go):
                     request = Halt(robot=robot)
                     self.back(robot)
@@ -92,12 +100,9 @@ class Room:
         return requests
 
     def _passing(self, robot: Address, deploying: Deploying, at: Whereabouts) -> Passing:
-        """Return a moving robot with what is left of its way, its later places included."""
-        radius_m, here = self._crew.radius_m(robot), (at.x_m, at.y_m)
-        way = [here]
-        for place in deploying.ahead_m(robot) or [deploying.post_m(robot)]:
-            way += self._ways.way(radius_m, way[-1], place) or [place]
-        return Passing(robot, here, tuple(way))
+        """Return a robot that moves."""
+        stops_m = deploying.ahead_m(robot) or [deploying.post_m(robot)]
+        return Passing(robot, self._crew.radius_m(robot), [(at.x_m, at.y_m), *stops_m], self._ways)
 
     def _request(self, robot: Address, post_m: Place, passing: list[Passing]) -> Retreat | Go | None:
         step = self._steps.get(robot)
@@ -115,6 +120,6 @@ class Room:
         dx, dy = other.here_m[0] - post_m[0], other.here_m[1] - post_m[1]
         if dx * dx + dy * dy > (factor * self._parameters.near_m) ** 2:
             return False
-        radius_m, passing_m = self._crew.radius_m(robot), self._crew.radius_m(other.robot)
+        radius_m, passing_m = self._crew.radius_m(robot), other.radius_m
         beside_m = (factor - 1.0) * (radius_m + passing_m) + factor * self._parameters.aside_m
         return in_the_way(other.way, passing_m, post_m, radius_m, beside_m)

@@ -231,34 +231,36 @@ class Console:
 
     def tell(self, now: Time) -> None:
         """Tell what has happened, and every so often where the robots are."""
-        host = self._host
-        if not self.attended:
-            host.breaches.clear()
-            host.ends.clear()
-            return
-        self._tell_tasks()
-        for why in host.breaches:
-            self._out.append(write(say="breach", plan=host.number, why=why))
-        for number, result in host.ends:
-            self._out.append(write(say="ended", plan=number, result=result))
-        host.breaches.clear()
-        host.ends.clear()
+        host, dispatch = self._host, self._host.dispatch
+        if self.attended:
+            self._tell_tasks()
+            self._out += [write(say="breach", plan=host.number, why=why) for why in dispatch.breaches]
+            self._out += [write(say="ended", plan=number, result=result) for number, result in dispatch.ends]
+            self._tell_pictures(now)
+            if self._told is None or not 0 <= now - self._told < POSITIONS:
+                self._told = now
+                self._tell_positions(now)
+        dispatch.breaches.clear()
+        dispatch.ends.clear()
+
+    def _tell_pictures(self, now: Time) -> None:
+        """Tell of those that do not come."""
         for number, (request, robot, since) in list(self._pictures.items()):
             if now - since > PATIENCE:
                 del self._pictures[number]
                 self._out.append(write(answer=request, say="error", why=f"robot {robot} does not answer"))
-        if self._told is None or not 0 <= now - self._told < POSITIONS:
-            self._told = now
-            self._tell_positions(now)
 
     def _tell_tasks(self) -> None:
+        """Tell of tasks that have begun, or ended: with why, and whose they were."""
         play = self._host.play
         if play is None or play.executive is None or not self._host.leads:
             return
+        reasons = {report.task: report for report in play.ends()}
         states = dict(play.executive.states)
         for task, state in states.items():
             if self._states.get(task, "waiting") != state:
-                robot, why = play.told_of(task)
+                report = reasons.get(task)
+                robot, why = (None, "") if report is None else (report.robot, report.why)
                 self._out.append(write(say="task", plan=play.number, task=task, state=state, robot=robot, why=why))
         self._states = states
 

@@ -5,7 +5,6 @@ terminate whenever another task completes"; the last is ``ends_with`` of a task.
 the play's: ``leap/stage-2``; the empty name is the play itself.
 """
 
-import math
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field
@@ -13,9 +12,14 @@ from pydantic import BeforeValidator, Field
 from cosim.settings import Settings
 from protocols.deployment.plan import Between, Instant, Place
 
+BASE: Final = "base"
+"""The place where robots return to."""
+MOST: Final = 1e9
+"""No number in a play is greater: not every float of seconds is a time in ns."""
+
 
 def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MOST
 
 
 def _place(value: Any) -> Any:
@@ -37,9 +41,6 @@ PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
 Quantity: TypeAlias = Annotated[float | str, BeforeValidator(_number)]
 """A number, or the name of a parameter."""
 Edge: TypeAlias = Literal["start", "end"]
-
-BASE: Final = "base"
-"""The place where robots return to."""
 
 
 class Before(Settings):

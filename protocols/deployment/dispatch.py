@@ -14,12 +14,12 @@ on it are void. Times are nanoseconds, and exact.
 """
 
 from collections.abc import Mapping
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from cosim.units import Time, from_seconds
 from protocols.deployment.plan import ORIGIN, Between, Instant, Plan, Task, Wait
+from protocols.deployment.tree import Edge
 
-Edge: TypeAlias = Literal["start", "end"]
 Point: TypeAlias = tuple[str, Edge]
 
 _START: Final[Point] = (ORIGIN, "start")
@@ -58,11 +58,15 @@ class Timetable:
         self._computed: tuple[Time, dict[Point, Time], dict[Point, Time], dict[Point, Time]] | None = None
         self._breaches: list[Breach] = []
         self._broken: set[int] = set()
+        self._eased: set[tuple[int, bool]] = set()
+        """Instants that wait for each other, and may be at once: one goes first."""
 
     def _add(self, number: int, between: Between) -> None:
         earlier, later = _point(between.earlier), _point(between.later)
-        self._open[number, True] = _Bound(earlier, later, from_seconds(between.at_least_s), number)
-        if between.at_most_s is not None:
+        loop = earlier == later
+        if not (loop and between.at_least_s <= 0):
+            self._open[number, True] = _Bound(earlier, later, from_seconds(between.at_least_s), number)
+        if between.at_most_s is not None and not (loop and between.at_most_s >= 0):
             self._open[number, False] = _Bound(later, earlier, -from_seconds(between.at_most_s), number)
 
     # ------------------------------------------------------------ what happens
@@ -103,23 +107,22 @@ class Timetable:
         if not self._open:
             return now
         point = (name, edge)
-        gates = [bound for bound in self._open.values() if bound.later == point]
-        if not gates:
-            return now
         latest = now
-        for bound in gates:
-            opens = self._opening(bound, now)
+        for key, bound in self._open.items():
+            if bound.later != point:
+                continue
+            opens = self._opening(key, bound, now)
             if opens is None:
                 return None
             latest = max(latest, opens)
         return latest
 
-    def _opening(self, bound: _Bound, now: Time) -> Time | None:
+    def _opening(self, key: tuple[int, bool], bound: _Bound, now: Time) -> Time | None:
         at = self._happened.get(bound.earlier)
         if at is not None:
             return at + bound.least
-        if bound.least >= 0:
-            return None
+        if key[1] and bound.least >= 0:
+            return now if key in self._eased else None
         anyway, from_now, _ = self._times(now)
         if from_now.get(bound.earlier, now) + bound.least <= now:
             return now
@@ -129,9 +132,24 @@ class Timetable:
     def check(self, now: Time) -> None:
         """Note the windows that are certain to break, as things are at *now*."""
         while self._open and (broken := self._contradiction(now)) is not None:
-            self.give_up(broken, now)
+            self._give_up(broken, now)
 
-    def give_up(self, key: tuple[int, bool], now: Time) -> None:
+    def loosen(self, name: str, edge: Edge, now: Time) -> bool:
+        """Let an instant be that waits for what waits for it in turn; return whether it does.
+
+        If both may be at once, it goes first: whether the other follows will be seen. Otherwise a window is broken.
+        """
+        point = (name, edge)
+        for key, bound in self._open.items():
+            if bound.later == point and bound.earlier not in self._happened and key not in self._eased:
+                if key[1] and bound.least == 0:
+                    self._eased.add(key)
+                else:
+                    self._give_up(key, now)
+                return True
+        return False
+
+    def _give_up(self, key: tuple[int, bool], now: Time) -> None:
         """Report one side of a constraint as broken, and drop it."""
         number = key[0]
         del self._open[key]
@@ -140,17 +158,9 @@ class Timetable:
             self._broken.add(number)
             self._breaches.append(Breach(number, now, _words(self._constraints[number])))
 
-    def hindering(self, name: str, edge: Edge) -> tuple[int, bool] | None:
-        """Return what keeps an instant from happening that depends on something that has not happened, if anything."""
-        point = (name, edge)
-        return next(
-            (key for key, bound in self._open.items() if bound.later == point and bound.earlier not in self._happened),
-            None,
-        )
-
     def wake_at(self, now: Time) -> Time | None:
         """Return when the next window is certain to break, if nothing happens."""
-        if not any(not lower for _, lower in self._open) and not any(b.least < 0 for b in self._open.values()):
+        if not self._open:
             return None
         _, _, latest = self._times(now)
         return min((at + 1 for point, at in latest.items() if point not in self._happened and at >= now), default=None)
@@ -223,7 +233,23 @@ class Timetable:
                 changed = True
             if not changed:
                 return None
-        return self._culprit(next(iter(by.values())), by)
+        return self._culprit(self._on_circle(by), by)
+
+    @staticmethod
+    def _on_circle(by: Mapping[Point, _Bound]) -> _Bound:
+        """Return a bound on a circle that has no end, given by which bound each instant was moved last."""
+        seen = dict[Point, _Bound]()
+        for bound in by.values():
+            way = set[Point]()
+            while bound.later not in seen:
+                if bound.later in way:
+                    return bound
+                way.add(bound.later)
+                if bound.earlier not in by:
+                    break
+                bound = by[bound.earlier]
+            seen |= dict.fromkeys(way, bound)
+        raise AssertionError("times grew without end, but on no circle")
 
     def _culprit(self, bound: _Bound, by: Mapping[Point, _Bound]) -> tuple[int, bool] | None:
         """Return the last upper bound on the way to a contradiction, or else its last constraint."""
@@ -231,9 +257,8 @@ class Timetable:
         while (last := by.get(way[-1].earlier)) is not None and last.later not in seen:
             seen.add(last.later)
             way.append(last)
-        asked = [each for each in way if each.constraint is not None]
-        chosen = next((each for each in asked if each.least < 0), asked[0] if asked else None)
-        return None if chosen is None else next(key for key, each in self._open.items() if each is chosen)
+        asked = [key for each in way for key, one in self._open.items() if one is each]
+        return min(asked, key=lambda key: key[1], default=None)
 
 
 def _point(instant: Instant) -> Point:

@@ -50,21 +50,38 @@ class Double:
         """Take the *limits* of the drive as :mod:`cosim.navigation.dwa` has them, and the length of a tick."""
         self._floor, self._radius_m, self._limits = floor, radius_m, limits
         self._own, self._seconds = parameters, seconds
+        self.pace_mps: tuple[float, float] | None = None
+        """The speed that the robot's last order leads to, and its own, m/s; None when the robot is not under way."""
+        self.most = math.inf
+        """m, so far it goes in the coming tick at most, for reasons of the floor."""
+        self._sets_off = True
         self._heading = self._way = self._turn = 0.0
         self._points, self._bodies = np.zeros(_NOTHING), np.zeros(_NOBODY)
 
-    def begin(self, motion: Floats) -> None:
-        """Set off towards another goal with the robot; *motion* is its row for DWA."""
-        self._heading, self._way, self._turn = motion[[HEADING, WAY, TURN]].tolist()
+    def restart(self) -> None:
+        """Set off anew, with the robot as it is then: it has another goal."""
+        self._sets_off = True
 
-    def step(self, motion: Floats, goal_m: Place, most: float = math.inf) -> float:
-        """Return the speed, m/s, that it will have from the next tick on by what it orders now.
+    def look(self, motion: Floats, goal_m: Place | None, way: float, aside: bool = False) -> None:
+        """Take what the robot orders at this tick, and order something too.
 
-        *motion* is the robot's own row for DWA; *most* what it goes at most, metres a tick, for reasons of the floor.
+        *motion* is the robot's row for DWA; *goal_m* where it is under way to, or None; *way* metres a tick what it
+        orders. If it does so to go *aside* for another, it counts as standing.
         """
+        self.pace_mps = None
+        if goal_m is not None:
+            if self._sets_off:
+                self._heading, self._way, self._turn = motion[[HEADING, WAY, TURN]].tolist()
+                self._sets_off = False
+            gone = 0.0 if aside else towards(way, float(motion[WAY]), float(self._limits[WAY_CHANGE]))
+            self.pace_mps = gone / self._seconds, self._step(motion, goal_m)
+        self.most = math.inf
+
+    def _step(self, motion: Floats, goal_m: Place) -> float:
+        """Return the speed, m/s, that it will have from the next tick on by what it orders now."""
         own = self._limits
         self._agree(motion)
-        way, turn = self._ordered(motion, goal_m, most)
+        way, turn = self._ordered(motion, goal_m)
         self._heading += self._turn
         self._way = towards(way, self._way, own[WAY_CHANGE])
         self._turn = towards(turn, self._turn, own[TURN_CHANGE])
@@ -76,14 +93,14 @@ class Double:
         if abs(math.remainder(heading - self._heading, math.tau)) < ROUNDING and abs(turn - self._turn) < ROUNDING:
             self._heading, self._turn = heading, turn
 
-    def _ordered(self, motion: Floats, goal_m: Place, most: float) -> tuple[float, float]:
+    def _ordered(self, motion: Floats, goal_m: Place) -> tuple[float, float]:
         own, state = self._limits, motion.copy()
         state[HEADING], state[WAY], state[TURN] = self._heading, self._way, self._turn
         x, y = float(state[X]), float(state[Y])
         aim = self._floor.field(self._radius_m, goal_m).aim((x, y), self._own.look_ahead_m)
         if aim is None or (aim.last and aim.left_m <= self._own.arrive_m):
             return 0.0, 0.0
-        most = min(most, float(own[MOST_WAY]))
+        most = min(self.most, float(own[MOST_WAY]))
         if aim.last:
             dx, dy = chord(state[HEADING], state[WAY], state[TURN])
             left = math.hypot(aim.place_m[0] - x - dx, aim.place_m[1] - y - dy)

@@ -9,7 +9,7 @@ class DrivingParameters(Settings):
     """How robots of a team drive; what differs from body to body (radius, speed, acceleration) comes with the body."""
 
     cell_m: float = Field(default=0.1, gt=0, description="m, side of the cells in which ways are planned")
-    margin_m: float = Field(default=0.03, ge=0, description="m off walls and bodies, in plans; half of it is always kept")
+    margin_m: float = Field(default=0.03, ge=0, description="m off walls and bodies in plans; half is always kept")
     comfort_m: float = Field(default=0.3, gt=0, description="m from a wall, beside the margin, within which cells cost")
     comfort_price: float = Field(
         default=3.0, ge=1, description="of a cell at the margin, times the length; falls to 1 at comfort_m"

@@ -10,7 +10,6 @@ was reported, who has fallen silent, and where the robots are. All reports and n
 heard in any order, and more than once.
 """
 
-from bisect import insort
 from collections.abc import Mapping
 from typing import Final, Self
 
@@ -19,7 +18,7 @@ from cosim.units import MS, Time
 from protocols.deployment.augmenting_room import Room
 from protocols.deployment.crew import Crew
 from protocols.deployment.dispatch import Breach
-from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated, ended, order
+from protocols.deployment.executive_facts import Book, Fact, Heard, Record, Switched, Terminated, ended
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.orders import Errand, Halt, Order, Report, Result, Whereabouts
 from protocols.deployment.plan import Place, Plan, Strategy
@@ -50,9 +49,7 @@ class Executive:
         self._record = Record(plan=plan, start=now, starts_m=dict(starts_m or {}))
         self._crew, self._ways, self._parameters = crew, ways, parameters
         self._length = lengths(crew, ways)
-        self._facts: list[Fact] = []
-        self._ends: dict[tuple[str, Address], Ended] = {}
-        self._lost: dict[Address, bool] = {}
+        self._book = Book()
         self._serials: dict[Address, int] = {}
         self._issued: dict[Address, tuple[str, bool]] = {}
         """What each robot was ordered last: the task, and whether that was to do it."""
@@ -77,10 +74,10 @@ class Executive:
         least = (now - record.start) // MS
         self._serials = {robot: max(record.serials.get(robot, 0) + STRIDE, least) for robot in crew.robots}
         for fact in record.facts:
-            self._keep(fact)
+            self._book.keep(fact)
         self._now = max(now, record.start)
         self._progress = self._fresh()
-        self._progress.run(self._facts, self._now)
+        self._progress.run(self._book.facts, self._now)
         deployments = self._progress.deployments.values()
         self._room.doubt([r for each in deployments for r in each.posts if each.leaping and r in each.stands_m])
         self._follow(now)
@@ -96,7 +93,7 @@ class Executive:
     @property
     def record(self) -> Record:
         """All that it takes to go on elsewhere."""
-        return self._record.model_copy(update={"facts": tuple(self._facts), "serials": dict(self._serials)})
+        return self._record.model_copy(update={"facts": tuple(self._book.facts), "serials": dict(self._serials)})
 
     @property
     def finished(self) -> bool:
@@ -114,25 +111,14 @@ class Executive:
         return self._progress.tree.states()
 
     @property
-    def spans(self) -> dict[str, tuple[Time | None, Time | None]]:
-        """When each task began and ended, as far as it has; one that was done once more, for the last time."""
-        return {node.task.name: (node.began, node.ended) for node in self._progress.tree.root.walk()}
-
-    @property
     def lost_robots(self) -> frozenset[Address]:
         """The robots that are taken for lost."""
         return frozenset(self._progress.lost)
 
     @property
-    def posts_m(self) -> dict[Address, Place]:
-        """Where the robots of deployments that have begun are to end up."""
-        each = self._progress.deployments.values()
-        return {robot: deploying.post_m(robot) for deploying in each for robot in deploying.posts}
-
-    @property
-    def errands(self) -> dict[Address, tuple[str, Errand]]:
-        """What every robot is to be at now, with the name of the task."""
-        return dict(self._progress.errands())
+    def progress(self) -> Progress:
+        """How far the plan has come: to look at, not to keep, as a late fact makes another one."""
+        return self._progress
 
     # ------------------------------------------------------------ what happens
 
@@ -145,12 +131,12 @@ class Executive:
 
     def lost(self, robot: Address, now: Time) -> None:
         """Note that a robot has fallen silent: others take its part."""
-        if not self._lost.get(robot, False):
+        if not self._book.lost(robot):
             self.learn(Heard(robot=robot, again=False, at=now), now)
 
     def found(self, robot: Address, now: Time) -> None:
         """Note that a lost robot was heard again: it fills an empty place, or stops and is idle."""
-        if self._lost.get(robot, False):
+        if self._book.lost(robot):
             self.learn(Heard(robot=robot, again=True, at=now), now)
 
     def switch(self, strategy: Strategy, now: Time) -> None:
@@ -163,8 +149,8 @@ class Executive:
 
     def learn(self, fact: Fact, now: Time) -> None:
         """Take a fact, from wherever it comes."""
-        late = fact.at <= self._progress.time
-        if self._keep(fact):
+        late = fact.at <= self._progress.time or self._book.knows_of(fact)
+        if self._book.keep(fact):
             if late:
                 self._progress = self._fresh()
             self._follow(now)
@@ -206,31 +192,12 @@ class Executive:
     def _fresh(self) -> Progress:
         return Progress(self._record, self._crew, self._ways, self._parameters, self._length)
 
-    def _keep(self, fact: Fact) -> bool:
-        """Keep a fact; return whether it says anything new."""
-        if isinstance(fact, Ended):
-            key = fact.task, fact.robot
-            known = self._ends.get(key)
-            if known is not None:
-                if known.surer <= fact.surer:
-                    return False
-                self._facts.remove(known)
-                self._progress = self._fresh()
-            self._ends[key] = fact
-        elif fact in self._facts:
-            return False
-        insort(self._facts, fact, key=order)
-        if isinstance(fact, Heard):
-            last = next(each for each in reversed(self._facts) if isinstance(each, Heard) and each.robot == fact.robot)
-            self._lost[fact.robot] = not last.again
-        return True
-
     # ------------------------------------------------------------ orders
 
     def _follow(self, now: Time) -> None:
         """Go on to *now*, and order what is wanted."""
         self._now = max(now, self._now)
-        self._progress.run(self._facts, self._now)
+        self._progress.run(self._book.facts, self._now)
         errands = self._progress.errands()
         for robot in self._crew.robots:
             if robot in self._progress.lost:
@@ -247,7 +214,7 @@ class Executive:
 
     def _next(self) -> Time | None:
         wake = self._progress.wake_at()
-        future = next((fact.at for fact in self._facts if fact.at > self._now), None)
+        future = next((fact.at for fact in self._book.facts if fact.at > self._now), None)
         return wake if future is None else future if wake is None else min(wake, future)
 
     def _order(self, robot: Address, task: str, errand: Errand, doing: bool) -> None:

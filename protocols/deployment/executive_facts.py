@@ -4,6 +4,7 @@ What has happened to a plan is a function of the set of its facts: not of the or
 often. So robots that have heard the same agree, and whoever takes over from a dead host goes on where it was.
 """
 
+from bisect import insort
 from enum import IntEnum
 from typing import Annotated, Literal, TypeAlias
 
@@ -108,3 +109,36 @@ class Record(Settings):
     starts_m: dict[Address, Place] = Field(default_factory=dict, description="m, where robots stood; else at base")
     facts: tuple[Fact, ...] = ()
     serials: dict[Address, int] = Field(default_factory=dict, description="next serial number, by robot")
+
+
+class Book:
+    """A set of facts, kept in their order."""
+
+    def __init__(self) -> None:
+        self.facts: list[Fact] = []
+        self._ends: dict[tuple[str, Address], Ended] = {}
+
+    def lost(self, robot: Address) -> bool:
+        """Return whether a robot is lost, by the last fact about it."""
+        return any(not fact.again for fact in self._heard(robot)[-1:])
+
+    def _heard(self, robot: Address) -> list[Heard]:
+        return [fact for fact in self.facts if isinstance(fact, Heard) and fact.robot == robot]
+
+    def knows_of(self, fact: Fact) -> bool:
+        """Return whether there is another report about what *fact* reports."""
+        return isinstance(fact, Ended) and (fact.task, fact.robot) in self._ends
+
+    def keep(self, fact: Fact) -> bool:
+        """Keep a fact; return whether it says anything new. Of two reports about one order the surer one is kept."""
+        if isinstance(fact, Ended):
+            known = self._ends.get((fact.task, fact.robot))
+            if known is not None:
+                if known.surer <= fact.surer:
+                    return False
+                self.facts.remove(known)
+            self._ends[fact.task, fact.robot] = fact
+        elif fact in self.facts:
+            return False
+        insort(self.facts, fact, key=order)
+        return True

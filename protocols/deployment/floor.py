@@ -58,10 +58,11 @@ class Aim(NamedTuple):
 class Field:
     """What is left to one goal from everywhere, for one radius."""
 
-    def __init__(self, grid: PlanningGrid, price: Singles, goal_m: Place) -> None:
+    def __init__(self, grid: PlanningGrid, price: Singles, goal_m: Place, fits: bool) -> None:
+        """Take the goal, and whether a body *fits* there, though its cell's centre may be too near to a wall."""
         self._grid, self._price = grid, price
         goal = snapped(grid, goal_m)
-        self.goal_m = goal_m if goal < 0 or _holds(grid, goal, goal_m) else grid.centre_m(goal)
+        self.goal_m = goal_m if fits or goal < 0 or _holds(grid, goal, goal_m) else grid.centre_m(goal)
         """The goal, or the nearest place to it where the body fits."""
         self._value = values(grid.free, price, [goal] if goal >= 0 else [])
 
@@ -106,7 +107,9 @@ class Field:
     def way(self, start: Place) -> list[Place] | None:
         """Return the corners of the way from a place, both ends included; None without one."""
         grid, cell = self._grid, snapped(self._grid, start)
-        cells = cheapest_way(grid.free, self._price, self._value, cell) if cell >= 0 else ()
+        if cell < 0:
+            return None
+        cells = cheapest_way(grid.free, self._price, self._value, cell)
         if not len(cells):
             return None
         corners = [grid.centre_m(int(each)) for each in way_points(grid.free, cells)]
@@ -168,7 +171,7 @@ class Floor:
         key = radius_m, (float(goal[0]), float(goal[1]))
         field = self._fields.pop(key, None)
         if field is None:
-            field = Field(*self.grid(radius_m), key[1])
+            field = Field(*self.grid(radius_m), key[1], self.free(radius_m, key[1]))
         self._fields[key] = field
         if len(self._fields) > _KEPT:
             self._fields.popitem(last=False)
@@ -178,7 +181,7 @@ class Floor:
         """Return the field of a goal with discs as obstacles besides the walls."""
         grid, price = self.grid(radius_m)
         free = self.free_among(radius_m, blockers)
-        return Field(PlanningGrid(grid.origin_m, grid.cell_m, free), price, goal)
+        return Field(PlanningGrid(grid.origin_m, grid.cell_m, free), price, goal, self.free(radius_m, goal))
 
     def free_among(self, radius_m: float, blockers: Sequence[Blocker]) -> Bools:
         """Return in which cells a body may be, with discs as obstacles besides the walls; shape (ny, nx)."""
@@ -228,7 +231,7 @@ def _holds(grid: PlanningGrid, cell: Cell, at: Place) -> bool:
 def snapped(grid: PlanningGrid, at: Place) -> Cell:
     """Return the cell of a place if it is free, else the nearest free one that is near enough, or -1."""
     x, y = (at[0] - grid.origin_m[0]) / grid.cell_m, (at[1] - grid.origin_m[1]) / grid.cell_m
-    ny, nx = grid.free.shape
+    ny, nx = map(int, grid.free.shape)
     if 0.0 <= x < nx and 0.0 <= y < ny and grid.free[int(y), int(x)]:
         return int(y) * nx + int(x)
     if not (math.isfinite(x) and math.isfinite(y)):

@@ -6,12 +6,12 @@ What is decided about the play (who is lost, a change of strategy) is the host's
 """
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
 
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.deployment import executive_facts, journal
 from protocols.deployment.executive_facts import Fact, Heard, Record, Switched, Terminated
+from protocols.deployment.host_dispatch import Dispatch, Mail
 from protocols.deployment.host_gossip import Gossip, lacking
 from protocols.deployment.host_play import Play
 from protocols.deployment.host_reunion import reunited
@@ -19,21 +19,11 @@ from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
 from protocols.deployment.member_news import News
 from protocols.deployment.member_others import Others
-from protocols.deployment.orders import Order, Report, Whereabouts
+from protocols.deployment.orders import Report, Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place, Plan, Strategy
 from protocols.deployment.records import Records
 from protocols.deployment.succession import Succession, WhenHeard
-
-
-class Mail(Protocol):
-    """What carries letters to other robots."""
-
-    def post(self, destination: Address, letter: Letter, now: Time) -> None:
-        """Send a letter reliably."""
-
-    def forget(self, other: Address, now: Time) -> None:
-        """Send nothing any more of what is on its way to a robot."""
 
 
 class Host:
@@ -52,10 +42,6 @@ class Host:
     ) -> None:
         self.me = me
         self.play: Play | None = None
-        self.breaches: list[str] = []
-        """Constraints that were not kept, in words; drained by who reads them."""
-        self.ends: list[tuple[int, str]] = []
-        """Plans that have ended, and how; likewise."""
         self._parameters = parameters
         self._knowledge = knowledge
         self._others = others
@@ -69,7 +55,10 @@ class Host:
         self._since = start
         """Since when it follows whom it follows."""
         self._gossip = Gossip(from_seconds(parameters.again_s))
-        self._mine: list[Order] = []
+        central = parameters.executive == "central"
+        self.dispatch = Dispatch(me, central, mail, self._gossip, note, records)
+        self._newest = 0
+        """The greatest number of a plan that anybody knows of."""
         self.changes = 0
         """How often it has followed another host; who counts sees that serials begin anew."""
 
@@ -97,23 +86,20 @@ class Host:
 
     @property
     def busy(self) -> bool:
-        """Whether a play is being played that it runs."""
+        """Whether a play is being played that it runs, or that it has not been told yet."""
+        if self.number < self._newest:
+            return True
         return self.play is not None and self.play.executive is not None and not self.play.over
 
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
         return None if self.play is None else self.play.wake_at()
 
-    def mine(self) -> list[Order]:
-        """Drain the orders to this robot itself."""
-        mine, self._mine = self._mine, []
-        return mine
-
     # ------------------------------------------------------------ what is wanted
 
     def execute(self, plan: Plan, starts_m: Mapping[Address, Place], calls: int, now: Time) -> None:
         """Have *plan* played from now on, made for robots at *starts_m*; so many *calls* of the scenario are over."""
-        told = Told(record=Record(plan=plan, start=now, starts_m=dict(starts_m)), calls=calls)
+        told = Told(host=self.me, record=Record(plan=plan, start=now, starts_m=dict(starts_m)), calls=calls)
         self._records.plans += 1
         self._take(told, now)
         self._post_all(told, now)
@@ -132,10 +118,11 @@ class Host:
         """Take another's news."""
         if news.host == source and self.succession.claimed(source, news.term, news.plan, self.number):
             self._followed(now)
+        self._newest = max(self._newest, news.plan)
         if self.play is None:
             return
         if self.play.executive is not None:
-            self.play.whereabouts(_whereabouts(source, news), now)
+            self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
             if news.plan == self.number and news.digest != self.digest:
                 self._reunite(now)
@@ -154,7 +141,7 @@ class Host:
                 if source != self.succession.host and self.succession.claimed(source, term, order.plan, self.number):
                     self._followed(now)
                 if source == self.succession.host and order.robot == self.me:
-                    self._mine.append(order)
+                    self.dispatch.mine.append(order)
 
     def report(self, report: Report, now: Time) -> None:
         """Take how an order of this robot has ended, and tell all."""
@@ -178,30 +165,9 @@ class Host:
 
     def advance(self, now: Time) -> None:
         """Act on all deadlines, and pass on what the executive wants."""
-        play = self.play
-        if play is None or play.executive is None:
-            return
-        play.wake(now)
-        for order in play.orders():
-            self._order(order, now)
-        for breach in play.executive.breaches():
-            if self.leads:
-                self._records.breaches += 1
-                self._note(journal.Breached(play.number, breach.why))
-                self.breaches.append(breach.why)
-        if play.over and not play.announced:
-            play.announced = True
-            self._announce(play, now)
-
-    def _announce(self, play: Play, now: Time) -> None:
-        """Note the end of a play."""
-        assert play.executive is not None
-        result = play.executive.results.get(play.ledger.plan.root.name)
-        word = "unknown" if result is None else result.value
-        if self.leads:
-            self._records.ended.append((play.number, word, now))
-            self._note(journal.PlanEnded(play.number, word))
-            self.ends.append((play.number, word))
+        if self.play is not None and self.play.executive is not None:
+            self.play.wake(now)
+            self.dispatch.advance(self.play, self.leads, self.succession.term, now)
 
     def _reunite(self, now: Time) -> None:
         """End what two hosts have led at once, and begin again together."""
@@ -212,20 +178,6 @@ class Host:
             starts_m = {robot: self._others.place_m(robot) for robot in self._team}
             self._since = now
             self.execute(plan, starts_m, ledger.calls, now)
-
-    def _order(self, order: Order, now: Time) -> None:
-        central = self._parameters.executive == "central"
-        if central and not self.leads:
-            return
-        if central or order.robot == self.me:
-            self._records.ordered += 1
-            kind = order.errand.act
-            self._note(journal.Ordered(order.robot, order.plan, order.serial, order.task, kind))
-        if order.robot == self.me:
-            self._mine.append(order)
-        elif central:
-            self._gossip.told(order.robot, now)
-            self.mail.post(order.robot, Ordered(term=self.succession.term, order=order), now)
 
     # ------------------------------------------------------------ who is there
 
@@ -254,7 +206,7 @@ class Host:
         succession = self.succession
         self._since = now
         self._gossip.clear()
-        self._mine.clear()
+        self.dispatch.mine.clear()
         self.changes += 1
         self._note(journal.HostChanged(succession.host, succession.why))
         central = self._parameters.executive == "central"
@@ -270,7 +222,7 @@ class Host:
     def _told(self, source: Address, told: Told, now: Time) -> None:
         """Take a plan: a later one, or the host's own."""
         plan, own = told.record.plan, self.number
-        claims = plan.number > own and source != self.succession.host
+        claims = plan.number > own and source == told.host != self.succession.host
         if claims and self.succession.claimed(source, self.succession.term, plan.number, own):
             self._followed(now)
         if self.play is not None and plan == self.play.ledger.plan:
@@ -290,7 +242,7 @@ class Host:
 
     def _run(self, play: Play, now: Time) -> None:
         if play.executive is None:
-            play.run([_whereabouts(robot, news) for robot, (news, _) in sorted(self._others.news.items())], now)
+            play.run([news.whereabouts(robot) for robot, (news, _) in sorted(self._others.news.items())], now)
 
     def _say(self, fact: Fact, now: Time) -> None:
         """Take a fact that is known here first, and tell all."""
@@ -309,19 +261,7 @@ class Host:
         assert self.play is not None
         orders = self.leads and self._parameters.executive == "central"
         order = self.play.order_to(source) if orders else None
-        lacks = lacking(self.play.ledger, news, self.leads, order, self.succession.term)
+        lacks = lacking(self.play.ledger, news, self.succession.host, order, self.succession.term)
         if self._gossip.overdue(source, bool(lacks), now):
             for letter in lacks:
                 self.mail.post(source, letter, now)
-
-
-def _whereabouts(robot: Address, news: News) -> Whereabouts:
-    return Whereabouts(
-        robot=robot,
-        x_m=news.x_m,
-        y_m=news.y_m,
-        heading_rad=news.heading_rad,
-        plan=news.plan,
-        task=news.task,
-        moving=news.moves,
-    )

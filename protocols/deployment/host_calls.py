@@ -33,16 +33,21 @@ class Calls:
         self._records = records
         self._ready = start + from_seconds(parameters.listen_s)
         self._dealt = 0
-        """How many calls have been dealt with here."""
         self._switched = 0
 
-    def over(self, now: Time) -> bool:
-        """Return whether there were calls, and all have been dealt with; with who is no host: whether all are due."""
-        if not self._calls:
-            return False
-        if self._host.leads:
-            return max(self._dealt, self._host.calls) >= len(self._calls)
-        return now > max(self._calls[-1][0], self._ready)
+    @property
+    def dealt(self) -> int:
+        """How many calls have been dealt with, as far as is known here."""
+        return max(self._dealt, self._host.calls)
+
+    @property
+    def over(self) -> bool:
+        """Whether there were calls, and all have been dealt with."""
+        return bool(self._calls) and self.dealt >= len(self._calls)
+
+    def hear(self, dealt: int) -> None:
+        """Take how many calls have been dealt with, by another's news."""
+        self._dealt = max(self._dealt, min(dealt, len(self._calls)))
 
     def tick(self, now: Time) -> None:
         """Call what is due, if this robot is host, and nothing is being played."""
@@ -52,7 +57,7 @@ class Calls:
         while self._switched < len(self._switches) and now >= self._switches[self._switched][0]:
             host.switch(self._switches[self._switched][1], now)
             self._switched += 1
-        at = max(self._dealt, host.calls)
+        at = self.dealt
         if at < len(self._calls) and now >= self._calls[at][0] and not host.busy:
             self._dealt = at + 1
             self._call(at, now)

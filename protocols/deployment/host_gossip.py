@@ -40,13 +40,13 @@ class Gossip:
         return True
 
 
-def lacking(ledger: Ledger, news: News, leads: bool, order: Order | None, term: int) -> list[Letter]:
+def lacking(ledger: Ledger, news: News, host: Address, order: Order | None, term: int) -> list[Letter]:
     """Return what the author of *news* seems to lack of what is in *ledger*, and its last *order* if it has not got it.
 
-    *leads*: the ledger is the host's, who alone tells plans; *term* is the host's.
+    It is the *host*, or hears this from it; *term* is the host's. A host that has booted again has forgotten the plan.
     """
     if news.plan != ledger.number:
-        return [ledger.told()] if leads and news.plan < ledger.number else []
+        return [ledger.told(host)] if news.plan < ledger.number else []
     letters: list[Letter] = [ledger.facts()] if news.digest != ledger.digest else []
     if order is not None and (news.serial is None or news.serial < order.serial) and not ledger.ended(order):
         letters.append(Ordered(term=term, order=order))

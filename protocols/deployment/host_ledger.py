@@ -43,9 +43,9 @@ class Ledger:
         """Return all facts, in their order."""
         return Facts(plan=self.number, facts=tuple(self._facts[key] for key in sorted(self._facts)))
 
-    def told(self) -> Told:
-        """Return all that is known, for somebody who knows nothing."""
-        return Told(record=self.record(), calls=self.calls)
+    def told(self, host: Address) -> Told:
+        """Return all that is known, for somebody who knows nothing; *host* leads."""
+        return Told(host=host, record=self.record(), calls=self.calls)
 
     def record(self) -> Record:
         """Return all that it takes to go on with the plan."""

@@ -20,8 +20,7 @@ class Play:
         self.ledger = Ledger(told)
         self.executive: Executive | None = None
         """Runs the play; None with one who only keeps the ledger."""
-        self.announced = False
-        """Whether its end has been announced."""
+        self._announced = False
         self._parameters = parameters
         self._knowledge = knowledge
         self._latest: dict[Address, Order] = {}
@@ -90,6 +89,17 @@ class Play:
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
         return None if self.executive is None else self.executive.wake_at()
+
+    def breaches(self) -> list[str]:
+        """Drain the constraints that were not kept, in words."""
+        return [] if self.executive is None else [breach.why for breach in self.executive.breaches()]
+
+    def end(self) -> str | None:
+        """Return how the whole plan has ended, once; None if it has not."""
+        if self.executive is None or not self.over or self._announced:
+            return None
+        self._announced = True
+        return self.executive.results[self.ledger.plan.root.name].value
 
     def ends(self) -> list[Report]:
         """Drain how tasks have ended."""

@@ -18,7 +18,7 @@ from protocols.deployment.member_camera import Camera
 from protocols.deployment.member_letters import Aside, Picture
 from protocols.deployment.member_news import FAST_MPS
 from protocols.deployment.member_others import Others
-from protocols.deployment.mover import Mover
+from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.plan import Explore, Go, Photo, Place
@@ -38,7 +38,7 @@ class Member:
         parameters: MemberParameters,
         knowledge: Knowledge,
         me: Address,
-        mover: Mover,
+        mover: PacedMover,
         records: Records,
         note: Callable[[Event], None],
     ) -> None:
@@ -134,6 +134,7 @@ class Member:
             self._set_off_behind(self._order.errand, now)
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
+        self._note_drive()
         self._ask_aside(now)
         self._aloof.step(self.here, self.others, now)
         self._look_for_the_end(now)
@@ -219,6 +220,13 @@ class Member:
         self._end(Result.DONE, "", now)
         return Drive(0.0, 0.0)
 
+    def _note_drive(self) -> None:
+        """Write on the judge's board what drive it is at, and how fast it is."""
+        order = self._order
+        if not self._over and order is not None and isinstance(order.errand, Go):
+            waits = self._waits_since is not None
+            self._knowledge.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+
     # ------------------------------------------------------------ ends
 
     def _look_for_the_end(self, now: Time) -> None:
@@ -254,9 +262,7 @@ class Member:
         self._knowledge.board.ends(self.me)
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
         self._reports.append(
-            Report(
-                plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now
-            )
+            Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
         )
 
     def _end_silently(self) -> None:
@@ -268,9 +274,7 @@ class Member:
 
     # ------------------------------------------------------------ making way
 
-    def _withdraw(
-        self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False
-    ) -> None:
+    def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
         self._records.asides += 1
         self._note(SteppedAside(passing, *self.here))
         self._aloof.withdraw(passing, post_m, way, now, ordered)

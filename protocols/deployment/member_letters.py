@@ -35,9 +35,10 @@ class Facts(Settings):
 
 
 class Told(Settings):
-    """The host tells a plan that is being executed, and what has happened to it."""
+    """A plan that is being executed, and what has happened to it: from the host, or for one that has forgotten it."""
 
     say: Literal["plan"] = "plan"
+    host: Robot = Field(description="who leads, as far as the writer knows")
     record: Record
     calls: int = Field(default=0, ge=0, description="how many of the scenario's calls have been dealt with")
 
@@ -106,9 +107,9 @@ def decode(data: bytes, size: int) -> Letter:
 def _robots(letter: Letter) -> list[Address]:
     """Return the robots that *letter* names."""
     match letter:
-        case Told(record=record):
+        case Told(host=host, record=record):
             acts = [robot for task in record.plan.root.walk() for robot in _actors(task.act)]
-            return [*record.plan.robots, *acts, *record.serials, *_named(record.facts)]
+            return [host, *record.plan.robots, *acts, *record.serials, *_named(record.facts)]
         case Facts(facts=facts):
             return _named(facts)
         case Ordered(order=order):

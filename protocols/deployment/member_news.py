@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from cosim.errors import WireError
 from cosim.machine import Address
+from protocols.deployment.orders import Whereabouts
 from protocols.deployment.plan import Place
 
 TOPIC: Final = 0
@@ -20,7 +21,7 @@ NONE: Final = 0xFFFFFFFF
 """In place of a serial: it has no order."""
 FAST_MPS: Final = 0.02
 """Whoever is slower stands."""
-_HEAD: Final = Struct(">BHIIIBffffff")
+_HEAD: Final = Struct(">BHIBIIBffffff")
 _IDLE: Final = 1
 _BOUND: Final = 2
 
@@ -34,6 +35,8 @@ class News(NamedTuple):
     """That host's."""
     plan: int
     """Number of the plan that it knows; 0 if none."""
+    calls: int
+    """How many of the scenario's calls have been dealt with, as far as it knows."""
     digest: int
     """Of the facts that it knows."""
     serial: int | None
@@ -54,13 +57,25 @@ class News(NamedTuple):
         """Whether it drives."""
         return abs(self.speed_mps) > FAST_MPS
 
+    def whereabouts(self, robot: Address) -> Whereabouts:
+        """Return what they tell an executive, if *robot* is their author."""
+        return Whereabouts(
+            robot=robot,
+            x_m=self.x_m,
+            y_m=self.y_m,
+            heading_rad=self.heading_rad,
+            plan=self.plan,
+            task=self.task,
+            moving=self.moves,
+        )
+
 
 def encode(news: News) -> bytes:
     """Return *news* as bytes."""
     serial = NONE if news.serial is None else min(news.serial, NONE - 1)
     goal_m, flags = news.goal_m or (0.0, 0.0), _IDLE * news.idle | _BOUND * (news.goal_m is not None)
     pose = news.x_m, news.y_m, news.heading_rad, news.speed_mps
-    known = news.term & 0xFFFF, news.plan & 0xFFFFFFFF, news.digest & 0xFFFFFFFF
+    known = news.term & 0xFFFF, news.plan & 0xFFFFFFFF, news.calls & 0xFF, news.digest & 0xFFFFFFFF
     return _HEAD.pack(news.host, *known, serial, flags, *pose, *goal_m) + news.task.encode()[-TASK_BYTES:]
 
 
@@ -68,7 +83,7 @@ def decode(data: bytes, size: int) -> News:
     """Return the news that *data* are, in a team of *size*; raise WireError if they are none."""
     if not _HEAD.size <= len(data) <= _HEAD.size + TASK_BYTES:
         raise WireError(f"{len(data)} bytes are no news")
-    host, term, plan, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
+    host, term, plan, calls, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
     if host >= size or flags > _IDLE | _BOUND or not all(map(math.isfinite, numbers)):
         raise WireError(f"news with host {host}, flags {flags}, numbers {numbers}")
     x_m, y_m, heading_rad, speed_mps, goal_x_m, goal_y_m = numbers
@@ -76,6 +91,7 @@ def decode(data: bytes, size: int) -> News:
         host=host,
         term=term,
         plan=plan,
+        calls=calls,
         digest=digest,
         serial=None if serial == NONE else serial,
         idle=bool(flags & _IDLE),

@@ -15,24 +15,13 @@ import numpy as np
 
 from cosim.geometry.segments import swept_clearance
 from cosim.machine import Address, Drive
-from cosim.navigation.dwa import (
-    OWN,
-    STATE,
-    braking_way,
-    choose,
-    chord,
-    stopping_m,
-    towards,
-    unknown_points,
-    unseen_gap,
-    walls_near,
-)
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds, to_seconds
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.floor import Aim, Blocker, Field, Floor
 from protocols.deployment.plan import Place
 from protocols.deployment.traffic import Other, Track, Traffic
+from protocols.deployment.wheel import Wheel
 from protocols.deployment.yielding import Refuge, in_the_way, off_way_m, refuge
 
 State: TypeAlias = Literal["idle", "driving", "arrived", "stuck"]
@@ -49,14 +38,10 @@ _WAIT_S: Final = 20.0
 """Nobody makes way for longer than that."""
 _HELD_S: Final = 0.5
 """s without progress after which a robot gets away from what it is too near to, before anything else."""
-_KEPT_SHARE: Final = 0.5
-"""This share of the margin by which ways are planned is kept in any case: ways are cells, and their corners are cut."""
 _SEEN_SHARE: Final = 0.75
 """The line to where one aims keeps this share of it."""
 _REPLAN_S: Final = 0.5
 """s between two looks at who stands in the way."""
-_TURN_SEEN_RAD: Final = 0.02
-"""By so much the turn of a tick may differ from what was commanded before what was seen counts instead."""
 
 
 class Mover:
@@ -83,12 +68,9 @@ class Mover:
         self.yielding_to: Address | None = None
         """For whom it is making way."""
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
-        self._seconds = to_seconds(tick)
-        self._limits = _limits(radius_m, speed_mps, acceleration_mps2, parameters, self._seconds)
-        self._motion = np.zeros(STATE)
-        self._wanted = (0.0, 0.0)
-        self._known = False
-        self._traffic = Traffic(me, radius_m, acceleration_mps2 * self._seconds**2, self._seconds)
+        self._wheel = Wheel(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
+        seconds = to_seconds(tick)
+        self._traffic = Traffic(me, radius_m, acceleration_mps2 * seconds**2, seconds)
         self._via: list[Place] = []
         self._home: Place | None = None
         self._aside: Place | None = None
@@ -142,7 +124,7 @@ class Mover:
 
         The observation's pose is taken for its own; *others* are the robots it has heard of, and where they are.
         """
-        self._follow(observation)
+        self._wheel.follow(observation, now)
         self._traffic.look(observation, others, now)
         if self._progress < 0:
             self._progress = now
@@ -150,28 +132,12 @@ class Mover:
         if self.state in ("driving", "stuck"):
             aim = self._aim(now)
             if aim is not None:
-                way, turn = self._drive_to(aim, observation)
-        if (way, turn) == self._wanted:
-            return None
-        self._wanted = way, turn
-        return Drive(way / self._seconds, turn / self._seconds)
+                way, turn = self._wheel.to(aim, observation, self._traffic)
+        return self._wheel.order(way, turn)
 
     @property
     def _here(self) -> Place:
-        return float(self._motion[0]), float(self._motion[1])
-
-    def _follow(self, observation: Observation) -> None:
-        """Note where it is, how it has moved in the last tick, and how it moves until the next."""
-        x, y, heading, speed = observation[:4]
-        motion, own = self._motion, self._limits
-        was_x, was_y, was_heading, _, turn, _, _ = motion.tolist()
-        gone_x, gone_y = (x - was_x, y - was_y) if self._known else (0.0, 0.0)
-        seen = math.remainder(heading - was_heading, math.tau) if self._known else 0.0
-        if abs(math.remainder(seen - turn, math.tau)) > _TURN_SEEN_RAD:
-            turn = min(max(seen, -own[3]), own[3])
-        way = towards(self._wanted[0], speed * self._seconds, own[2])
-        motion[:] = x, y, heading, way, towards(self._wanted[1], turn, own[4]), gone_x, gone_y
-        self._known = True
+        return self._wheel.here
 
     # ------------------------------------------------------------ where to
 
@@ -192,7 +158,8 @@ class Mover:
             return None
         self.remaining_m = aim.left_m
         if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
-            return self._arrive()
+            self._arrive()
+            return None
         self._judge(aim.left_m, now)
         return aim
 
@@ -214,7 +181,7 @@ class Mover:
     def _arrive(self) -> None:
         if self._aside is not None:
             self._progress = -1
-        elif self._motion[3] == 0.0:
+        elif self._wheel.stands:
             self.state, self.blocked_by = "arrived", None
 
     def _pass_way_points(self) -> None:
@@ -267,11 +234,11 @@ class Mover:
         for track in self._traffic.tracks(self._here):
             near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
             if not track.idle and math.dist(self._here, track.place_m) <= near_m:
-                self._make_way(track, held_s >= 0.5 * self._own.patience_s, now)
-                if self._aside is not None:
+                anyway = min(held_s, track.still_s(now)) >= 0.5 * self._own.patience_s
+                if self._make_way(track, anyway, now):
                     return
 
-    def _make_way(self, track: Track, anyway: bool, now: Time) -> None:
+    def _make_way(self, track: Track, anyway: bool, now: Time) -> bool:
         """Back off to where the other can pass, if it comes this way, and if that is easier than for the other.
 
         Of two to whom it is about as easy the one with the lower address goes first.
@@ -279,19 +246,21 @@ class Mover:
         way = self._way_of(track)
         margin_m = self._own.margin_m + self._own.stray_m
         if not in_the_way(self._here, self._radius_m, way, track.radius_m, margin_m):
-            return
+            return False
         mine = self._refuge(self._radius_m, self._here, track.radius_m, way, track.place_m, self.goal_m)
         if not anyway and track.goal_m is not None and self.goal_m is not None:
             on = self._floor.way(self._radius_m, self._here, self.goal_m) or []
             theirs = self._refuge(track.radius_m, track.place_m, self._radius_m, on, self._here, track.goal_m)
             handicap = -_FIRST_M if track.address < self.me else _FIRST_M
             if (mine.cost_m if mine else math.inf) + handicap >= (theirs.cost_m if theirs else math.inf):
-                return
+                return False
         elif not anyway and track.address > self.me:
-            return
-        if mine is not None:
-            self._aside, self.yielding_to, self._made_way = mine.place_m, track.address, now
-            self._forget_progress()
+            return False
+        if mine is None:
+            return False
+        self._aside, self.yielding_to, self._made_way = mine.place_m, track.address, now
+        self._forget_progress()
+        return True
 
     def _refuge(
         self, radius_m: float, at: Place, other_m: float, way: Sequence[Place], other: Place, goal: Place | None
@@ -327,51 +296,6 @@ class Mover:
             self._aside, self.yielding_to = None, None
             self._forget_progress()
             self._progress = now
-
-    # ------------------------------------------------------------ how
-
-    def _drive_to(self, aim: Aim, observation: Observation) -> tuple[float, float]:
-        """Return way and turn of the tick after the next."""
-        own, motion = self._limits, self._motion
-        most = own[1]
-        if aim.last:
-            dx, dy = chord(motion[2], motion[3], motion[4])
-            left = math.hypot(aim.place_m[0] - motion[0] - dx, aim.place_m[1] - motion[1] - dy)
-            most = min(most, braking_way(left, own[2]))
-        x, y = self._here
-        stop_m = own[1] + stopping_m(own[1] + own[2], own[2])
-        if self._traffic.surprises((x, y), 4.0 * own[0] + 3.0 * stop_m):
-            return 0.0, 0.0
-        reach = own[0] + max(own[5], own[7]) + stop_m
-        walls = walls_near(self._floor.walls, x, y, reach + 2.0 * own[0])
-        bodies = self._traffic.bodies()
-        ranges = observation.ranges_m
-        points = unknown_points(walls, bodies, x, y, ranges, reach, self._own.known_m)
-        if self._own.blind_corners and self._traffic.somebody_unseen(self._here):
-            gap = unseen_gap(walls, x, y, motion[2]) - own[0]
-            most = min(most, max(braking_way(0.5 * gap, own[2]), own[2]))
-        way, turn, _ = choose(own, motion, walls, points, bodies, aim.place_m[0], aim.place_m[1], most)
-        return float(way), float(turn)
-
-
-def _limits(
-    radius_m: float, speed_mps: float, acceleration_mps2: float, own: DrivingParameters, seconds: float
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    row = np.empty(OWN)
-    row[:] = (
-        radius_m,
-        speed_mps * seconds,
-        acceleration_mps2 * seconds**2,
-        own.turn_radps * seconds,
-        own.turn_acceleration_radps2 * seconds**2,
-        _KEPT_SHARE * own.margin_m,
-        own.stray_m,
-        own.clear_m,
-        own.heading_weight,
-        own.clearance_weight,
-        own.speed_weight,
-    )
-    return row
 
 
 def _alike(some: Sequence[Blocker], others: Sequence[Blocker]) -> bool:

@@ -1,6 +1,6 @@
 """The parameters of a deployment in a scenario."""
 
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,6 +11,9 @@ from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.planner import Call, PlannerParameters
+
+MOST_CALLS: Final = 255
+"""News count them in a byte."""
 
 
 class MemberParameters(Settings):
@@ -56,7 +59,9 @@ class Parameters(Settings):
     executive: Literal["central", "distributed"] = Field(
         default="central", description="whether the host orders all, or each robot runs the plan and orders itself"
     )
-    calls: tuple[TimedCall, ...] = Field(default=(), description="plays to be played, in the order of their times")
+    calls: tuple[TimedCall, ...] = Field(
+        default=(), max_length=MOST_CALLS, description="plays to be played, in the order of their times"
+    )
     switches: tuple[TimedSwitch, ...] = Field(default=(), description="changes of strategy, in that order")
     library: str | None = Field(default=None, description="path of a playbook (YAML) of the user's own")
     base_m: Place | None = Field(default=None, description="m, where base is; the middle of the starts if not given")

@@ -23,10 +23,19 @@ from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded, expanded_to
 from protocols.deployment.plan import Between, Deployment, Go, Instant, Place, Plan, Strategy, Task
 from protocols.deployment.planner_mending import Change, Mend, Stuck, out_of_time, short_of_robots
-from protocols.deployment.planner_routes import Routes, barred, crowded, errands, missing_ways, prices
+from protocols.deployment.planner_routes import (
+    Routes,
+    barred,
+    crowded,
+    departures,
+    errands,
+    in_line,
+    missing_ways,
+    prices,
+)
 from protocols.deployment.planner_tailoring import deployed_by, led, revealed, timed_out
 from protocols.deployment.playbook import Playbook
-from protocols.deployment.plays_binding import Role, Site, near
+from protocols.deployment.plays_binding import MOST_ROBOTS, Role, Site, near
 from protocols.deployment.plays_casting import Casting, cast, picked, robots_of
 from protocols.deployment.roles import Shortage, assigned
 from protocols.deployment.staging import Stager
@@ -51,6 +60,8 @@ from protocols.deployment.ways import Ways
 
 CALLER: Final = "the call"
 """Who asks for the constraints that a call adds."""
+AND: Final = "; and "
+"""Between changes that only mend a play together."""
 MOST_TRIALS: Final = 24
 """So many changes are tried to mend a play,"""
 MOST_CHANGES: Final = 3
@@ -75,8 +86,12 @@ class Call(Settings):
     places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter of that name")
     robots: tuple[Address, ...] | None = Field(default=None, description="who may take part; None: all")
     roles: dict[str, Address] = Field(default_factory=dict, description="who plays a role; the planner chooses others")
-    constraints: tuple[Constraint, ...] = Field(default=(), description="on tasks by their labels below the play's")
-    via: dict[str, tuple[PlaceName, ...]] = Field(default_factory=dict, description="waypoints of drives, by labels")
+    constraints: tuple[Constraint, ...] = Field(
+        default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play's"
+    )
+    via: dict[str, tuple[PlaceName, ...]] = Field(
+        default_factory=dict, max_length=MOST_ROBOTS, description="waypoints of drives, by labels"
+    )
     strategy: Strategy | None = Field(default=None, description="of all deployments, instead of the play's own")
     augmented: bool | None = Field(default=None, description="of all deployments, instead of the play's own")
     expand: Literal["none", "all"] | int | None = Field(default=None, description="instead of the planner's own")
@@ -227,7 +242,8 @@ class _Calling:
         if isinstance(found, Plan):
             return found
         mend = self._mends(found, Change(), MOST_CHANGES)
-        return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(dict.fromkeys(mend)))
+        different = {frozenset(text.split(AND)): text for text in reversed(mend)}
+        return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(reversed(different.values())))
 
     def _mends(self, stuck: Stuck, before: Change, most: int) -> list[str]:
         """Return the changes with which there is a plan: single ones, or else what they lead to."""
@@ -243,7 +259,7 @@ class _Calling:
             else:
                 further.append((mend, change, found))
         for mend, change, found in further if most > 1 and not texts else ():
-            texts += [f"{mend.text}; and {text}" for text in self._mends(found, change, most - 1)]
+            texts += [f"{mend.text}{AND}{text}" for text in self._mends(found, change, most - 1)]
         return texts
 
     # ------------------------------------------------------------ one attempt
@@ -280,17 +296,26 @@ class _Calling:
         taking_part |= set(crew.robots[len(self.planner.crew.bodies) :])
         bodies = {robot: crew.bodies[robot] for robot in sorted(taking_part & set(starts_m))}
         roles = self._roles(casting, change)
+        template = min(crew.bodies, key=lambda body: body.radius_m, default=Body())
+        left_out = [robot for robot in sorted(starts_m) if robot not in bodies]
+        cost = self.planner.parameters.cost
+        able = assigned(list(roles.values()), list(bodies), prices(roles, {}, bodies, starts_m, self.routes, cost))
+        if isinstance(able, Shortage):  # told before anything is spent on routes
+            return short_of_robots(able, roles, template, left_out)
         root = expanded_to(deployed_by(casting.root, self.call.strategy, self.call.augmented))
-        by_number = errands(in_order(root, precedence(root, casting.between)))
+        leaves = in_order(root, precedence(root, casting.between))
+        by_number = errands(leaves)
         places_m = {casting.numbers[robot]: places for robot, places in by_number.items()}
         stuck = self._barred(places_m, crew, starts_m)
         if stuck is not None:
             return stuck
-        costs = prices(roles, places_m, bodies, starts_m, self.routes, self.planner.parameters.cost)
+        costs = prices(roles, places_m, bodies, starts_m, self.routes, cost)
+        ranks = departures(leaves, crew.base_m, min(body.radius_m for body in crew.bodies), self.routes)
+        by_role = {casting.numbers[robot]: rank for robot, rank in ranks.items()}
+        firsts_m = {name: places[0] for name, places in places_m.items()}
+        costs = in_line(costs, by_role, firsts_m, starts_m, bodies, self.routes)
         found = assigned(list(roles.values()), list(bodies), costs)
         if isinstance(found, Shortage):
-            template = min(crew.bodies, key=lambda body: body.radius_m, default=Body())
-            left_out = [robot for robot in sorted(starts_m) if robot not in bodies]
             return short_of_robots(found, roles, template, left_out)
         return found
 
@@ -340,7 +365,7 @@ class _Calling:
             constraints.append(between(each, root.name, numbers, CALLER))
         constraints += [_before(first, then) for first, then in change.before]
         spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
-        constraints = [_respanned(each, spans_s) for each in constraints]
+        constraints = [_respanned(each, spans_s) for each in constraints if each.why not in change.dropped]
         via_m = {f"{root.name}/{name}" if name else root.name: binding.places_of(at) for name, at in call.via.items()}
         expand = self.planner.parameters.expand if call.expand is None else call.expand
         root = expanded_to(root, {"none": -1, "all": None}[expand] if isinstance(expand, str) else expand)

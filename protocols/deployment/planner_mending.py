@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cosim.machine import Address
 from cosim.units import S, Time, to_seconds
@@ -17,6 +17,10 @@ STEP: Time = S // 10
 """Relaxed times are told in tenths of seconds."""
 
 
+MOST_MISSING: Final = 8
+"""Nobody is told to find more robots than so many."""
+
+
 class Change(NamedTuple):
     """A change of a call, or of who is there."""
 
@@ -28,6 +32,8 @@ class Change(NamedTuple):
     """The planner chooses who plays which role, whatever the call says."""
     spans_s: tuple[tuple[str, float, float | None], ...] = ()
     """Constraints by their ``why``, time-outs by their task's name, and their new limits."""
+    dropped: tuple[str, ...] = ()
+    """Constraints by their ``why`` that are left out."""
     moved_m: tuple[tuple[Place, Place], ...] = ()
     """Places, and other places instead of them."""
     before: tuple[tuple[str, str], ...] = ()
@@ -42,6 +48,7 @@ class Change(NamedTuple):
             self.everybody or other.everybody,
             self.uncast or other.uncast,
             self.spans_s + other.spans_s,
+            self.dropped + other.dropped,
             self.moved_m + other.moved_m,
             self.before + other.before,
             self.apart_m if other.apart_m is None else other.apart_m,
@@ -80,6 +87,8 @@ def short_of_robots(
         mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everybody=True)))
     if any(role.fixed is not None for role in roles.values()):
         mends.append(Mend("the planner chooses the robots for all roles", Change(uncast=True)))
+    if len(shortage.lacking) > MOST_MISSING:
+        return Stuck((*conflicts, *shortage.reasons), tuple(mends))
     bodies = tuple(_fitting(roles[name], template) for name in shortage.lacking)
     lacking = Counter(wanted(roles[name].needs) for name in shortage.lacking)
     mends.append(Mend(" and ".join(_more(what, number) for what, number in lacking.items()), Change(bodies=bodies)))
@@ -111,22 +120,31 @@ def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed:
     *asked*: the bounds of the plan's constraints; *timed*: those of time-outs.
     """
     conflict = network.conflict
+    soft = {bound for bound, _ in (*asked, *timed)}
+    hard = [bound for bound in network.bounds if bound not in soft]
     mends = [
-        Mend(text, Change(spans_s=((between.why, least_s, most_s),)))
+        _relaxing(between, least_s, most_s)
         for bound, between in asked
         if bound in conflict
-        for least_s, most_s in _relaxed(network, conflict, bound)
-        for text in [f"{_who(between)}{sentence(between.earlier, between.later, least_s, most_s)}"]
+        for least_s, most_s in _relaxed(network, hard, bound)
     ]
     mends += [
         Mend(f"{task.name}: times out after {most_s:g} s", Change(spans_s=((task.name, 0.0, most_s),)))
         for bound, task in timed
         if bound in conflict
-        for _, most_s in _relaxed(network, conflict, bound)
+        for _, most_s in _relaxed(network, hard, bound)
     ]
     first = [bound for bound, _ in (*asked, *timed) if bound in conflict]
-    lasting = [bound for bound in conflict if bound not in first and (bound.least or bound.most is not None)]
+    lasting = [bound for bound in conflict if bound not in soft and (bound.least or bound.most is not None)]
     return Stuck(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
+
+
+def _relaxing(between: Between, least_s: float, most_s: float | None) -> Mend:
+    """Return that a constraint has other limits; or is left out, if nothing would be left of what it says."""
+    if least_s < 0 <= between.at_least_s:
+        return Mend(f"without: {between.why}", Change(dropped=(between.why,)))
+    text = f"{_who(between)}{sentence(between.earlier, between.later, least_s, most_s)}"
+    return Mend(text, Change(spans_s=((between.why, least_s, most_s),)))
 
 
 def _who(between: Between) -> str:
@@ -134,11 +152,11 @@ def _who(between: Between) -> str:
     return f"{who}{colon}" if colon else ""
 
 
-def _relaxed(network: Network, conflict: Sequence[Bound], bound: Bound) -> Iterator[tuple[float, float | None]]:
-    """Yield the limits (s) nearest to those of *bound* that all others leave; nothing if they leave none."""
+def _relaxed(network: Network, hard: Sequence[Bound], bound: Bound) -> Iterator[tuple[float, float | None]]:
+    """Yield the limits (s) next to those of *bound* that all others leave, or at least the *hard* ones; or nothing."""
     others = Network(each for each in network.bounds if each != bound)
-    if not others.consistent:  # there are more conflicts: at least without this one
-        others = Network(each for each in conflict if each != bound)
+    if not others.consistent:  # there are more conflicts, which other changes must mend
+        others = Network(hard)
     least, most = others.least(bound.earlier, bound.later), others.most(bound.earlier, bound.later)
     if bound.most is not None and least is not None and least > bound.most:
         yield to_seconds(bound.least), to_seconds(-(-least // STEP) * STEP)

@@ -18,6 +18,8 @@ RINGS_M: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 """So far away a place is looked for instead of one that nobody can stand at,"""
 DIRECTIONS: Final = 12
 """in so many directions."""
+NEARLY: Final = 1e-3
+"""Assignments whose costs differ by less, as a share, are decided by who stands in front."""
 
 
 class Routes:
@@ -108,6 +110,50 @@ def _price(
             return f"robot {robot}, {2.0 * body.radius_m:g} m wide: {length_m}"
         price += length_m if cost == "length" else drive_s(length_m, body)
     return price
+
+
+def departures(leaves: Sequence[Task], base_m: Place, radius_m: float, routes: Routes) -> dict[Address, int]:
+    """Return who sets out first (0), next (1), and so on; *leaves* in the order in which they can start.
+
+    Of those that set out together, whoever goes farther goes ahead.
+    """
+    stages = list(dict.fromkeys(leaf.name.rpartition("/")[0] for leaf in leaves))
+    first: dict[Address, tuple[int, Place]] = {}
+    for leaf in leaves:
+        if isinstance(leaf.act, Go):
+            first.setdefault(leaf.act.robot, (stages.index(leaf.name.rpartition("/")[0]), leaf.act.place_m))
+
+    def key(robot: Address) -> tuple[int, float, float]:
+        stage, place = first[robot]
+        ways = (base_m, place), (base_m, *everywhere[robot])
+        lengths_m = [length for each in ways for length in [routes.leg_m(each, radius_m)]]
+        to_first_m, in_all_m = (0.0 if isinstance(length, str) else length for length in lengths_m)
+        return stage, -to_first_m, -in_all_m
+
+    everywhere = errands(leaves)
+    return {robot: rank for rank, robot in enumerate(sorted(first, key=key))}
+
+
+def in_line(
+    prices: Prices,
+    ranks: Mapping[str, int],
+    first_m: Mapping[str, Place],
+    starts_m: Mapping[Address, Place],
+    bodies: Mapping[Address, Body],
+    routes: Routes,
+) -> Prices:
+    """Return *prices* of which nearly equal ones favour that the robots in front set out first.
+
+    In a corridor the sum of the ways is the same whoever goes to which place, but not who has to pass whom. *ranks*:
+    when each role sets out; *first_m*: where to. A price changes by less than ``NEARLY`` of the way to that place.
+    """
+    found = dict(prices)
+    for (role, robot), price in prices.items():
+        if not isinstance(price, str) and role in ranks:
+            way_m = routes.leg_m((starts_m[robot], first_m[role]), bodies[robot].radius_m)
+            if not isinstance(way_m, str):
+                found[role, robot] = price - NEARLY * way_m * ranks[role] / len(ranks)
+    return found
 
 
 def barred(

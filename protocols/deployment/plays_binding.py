@@ -27,6 +27,8 @@ from protocols.deployment.plays import (
 from protocols.deployment.ways import Ways
 
 STRATEGIES: Final[tuple[Strategy, ...]] = get_args(Strategy)
+MOST_ROBOTS: Final = 256
+"""Addresses are single bytes: more robots are never asked for, nor more places."""
 _PLACE: Final[TypeAdapter[Place | str]] = TypeAdapter(PlaceName)
 
 
@@ -105,11 +107,14 @@ class Binding:
             raise UserError(f"{self.source}: {name} is {len(roles)} robots, expected one")
         return roles[0]
 
-    def number_of(self, quantity: float | str) -> float:
-        """Return the number that *quantity* is or stands for."""
-        if not isinstance(quantity, str):
-            return float(quantity)
-        return self.numbers[quantity] if quantity in self.numbers else self._fail(quantity, self.numbers, "a number")
+    def number_of(self, quantity: float | str, least: float = -math.inf) -> float:
+        """Return the number that *quantity* is or stands for; raise UserError if it is below *least*."""
+        if isinstance(quantity, str) and quantity not in self.numbers:
+            self._fail(quantity, self.numbers, "a number")
+        number = self.numbers[quantity] if isinstance(quantity, str) else float(quantity)
+        if number < least:
+            raise UserError(f"{self.source}: {quantity} is {number:g}, expected >= {least:g}")
+        return number
 
     def strategy_of(self, name: str) -> Strategy:
         """Return the strategy that *name* is or stands for."""
@@ -159,8 +164,9 @@ class Binder:
             except (ValidationError, TypeError, ValueError) as error:
                 if isinstance(error, UserError):
                     raise
-                expected = _expected(play.parameters[name])
-                raise UserError(f"{source}: parameters.{name}: {given[name]!r}, expected {expected}") from None
+                parameter = play.parameters[name]
+                value = given[name] if name in given else getattr(parameter, "default", None)
+                raise UserError(f"{source}: parameters.{name}: {value!r}, expected {_expected(parameter)}") from None
         return bound
 
     def _bind(
@@ -178,6 +184,8 @@ class Binder:
             case PlaceParameter():
                 bound.places[name] = (scope.place_of(_PLACE.validate_python(value)),)
             case PlacesParameter():
+                if not isinstance(value, str | list | tuple) or len(value) > MOST_ROBOTS:
+                    raise ValueError
                 several = value if isinstance(value, str) else [_PLACE.validate_python(each) for each in value]
                 bound.places[name] = scope.places_of(several)
             case NumberParameter(least=least, most=most):
@@ -251,7 +259,7 @@ def _count(
         return parameter.default
     if isinstance(value, bool) or not isinstance(value, int | list | tuple) or value in (0, [], ()):
         raise ValueError
-    if isinstance(value, int) and value < 0:
+    if isinstance(value, int) and not 0 < value <= MOST_ROBOTS:
         raise ValueError
     return value if isinstance(value, int) else len(fixed)
 

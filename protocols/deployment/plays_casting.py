@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 from cosim.errors import UserError
 from cosim.machine import Address
@@ -32,6 +32,9 @@ from protocols.deployment.plays import (
     labels,
 )
 from protocols.deployment.plays_binding import Binder, Binding, Role, Site, near
+
+LEAST_S: Final = 0.1
+"""No time-out is shorter."""
 
 
 @dataclass
@@ -151,7 +154,7 @@ class _Caster:
                 task, left = Task(name=name, label=label, act=self._act(step, binding)), inner
         if task.name != name:
             return task, left
-        time_out_s = None if step.time_out_s is None else binding.number_of(step.time_out_s)
+        time_out_s = None if step.time_out_s is None else binding.number_of(step.time_out_s, LEAST_S)
         ends_with = None if step.ends_with is None or "/" not in name else f"{name.rpartition('/')[0]}/{step.ends_with}"
         return task.model_copy(
             update={"label": label, "time_out_s": time_out_s, "on_failure": step.on_failure, "ends_with": ends_with}
@@ -173,7 +176,7 @@ class _Caster:
                 (address,) = self._addresses(binding, (robot,))
                 return Photo(robot=address, heading_rad=None if heading is None else binding.number_of(heading))
             case WaitStep(seconds=seconds):
-                return Wait(seconds=binding.number_of(seconds))
+                return Wait(seconds=binding.number_of(seconds, 0.0))
             case ExploreStep(robots=robots):
                 return Explore(robots=self._addresses(binding, robots))
             case DeployStep():
@@ -205,7 +208,7 @@ class _Caster:
 
     def _gather(self, name: str, step: GatherStep, binding: Binding) -> list[Task]:
         robots, at = self._addresses(binding, step.robots), binding.place_of(step.at)
-        apart_m, towards = binding.number_of(step.apart_m), next(iter(binding.places_of(step.towards)), at)
+        apart_m, towards = binding.number_of(step.apart_m, 0.0), next(iter(binding.places_of(step.towards)), at)
         apart_m = min(apart_m, self.site.apart_m)
         way = self.site.ways.way(self.site.radius_m, at, towards)
         needed_m, length_m = apart_m * (len(robots) - 1), _length(way or [at])

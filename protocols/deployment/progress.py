@@ -11,14 +11,15 @@ from typing import NamedTuple
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.deployment.crew import Crew
-from protocols.deployment.dispatch import Breach, Edge, Timetable
+from protocols.deployment.dispatch import Breach, Timetable
 from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.orders import Result
 from protocols.deployment.plan import Deployment, Explore, Go, Photo, Place, Strategy, Task
+from protocols.deployment.progress_casting import Casting
 from protocols.deployment.progress_deploying import Deploying
-from protocols.deployment.recovery import Length, substitute
-from protocols.deployment.tree import Node, State, TaskTree, claims
+from protocols.deployment.recovery import Length
+from protocols.deployment.tree import Edge, Node, State, TaskTree, claims
 from protocols.deployment.ways import Ways
 
 
@@ -45,20 +46,16 @@ class Progress:
         length: Length,
     ) -> None:
         plan, start = record.plan, record.start
-        self._plan, self._crew, self._parameters = plan, crew, parameters
+        self._tries = parameters.tries
         self._deploying = partial(Deploying, crew, ways, parameters, length)
-        self._length = length
         self._windows = Timetable(plan, start)
         self._strategy: Strategy | None = None
-        self._roles: dict[Address, Address] = {}
-        """Who has taken over from a lost robot, outside deployments."""
-        self._drafted: set[Address] = set()
+        self._casting = Casting(record, crew, length, parameters.draft)
         self._taken = 0
         self.deployments: dict[str, Deploying] = {}
         """Those that have begun, by name."""
-        self.stands_m: dict[Address, Place] = dict.fromkeys(crew.robots, crew.base_m) | record.starts_m
-        """Where a robot has been ordered to, and arrived at, last."""
-        self.lost: set[Address] = set()
+        self.lost = self._casting.lost
+        """Robots that are taken for lost."""
         self.heard: dict[tuple[str, Address], Ended] = {}
         """What robots have reported, by the task's name and theirs."""
         self.ends: list[End] = []
@@ -162,29 +159,23 @@ class Progress:
             return False
         if self.tree.wake_at(self.time) is not None:
             return False
-        for node in self.tree.root.walk():
-            if not node.over:
-                edge: Edge = "start" if node.state is State.WAITING else "end"
-                if (key := self._windows.hindering(node.task.name, edge)) is not None:
-                    self._windows.give_up(key, self.time)
-                    return True
-        return False
+        return any(self._windows.loosen(node.task.name, edge, self.time) for node, edge in list(self.tree.held()))
 
     # ------------------------------------------------------------ what the tree asks
 
     @property
     def tries(self) -> int:
         """Return how often a drive of a deployment is begun before it is passed over."""
-        return self._parameters.tries
+        return self._tries
 
-    def opens(self, node: Node, edge: str, now: Time) -> Time | None:
+    def opens(self, node: Node, edge: Edge, now: Time) -> Time | None:
         """Return when a task's windows let it start or end."""
-        return self._windows.opens(node.task.name, "start" if edge == "start" else "end", now)
+        return self._windows.opens(node.task.name, edge, now)
 
     def robots(self, node: Node) -> frozenset[Address] | None:
         """Return who does a leaf; None: those who could are lost."""
         named = claims(node.task)
-        living = frozenset(self._role(robot) for robot in named) - self.lost
+        living = frozenset(self._casting.role(robot) for robot in named) - self.lost
         return living if living or not named else None
 
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
@@ -193,7 +184,7 @@ class Progress:
         deploying = self.deployments.get(node.task.name)
         if deploying is None:
             deploying = self.deployments[node.task.name] = self._deploying(node.task, self._strategy)
-        return deploying.tasks(self.lost, self.stands_m, self._draft)
+        return deploying.tasks(self._casting)
 
     def verdict(self, node: Node) -> tuple[str, bool]:
         """Return why a deployment whose stages have ended has failed, if it has."""
@@ -214,11 +205,20 @@ class Progress:
         robots = sorted(self.robots(node) or ()) if not node.children else ()
         self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
         if node.state is State.DONE and isinstance(node.task.act, Go) and robots:
-            self.stands_m[robots[0]] = node.task.act.place_m
+            self._casting.stands_m[robots[0]] = node.task.act.place_m
             for deploying in self.deployments.values():
                 deploying.arrived(node.task.name, robots[0], node.task.act.place_m)
 
     # ------------------------------------------------------------ what is wanted
+
+    def spans(self) -> dict[str, tuple[Time | None, Time | None]]:
+        """Return when each task began and ended, as far as it has; one that was done once more, for the last time."""
+        return {node.task.name: (node.began, node.ended) for node in self.tree.root.walk()}
+
+    def posts_m(self) -> dict[Address, Place]:
+        """Return where the robots of deployments that have begun are to end up."""
+        each = self.deployments.values()
+        return {robot: deploying.post_m(robot) for deploying in each for robot in deploying.posts}
 
     def errands(self) -> dict[Address, tuple[str, Go | Photo | Explore]]:
         """Return what every robot is to be at, with the task's name."""
@@ -235,24 +235,6 @@ class Progress:
 
     # ------------------------------------------------------------ robots that come and go
 
-    def _role(self, robot: Address) -> Address:
-        while robot in self._roles:
-            robot = self._roles[robot]
-        return robot
-
-    def _draft(self, least: Place) -> Address | None:
-        """Return the spare robot that has the shortest way to a place, and take it."""
-        task = Task(name="draft", act=Go(robot=0, place_m=least))
-        spare = substitute([task], self._spares(), self.stands_m, self._crew, self._length)
-        if spare is not None:
-            self._drafted.add(spare)
-        return spare
-
-    def _spares(self) -> set[Address]:
-        if not self._parameters.draft:
-            return set()
-        return set(self._crew.robots) - set(self._plan.robots) - self.lost - self._drafted
-
     def _under_way(self) -> Iterator[tuple[Deploying, Node]]:
         """Yield the deployments that have begun and not ended, outer ones first."""
         for name, deploying in list(self.deployments.items()):
@@ -261,7 +243,7 @@ class Progress:
                 yield deploying, node
 
     def _deploy_again(self, deploying: Deploying, node: Node) -> None:
-        tasks = deploying.tasks(self.lost, self.stands_m, self._draft)
+        tasks = deploying.tasks(self._casting)
         self.tree.graft(node, tasks, self.time)
 
     def _found(self, robot: Address) -> None:
@@ -278,12 +260,10 @@ class Progress:
         for deploying, node in self._under_way():
             if robot in deploying.posts:
                 self._deploy_again(deploying, node)
-        leaves = [leaf for leaf in self._leaves() if robot in {self._role(each) for each in claims(leaf.task)}]
+        leaves = [leaf for leaf in self._leaves() if robot in {self._casting.role(each) for each in claims(leaf.task)}]
         alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
-        spare = substitute([leaf.task for leaf in alone], self._spares(), self.stands_m, self._crew, self._length)
-        if alone and spare is not None:
-            self._drafted.add(spare)
-            self._roles[robot] = spare
+        if alone:
+            self._casting.recast(robot, [leaf.task for leaf in alone])
         for leaf in leaves:
             if leaf.state is State.RUNNING and self.robots(leaf) is None:
                 self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)

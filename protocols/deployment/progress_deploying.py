@@ -1,12 +1,13 @@
 """One deployment under way: who is to end up where, and which place everybody has reached."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 from cosim.machine import Address
 from protocols.deployment.crew import Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded
 from protocols.deployment.plan import Deployment, Go, Place, Strategy, Task
+from protocols.deployment.progress_casting import Casting
 from protocols.deployment.recovery import Length, reassigned
 from protocols.deployment.staging import NOWHERE, Stager
 from protocols.deployment.ways import Ways
@@ -58,14 +59,9 @@ class Deploying:
 
     # ------------------------------------------------------------ stages
 
-    def tasks(
-        self,
-        lost: Collection[Address],
-        stands_m: Mapping[Address, Place],
-        draft: Callable[[Place], Address | None],
-    ) -> Sequence[Task]:
+    def tasks(self, casting: Casting) -> Sequence[Task]:
         """Return the stages that are left for the robots that are left; for the first time, as they were planned."""
-        self._man(lost, stands_m, draft)
+        self._man(casting)
         stager = Stager(self.act.places_m, self.strategy, self.act.augmented, self._crew, self._ways, self._parameters)
         self._number += 1
         if self._number == 1 and self.strategy == self.act.strategy and tuple(self.posts) == self.act.robots:
@@ -76,23 +72,20 @@ class Deploying:
         self._note(tasks, exact=False)
         return tasks
 
-    def _man(
-        self,
-        lost: Collection[Address],
-        stands_m: Mapping[Address, Place],
-        draft: Callable[[Place], Address | None],
-    ) -> None:
+    def _man(self, casting: Casting) -> None:
         """Give the places to the robots that are left, and to spare ones for as long as there are any."""
         size = len(self.act.places_m)
-        living = [robot for robot in self._team if robot not in lost]
-        while len(living) < size and (spare := draft(self.act.places_m[0])) is not None:
+        living = [robot for robot in self._team if robot not in casting.lost]
+        while len(living) < size and (spare := casting.draft(self.act.places_m[0])) is not None:
             self._team.append(spare)
             self.reached[spare] = NOWHERE
             living.append(spare)
         living = living[:size]
         if set(living) != set(self.posts):
             living.sort(key=lambda robot: self.posts.get(robot, size))
-            self.posts = reassigned(self.strategy, living, self.reached, stands_m, self.act.places_m, self._length)
+            self.posts = reassigned(
+                self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length
+            )
 
     def _passed(self) -> dict[Address, int]:
         """Return the places that robots have reached; one that is not at its very post has come to that before it."""

@@ -28,7 +28,7 @@ from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member import Member
 from protocols.deployment.member_letters import Aside, Letter, Look, Picture
 from protocols.deployment.member_news import News
-from protocols.deployment.mover import Mover
+from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.orders import Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.records import Records
@@ -48,7 +48,7 @@ class Runner:
         self._next_news = start + self._period * me // knowledge.size
         body = knowledge.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
-        mover = Mover(knowledge.floor, me, *limits, parameters.driving, knowledge.tick)
+        mover = PacedMover(knowledge.floor, me, *limits, parameters.driving, knowledge.tick)
         note = self._events.append
         self.courier = Courier(me, knowledge.size, parameters.carried, start)
         self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
@@ -56,7 +56,6 @@ class Runner:
         planning = Planning(parameters, knowledge, self.member, self._silent)
         self.console = Console(planning, knowledge, self.host, self.member, self._heard, note)
         self._calls = Calls(parameters, planning, self.host, note, self.records, start)
-        self._now = start
         self._changes = 0
         """How often the host has changed, as far as the member was told."""
 
@@ -66,7 +65,7 @@ class Runner:
     def finished(self) -> bool:
         """Whether all that was to be played has been, and the robot rests; never where an operator may call plays."""
         return (
-            self._calls.over(self._now)
+            self._calls.over
             and not self.host.busy
             and self.member.resting
             and not self.console.attended
@@ -150,13 +149,15 @@ class Runner:
 
     def _settle(self, now: Time) -> None:
         """Take what the courier has brought, and pass on what follows from it, until nothing more does."""
-        self._now = now
         self._read(now)
         self.host.advance(now)
         if self.host.changes != self._changes:
             self._changes = self.host.changes
             self.member.forget_serials()
-        while orders := self.host.mine():
+        mine = self.host.dispatch.mine
+        while mine:
+            orders = mine[:]
+            mine.clear()
             for order in orders:
                 self.member.obey(order, now)
             self._report(now)
@@ -181,6 +182,7 @@ class Runner:
                 self._events.append(BadBytes(source, len(payload)))
                 continue
             self.member.others.tell(source, news, now)
+            self._calls.hear(news.calls)
             self.host.hear(source, news, now)
         for source, payload in self.courier.letters():
             try:
@@ -239,6 +241,7 @@ class Runner:
             host=host.succession.host,
             term=host.succession.term,
             plan=host.number,
+            calls=self._calls.dealt,
             digest=host.digest,
             serial=order.serial if order is not None and order.plan == host.number else None,
             idle=member.idle,

@@ -80,9 +80,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     return knowledge_of(parameters, surroundings)
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Runner:
+def make(parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time) -> Runner:
     """Return the machine of robot *me*; it draws nothing."""
     return Runner(parameters, knowledge, me, start)
 

@@ -84,25 +84,23 @@ class Board:
 
     # ------------------------------------------------------------ what members write
 
-    def sets_off(self, robot: Address, task: str) -> None:
-        """Note that *robot* has taken the order to drive (a ``Go``) that is called *task*."""
-        self.robots[robot].task = task
+    def drives(self, robot: Address, task: str, waits: bool, pace_mps: tuple[float, float] | None) -> None:
+        """Note a tick in which *robot* is at an order to drive (a ``Go``), that of *task*.
+
+        *waits*: it waits for its turn, as the order says. *pace_mps*: how fast it goes, and would go without the others
+        (:class:`protocols.deployment.double.Double`); None if it is not under way.
+        """
+        own = self.robots[robot]
+        if waits:
+            own.waited_ticks += 1
+            return
+        own.task = task
+        if pace_mps is not None:
+            own.shortfall.note(*pace_mps)
 
     def ends(self, robot: Address) -> None:
         """Note that *robot* is at no such order any more, however it ended."""
         self.robots[robot].task = None
-
-    def waits(self, robot: Address) -> None:
-        """Count a tick in which *robot* has an order to drive, and waits for its turn as the order says."""
-        self.robots[robot].waited_ticks += 1
-
-    def goes(self, robot: Address, speed_mps: float, free_mps: float) -> None:
-        """Count a tick in which *robot* is under way to a goal.
-
-        *speed_mps*: the speed that its order of this tick leads to, under the limits of its drive; 0 or less if it
-        makes way or backs off. *free_mps*: that of its double (:mod:`protocols.deployment.double`).
-        """
-        self.robots[robot].shortfall.note(speed_mps, free_mps)
 
     # ------------------------------------------------------------ what the referee reads
 

@@ -70,7 +70,6 @@ class Succession:
             self.term = max(self.term, term)
             return False
         if self._confirmed and not newer and (plan < own_plan or source > self.host):
-            self.term = max(self.term, term)
             return False
         why = "it has a later plan" if newer else "it is host already" if not self._confirmed else "a lower address"
         self._follow(source, max(self.term, term), f"robot {source} says so: {why}")

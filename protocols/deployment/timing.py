@@ -187,9 +187,9 @@ def ending(root: Task) -> Iterator[Bound]:
 
 
 def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
-    """Yield the time-outs that would make the plan fail, each with its task."""
-    for task, fatal in _fatal(root):
-        if task.time_out_s is not None and fatal:
+    """Yield the time-outs, each with its task, which ends by then in any case."""
+    for task in root.walk():
+        if task.time_out_s is not None:
             name = f"{task.name}: times out after {task.time_out_s:g} s"
             yield Bound(name, (task.name, "start"), (task.name, "end"), 0, from_seconds(task.time_out_s)), task
 

@@ -14,7 +14,7 @@ nothing but what it was told and when: so it can be run again with what has beco
 
 from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final, Literal, Protocol, TypeAlias
 
 from cosim.machine import Address, next_state
 from cosim.units import Time, from_seconds
@@ -41,6 +41,8 @@ class Input(StrEnum):
     TERMINATE = "terminate"
     RENEW = "renew"
 
+
+Edge: TypeAlias = Literal["start", "end"]
 
 ENDED: Final = frozenset({State.DONE, State.FAILED, State.TERMINATED})
 
@@ -140,7 +142,7 @@ class Director(Protocol):
     def tries(self) -> int:
         """Return how often a leaf of a deployment is begun before it is passed over."""
 
-    def opens(self, node: Node, edge: str, now: Time) -> Time | None:
+    def opens(self, node: Node, edge: Edge, now: Time) -> Time | None:
         """Return when *node* may start or end; None: not known yet."""
 
     def robots(self, node: Node) -> frozenset[Address] | None:
@@ -196,6 +198,14 @@ class TaskTree:
         """Return the leaves that run, in the tree's order."""
         return [node for node in self.root.walk() if node.state is State.RUNNING and not node.children]
 
+    def held(self) -> Iterator[tuple[Node, Edge]]:
+        """Yield the tasks that only wait for their windows to start, or to end."""
+        for node in self.root.walk():
+            if node.state is State.WAITING and self._ready(node):
+                yield node, "start"
+            elif node.state is State.RUNNING and self._reached(node):
+                yield node, "end"
+
     def states(self) -> dict[str, str]:
         """Return the state of every task by its name."""
         return {node.task.name: node.state.value for node in self.root.walk()}
@@ -210,7 +220,7 @@ class TaskTree:
             return opens if opens is not None and opens > now else None
         if node.state is not State.RUNNING:
             return None
-        opens = self._director.opens(node, "end", now) if self._reached(node, now) else None
+        opens = self._director.opens(node, "end", now) if self._reached(node) else None
         closing = opens if opens is not None and opens > now else None
         times = [at for at in (self._deadline(node), self._waits_until(node), closing) if at is not None and at > now]
         return min(times, default=None)
@@ -276,7 +286,7 @@ class TaskTree:
         deadline, waits = self._deadline(node), self._waits_until(node)
         if waits is not None and waits <= now:
             node.reached = True
-        if self._reached(node, now) and self._open(node, "end", now):
+        if self._reached(node) and self._open(node, "end", now):
             self._conclude(node, now)
             return True
         if deadline is not None and deadline <= now:
@@ -284,11 +294,11 @@ class TaskTree:
             return True
         return False
 
-    def _open(self, node: Node, edge: str, now: Time) -> bool:
+    def _open(self, node: Node, edge: Edge, now: Time) -> bool:
         opens = self._director.opens(node, edge, now)
         return opens is not None and opens <= now
 
-    def _reached(self, node: Node, now: Time) -> bool:
+    def _reached(self, node: Node) -> bool:
         if node.children:
             return all(child.passed for child in node.children)
         return node.reached or node.task.act is None or isinstance(node.task.act, Deployment)

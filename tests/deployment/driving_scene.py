@@ -185,9 +185,7 @@ def random_office(seed: int, robots: int, sizes: bool = False) -> Scene:
     return scene
 
 
-def _places(
-    draw: np.random.Generator, settings: OfficeSettings, floor: Floor, radii: Sequence[float]
-) -> list[Place]:
+def _places(draw: np.random.Generator, settings: OfficeSettings, floor: Floor, radii: Sequence[float]) -> list[Place]:
     found: list[Place] = []
     while len(found) < len(radii):
         place = float(draw.uniform(0, settings.width_m)), float(draw.uniform(0, settings.depth_m))

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from cosim.machine import Drive
-from cosim.navigation.dwa import WAY, WAY_CHANGE, towards
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.deployment.double import Double
@@ -21,28 +20,23 @@ class Watched(Mover):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.double = Double(self._floor, self._radius_m, self._limits, self._own, self._seconds)
+        self.beside = Double(self._floor, self._radius_m, self._limits, self._own, self._seconds)
         self.shortfall = Shortfall(TICK)
-        self._set_off = False
         self.orders: list[tuple[float, float]] = []
         """The speed that its order leads to, and that of the double, at each tick under way."""
 
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
         super().go(place_m, via_m)
-        self._set_off = True
+        self.beside.restart()
 
     def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
         drive = super().step(observation, others, now)
-        if self.state in ("driving", "stuck") and self.goal_m is not None:
-            target = self._via[0] if self._via else self.goal_m
-            way = towards(self._wanted[0], float(self._motion[WAY]), float(self._limits[WAY_CHANGE]))
-            speed = 0.0 if self.yielding_to is not None else way / self._seconds
-            if self._set_off:
-                self.double.begin(self._motion)
-                self._set_off = False
-            free = self.double.step(self._motion, target)
-            self.orders.append((speed, free))
-            self.shortfall.note(speed, free)
+        target = self._via[0] if self._via else self.goal_m
+        goal = target if self.state in ("driving", "stuck") else None
+        self.beside.look(self._motion, goal, self._wanted[0], self.yielding_to is not None)
+        if self.beside.pace_mps is not None:
+            self.orders.append(self.beside.pace_mps)
+            self.shortfall.note(*self.beside.pace_mps)
         return drive
 
 

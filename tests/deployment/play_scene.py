@@ -117,6 +117,8 @@ class Scene:
 
     def run(self, limit_s: float = 3000.0) -> "Scene":
         """Run until the plan has ended and nothing is under way, or fail."""
+        if self.executive is not None:
+            self._collect()
         while not (self.executive is not None and self.executive.finished and not self._queue):
             assert self.now < from_seconds(limit_s), self.story()
             self.step()

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from protocols.deployment.augmenting import Standing, along, in_line, in_the_way, off_m
 from protocols.deployment.crew import Body, Crew
+from protocols.deployment.executive import Executive
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import stages
-from protocols.deployment.orders import Retreat
+from protocols.deployment.orders import Report, Result, Retreat, Whereabouts
 from protocols.deployment.plan import Deployment, Go, Place, Plan, Task
 from protocols.deployment.recovery import lengths, reassigned, substitute
 from protocols.deployment.staging import NOWHERE, remaining
@@ -44,6 +45,7 @@ def test_from_the_beginning_what_is_left_are_the_stages_of_the_figure(strategy: 
     assert [[(robot, places[place]) for robot, place in stage] for stage in left] == figure
 
 
+@pytest.mark.slow
 @given(st.data(), st.integers(1, 6), st.sampled_from(STRATEGIES))
 def test_from_anywhere_all_come_to_their_posts_and_no_two_to_one_place(data: st.DataObject, size: int, strategy: str):
     order = data.draw(st.permutations(range(size)))
@@ -79,6 +81,7 @@ def test_a_place_that_is_not_free_slides_along_the_way():
     assert places[2][1] == 0.0
 
 
+@pytest.mark.slow
 @given(st.integers(1, 7), st.floats(0.5, 12.0), st.floats(0.1, 0.45))
 def test_nobody_stands_in_anybody_or_in_a_wall(size: int, length_m: float, radius_m: float):
     ways = Corridor()
@@ -132,6 +135,7 @@ def test_a_robot_is_in_the_way_until_it_has_been_passed():
     assert not in_the_way([(0.0, 1.5), (9.0, 1.5)], 0.25, post, 0.25, 0.5)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=5), st.floats(-9, 9), st.floats(-9, 9)
 )
@@ -185,9 +189,45 @@ def test_who_stood_aside_comes_back_when_the_host_dies():
     assert [robot.at_m for robot in scene.robots] == [(5.0, 0.0), (10.0, 0.0), (15.0, 0.0)]
 
 
+def leaping() -> Executive:
+    """Robot 0 is at its post, robot 1 has leapt to it and is on its way on."""
+    places = ((5.0, 0.0), (15.0, 0.0))
+    act = Deployment(strategy="leap_frog", robots=(0, 1), places_m=places)
+    plan = Plan(number=1, play="leap", robots=(0, 1), root=Task(name="deploy", act=act))
+    here = Executive(plan, crew_of(2), Plain(), SETTINGS, 0)
+    for robot, task in ((0, "deploy/stage-1/robot-0-leg-1"), (1, "deploy/stage-2/robot-1-leg-1")):
+        here.report(Report(plan=1, serial=0, task=task, robot=robot, result=Result.DONE, at=robot), robot)
+    here.orders()
+    return here
+
+
+def at(x_m: float) -> Whereabouts:
+    return Whereabouts(robot=1, x_m=x_m, y_m=0.0, heading_rad=0.0, moving=True)
+
+
+def test_who_stands_aside_does_not_dither():
+    here = leaping()
+    acts = []
+    for x_m in (5.9, 6.1, 5.9, 6.1, 6.6, 6.1):  # 1 m is the least room, 1.5 m enough to come back
+        here.whereabouts(at(x_m), 5)
+        acts.append([order.errand.act for order in here.orders()])
+    assert acts == [["retreat"], [], [], [], ["go"], []]
+
+
+def test_a_successor_calls_back_who_may_stand_aside():
+    successor = Executive.restored(leaping().record, crew_of(2), Plain(), SETTINGS, 5)
+    assert {
+        (order.robot, order.errand.act, order.errand.place_m)
+        for order in successor.orders()
+        if order.errand.act == "go"
+    } == {(0, "go", (5.0, 0.0)), (1, "go", (15.0, 0.0))}
+    assert not successor.finished
+
+
 # ---------------------------------------------------------------- taking over
 
 
+@pytest.mark.slow
 @given(st.data(), st.integers(1, 5), st.sampled_from(["group", "leap_frog"]))
 def test_posts_are_given_at_the_least_cost(data: st.DataObject, size: int, strategy: str):
     spots = st.tuples(st.integers(-9, 9).map(float), st.integers(-9, 9).map(float))
@@ -206,7 +246,7 @@ def test_posts_are_given_at_the_least_cost(data: st.DataObject, size: int, strat
 
 def test_a_wave_keeps_its_order():
     reached = {4: 1, 7: NOWHERE, 5: NOWHERE, 9: 0}
-    posts = reassigned("wave", [7, 5, 9, 4], reached, {}, [(0.0, 0.0)] * 5, lambda *_: 0.0)
+    posts = reassigned("wave", [4, 7, 9, 5], reached, {}, [(0.0, 0.0)] * 5, lambda *_: 0.0)
     assert posts == {7: 0, 5: 1, 9: 2, 4: 3}
 
 

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import LocalProtocolError
-from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Connected, Fate, Outcome, Outgoing, Reception, Role
 from cosim.units import MS, S, Time
 from protocols.deployment.courier import Courier, Letter
 from protocols.deployment.courier_parameters import CourierParameters
@@ -264,6 +264,68 @@ def test_a_part_that_three_later_ones_have_overtaken_is_sent_again_at_once() -> 
     assert [frame.message[0] for frame in all_sent(robot, 0)] == [0]
     hears(robot, 1, Ack(0, 0, 0b1110))
     assert [frame.message[0] for frame in all_sent(robot, 0)] == [1]
+
+
+def test_an_answer_resets_the_time_to_give_up() -> None:
+    """Two parts of one letter, each answered after most of that time."""
+    robot = courier(window=1, give_up_s=20.0, octets=23)
+    robot.post(1, b"xy", 0)
+    now = 0
+    for number in (1, 2):
+        for _ in range(7):
+            all_sent(robot, now)
+            now = robot.wake_at() or 0
+            if now < (19 * number - 2) * S:
+                robot.wake(now)
+        assert robot.returned() == []
+        hears(robot, 1, Ack(0, number, 0), now)
+    assert robot.wake_at() is None
+
+
+def test_only_answers_to_what_was_sent_once_are_timed() -> None:
+    """One that comes 20 ms after the second copy may answer the first: the wait stays what it was, a second."""
+    robot = courier(window=1, octets=23)
+    robot.post(1, b"xyz", 0)
+    all_sent(robot, 0)
+    robot.wake(S)
+    all_sent(robot, S)
+    hears(robot, 1, Ack(0, 1, 0), S + 20 * MS)
+    assert robot.wake_at() == 2 * S + 20 * MS
+    all_sent(robot, S + 20 * MS)
+    hears(robot, 1, Ack(0, 2, 0), S + 40 * MS)
+    assert robot.wake_at() == S + 240 * MS  # 20 ms and four times half of that, but 200 ms at least
+
+
+def test_every_fourth_part_is_answered_at_once_and_others_after_a_while() -> None:
+    robot = courier(ack_s=0.02)
+    for number in range(3):
+        hears(robot, 1, Part(number, 0, number, 99, b""))
+    assert all_sent(robot, 0) == []
+    hears(robot, 1, Part(3, 0, 3, 99, b""))
+    assert [frame.message for frame in all_sent(robot, 0)] == [Ack(0, 4, 0)]
+    hears(robot, 1, Part(4, 0, 4, 99, b""), S)
+    assert robot.wake_at() == S + 20 * MS
+    robot.wake(S + 20 * MS)
+    assert [frame.message for frame in all_sent(robot, S)] == [Ack(0, 5, 0)]
+
+
+def test_who_does_not_answer_is_sent_two_parts_at_a_time() -> None:
+    robot = courier(window=8, in_device=100)
+    robot.post(1, PLAN, 0)
+    assert len(all_sent(robot, 0)) == 8
+    robot.wake(S)
+    assert [frame.message[0] for frame in all_sent(robot, S)] == [0, 1]
+
+
+def test_robots_to_which_letters_go_take_turns() -> None:
+    """Over one neighbour, whose place in the radio they share: a master."""
+    robot = courier(me=0, size=4, in_device=1, links={})
+    robot.link(Connected(3, Role.SLAVE), 0)
+    robot.links.leading = False  # type: ignore[union-attr]
+    robot.link(Connected(3, Role.SLAVE), 0)
+    for other in (1, 2):
+        robot.post(other, PLAN, 0)
+    assert [frame.destination for frame in all_sent(robot, 0)][:6] == [1, 2, 1, 2, 1, 2]
 
 
 def test_parts_far_ahead_are_not_kept_but_answered() -> None:

@@ -116,12 +116,11 @@ def test_after_any_faults_the_living_are_in_one_piconet(record_property: Any) ->
         luck = np.random.default_rng(case)
         size = int(luck.integers(3, 9))
         faults = []
-        for _ in range(luck.integers(1, 5)):
-            fault: dict[str, Any] = {"robot": int(luck.integers(size)), "at_s": float(luck.uniform(5.0, 70.0))}
+        for robot in luck.choice(size, luck.integers(1, min(5, size - 1)), replace=False).tolist():
+            fault: dict[str, Any] = {"robot": robot, "at_s": float(luck.uniform(5.0, 70.0))}
             kind = str(luck.choice(["kill", "crash", "radio_off"]))
-            faults.append(
-                fault | {"kind": kind} | ({} if kind == "kill" else {"for_s": float(luck.uniform(1.0, 30.0))})
-            )
+            lasts = {} if kind == "kill" else {"for_s": float(luck.uniform(1.0, 30.0))}
+            faults.append(fault | {"kind": kind} | lasts)
         dead = {fault["robot"] for fault in faults if fault["kind"] == "kill"}
         living = [robot for robot in range(size) if robot not in dead]
         posts = [(220.0, one, other, 1000) for one in living for other in living if one != other]

@@ -59,7 +59,7 @@ def depends_on_facts_alone(plan: Plan, trouble: Troubles, seed: int) -> None:
     for other in (shuffled, copied):
         assert other.states == scene.executive.states
         assert other.results == scene.executive.results
-        assert other.errands == scene.executive.errands
+        assert other.progress.errands() == scene.executive.progress.errands()
         assert other.record.facts == record.facts
 
 
@@ -69,11 +69,13 @@ def ends_deployed(plan: Plan, trouble: Troubles, seed: int) -> None:
     assert scene.executive is not None
     act = plan.root.act
     assert isinstance(act, Deployment)
-    team = [scene.robots[robot] for robot in scene.executive.posts_m]
-    assert sorted(act.places_m.index(place) for place in scene.executive.posts_m.values()) == list(range(len(team)))
+    team = [scene.robots[robot] for robot in scene.executive.progress.posts_m()]
+    assert sorted(act.places_m.index(place) for place in scene.executive.progress.posts_m().values()) == list(
+        range(len(team))
+    )
     for robot in team:
         if robot.alive and not trouble.failing:
-            assert math.dist(robot.at_m, scene.executive.posts_m[robot.address]) < 1e-9
+            assert math.dist(robot.at_m, scene.executive.progress.posts_m()[robot.address]) < 1e-9
 
 
 PLANS = given(plan=plans(), trouble=troubles(), seed=st.integers(0, 99))

@@ -94,9 +94,9 @@ def test_a_start_after_a_stop_costs_v_over_2a_beside_the_stop() -> None:
 def test_the_board_adds_up_all_robots() -> None:
     board = Board.of(3, TICK)
     for _ in range(10):
-        board.goes(0, 0.0, 0.5)
-        board.goes(2, 0.25, 0.5)
-        board.waits(1)
+        board.drives(0, "a/b", False, (0.0, 0.5))
+        board.drives(2, "a/b", False, (0.25, 0.5))
+        board.drives(1, "a/b", True, None)
     assert board.lost_s() == pytest.approx(1.5)
     assert board.hindered_s() == pytest.approx(2.0)
     assert board.waited_s() == pytest.approx(1.0)
@@ -104,7 +104,7 @@ def test_the_board_adds_up_all_robots() -> None:
 
 def test_a_drive_is_known_by_its_task_until_it_ends() -> None:
     board = Board.of(2, TICK)
-    board.sets_off(1, "deploy/stage-1/robot-1")
+    board.drives(1, "deploy/stage-1/robot-1", False, None)
     assert list(board.driving()) == [(1, "deploy/stage-1/robot-1")]
     board.ends(1)
     assert list(board.driving()) == []

@@ -44,7 +44,9 @@ def told(links: Links, event: LinkEvent, now: Time = 0) -> list[LinkCommand]:
 
 
 def at(links: Links, now: Time, *seen: Address) -> list[LinkCommand]:
-    """Return what a tick makes it command."""
+    """Return what a tick makes it command, at which its slaves are heard."""
+    for slave in links.slaves:
+        links.heard(slave, now)
     links.tick(seen, now)
     return links.drain()
 
@@ -200,6 +202,19 @@ def test_a_master_that_is_silent_is_left() -> None:
     assert links.leading
 
 
+def test_a_slave_that_is_silent_is_left_and_paged_again() -> None:
+    """A radio that was off has forgotten its links, and its robot was not told."""
+    links = with_slaves(part(0, 3), 1, 2)
+    for second in range(15):
+        links.heard(2, second * S)
+        links.tick((), second * S)
+        assert links.drain() == []
+    links.tick((), 15 * S)
+    assert links.drain() == [Disconnect(1)]
+    assert links.slaves == {2}
+    assert at(links, 20 * S) == [Page(1)]
+
+
 def test_who_is_found_before_it_takes_over_does_not() -> None:
     links = with_master(part(2))
     links.link(Lost(0), 0)
@@ -215,8 +230,23 @@ def test_a_successor_without_slaves_rests_between_pages_so_that_it_can_be_paged_
     assert takes_over(links) == 18
     assert links.drain() == [Page(2)]
     links.link(PageFailed(2), 22 * S)
-    assert at(links, 26 * S - 1) == []
-    assert at(links, 26 * S) == [Page(3)]
+    assert at(links, 28 * S - 1) == []  # half as long again as the page was
+    assert at(links, 28 * S) == [Page(3)]
+
+
+def test_no_two_robots_rest_equally_long_lest_they_page_each_other_in_step() -> None:
+    rests = []
+    for me in range(4):
+        links = with_slaves(part(me, 6, first=me), 4)
+        links.forget(5)
+        for other in range(4):
+            links.forget(other) if other != me else None
+        assert len(at(links, 0)) == 1
+        page = links._paging
+        assert page is not None
+        links.link(PageFailed(page[0]), 4 * S)
+        rests.append(next(second for second in range(4, 100) if at(links, second * S)))
+    assert rests == [16, 18, 20, 22]
 
 
 def test_who_takes_over_takes_those_before_it_for_dead_and_pages_them_last() -> None:
@@ -259,7 +289,7 @@ def test_a_master_that_one_before_it_has_paged_gives_its_piconet_up() -> None:
     links.drain()
     with_slaves(links, 2, 3)
     assert told(links, Connected(0, Role.SLAVE), 30 * S) == [Disconnect(2), Disconnect(3)]
-    assert (links.leading, links.master, links.slaves) == (False, 0, set())
+    assert (links.leading, links.master, links.slaves, links.left) == (False, 0, set(), (2, 3))
     assert told(links, Lost(2), 30 * S) == told(links, Lost(3), 30 * S) == []
     assert at(links, 44 * S) == []
 
@@ -271,6 +301,28 @@ def test_a_master_that_one_behind_it_has_paged_pages_that() -> None:
     assert told(links, Connected(1, Role.SLAVE), S) == [Disconnect(1)]
     assert at(links, S) == [Page(1)]
     assert links.leading
+
+
+def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged_at_once() -> None:
+    second, first = linked(courier(1, 5), Role.MASTER, 2, 3), linked(courier(0, 5), Role.MASTER, 4)
+    second.links.leading = True  # type: ignore[union-attr]
+    linked(second, Role.MASTER, 2, 3)
+    first.forget(2, 0)
+    first.tick(HERE, (), 0)
+    first.link(PageFailed(1), 0)
+    first.tick(HERE, (), 0)
+    first.link(PageFailed(3), 5 * S)
+    first.drain()
+    second.link(Connected(0, Role.SLAVE), 6 * S)
+    ((to, frame),) = sent(second)
+    assert (to, frame.message) == (0, Bulletin(255, 1, bytes([2, 3])))
+    first.link(Connected(1, Role.MASTER), 6 * S)
+    first.receive(encode(frame), Reception(1, False), 6 * S)
+    first.tick(HERE, (), 6 * S)
+    assert Page(2) in first.drain()
+    first.link(Connected(2, Role.MASTER), 7 * S)
+    first.tick(HERE, (), 7 * S)
+    assert Page(3) in first.drain()
 
 
 def test_a_robot_without_a_master_follows_whoever_pages_it() -> None:
@@ -325,8 +377,8 @@ def test_a_master_talks_to_its_slaves_and_they_to_all_by_way_of_it() -> None:
     assert second.audience is None
 
 
-def courier(me: Address, size: int = 4) -> Courier:
-    robot = Courier(me, size, CourierParameters.model_validate({"links": TIMES}), 0)
+def courier(me: Address, size: int = 4, **times: float) -> Courier:
+    robot = Courier(me, size, CourierParameters.model_validate({"links": TIMES | times}), 0)
     robot.drain()
     return robot
 

@@ -10,11 +10,12 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from cosim.errors import UserError
 from protocols.deployment.crew import Body
 from protocols.deployment.plan import ORIGIN, Deployment, Go, Instant, Plan
-from protocols.deployment.planner import PlannerParameters, Refusal
+from protocols.deployment.planner import Call, PlannerParameters, Refusal
 from protocols.deployment.plays_casting import robots_of
 from protocols.deployment.timing import TimingParameters, drive_s
 from tests.deployment.plays_scene import BODY, OpenFloor, Scene, playbook_of
@@ -47,6 +48,9 @@ def applied(scene: Scene, mend: str, play: str, **more: Any) -> Plan | Refusal:
                 scene.join(BODY._replace(radius_m=0.2, camera="camera" in part))
                 if "robots" in more:
                     more["robots"] = [*more["robots"], len(scene.crew.bodies) - 1]
+        elif part.startswith("without: the call: "):
+            (dropped,) = [each for each in more["constraints"] if part.endswith(f"{each['first']} ends")]
+            more["constraints"] = [each for each in more["constraints"] if each != dropped]
         elif "may take part" in part:
             del more["robots"]
         elif "the planner chooses" in part:
@@ -71,7 +75,7 @@ def assert_mends(scene: Scene, play: str, count: int | None, **more: Any) -> Ref
     assert len(refusal.mend) == count or count is None, refusal
     crew, starts_m = scene.crew, dict(scene.starts_m)
     for mend in refusal.mend:
-        if mend.startswith(f"{play}: "):
+        if mend.removeprefix("without: ").startswith(f"{play}: "):
             continue
         assert isinstance(applied(scene, mend, play, **more), Plan), mend
         scene.crew, scene.starts_m = crew, dict(starts_m)
@@ -99,6 +103,38 @@ def test_robots_are_assigned_so_that_their_routes_are_shortest_together(play: st
         return sum(route_m(robot, place) for place, robot in enumerate(robots))
 
     assert total_m(leaf.robots) == min(total_m(robots) for robots in permutations(range(4), 3))
+
+
+@pytest.mark.parametrize(
+    ("play", "last", "given"),
+    [
+        ("deploy/group", (2, 0, 1), {"places": [[10, 0], [15, 0], [20, 0]]}),  # in front who goes farthest
+        ("deploy/wave", (2, 0, 1), {"places": [[10, 0], [15, 0], [20, 0]]}),  # in front the point man
+        ("deploy/leap-frog", (1, 0, 2), {"places": [[10, 0], [15, 0], [20, 0]]}),  # in front who leaps first
+    ],
+)
+def test_of_equal_routes_the_robot_in_front_gets_the_role_that_sets_out_first(
+    play: str, last: tuple[int, ...], given: dict[str, Any]
+) -> None:
+    """In a corridor all assignments are equally long: nobody is to pass another at the start."""
+    scene = Scene([BODY] * 3)
+    scene.starts_m = {0: (-1.0, 0.0), 1: (0.0, 0.0), 2: (-2.0, 0.0)}
+    (leaf,) = [task.act for task in scene.plan(play, **given).root.walk() if task.leaf]
+    assert isinstance(leaf, Deployment)
+    assert leaf.robots == last
+
+
+def test_robots_gather_in_the_order_in_which_they_stand() -> None:
+    scene = Scene()
+    scene.starts_m = {0: (-2.0, 0.0), 1: (0.0, 0.0), 2: (-3.0, 0.0), 3: (-1.0, 0.0)}
+    plan = scene.plan("wean/to-crossing", parameters=WEAN)
+    assert [task.act.robot for task in plan.root.subtasks if isinstance(task.act, Go)] == [1, 3, 0, 2]
+
+
+def test_the_nearest_place_is_the_first() -> None:
+    (leaf,) = [task.act for task in Scene().plan("deploy/group", places=[[9, 0], [5, 0]]).root.walk() if task.leaf]
+    assert isinstance(leaf, Deployment)
+    assert leaf.places_m == ((5.0, 0.0), (9.0, 0.0))
 
 
 def test_the_quickest_assignment_is_another_than_the_shortest() -> None:
@@ -133,6 +169,14 @@ def test_too_few_robots_are_told_and_how_many_more_it_takes(play: str) -> None:
     refusal = assert_mends(scene, play, 1, places=[[5, 0], [9, 0], [13, 0], [17, 0]])
     assert refusal.mend == ("2 more robots",)
     assert refusal.conflicts == ("roles robots-1, robots-2, robots-3, robots-4 want 4 robots, and there are 2: 0, 1",)
+
+
+def test_far_too_many_places_are_refused_before_a_single_route_is_asked_for() -> None:
+    scene = Scene()
+    refusal = scene.refusal("deploy", places=[[float(x), float(y)] for x in range(16) for y in range(16)])
+    assert refusal.conflicts[0].endswith("want 256 robots, and there are 4: 0, 1, 2, 3")
+    assert refusal.mend == ()
+    assert scene.floor.asked <= 3 * 256  # once a play, to put places in order
 
 
 def test_a_missing_camera_is_told() -> None:
@@ -171,7 +215,7 @@ def test_a_place_that_nobody_can_get_to_is_told_with_one_nearby() -> None:
 
 def test_robots_cannot_end_up_in_each_other() -> None:
     refusal = Scene().refusal("deploy/group", places=[[5.0, 0.0], [5.4, 0.0]])
-    assert refusal.conflicts == ("robot 0 at (5, 0) and robot 1 at (5.4, 0) would overlap",)
+    assert refusal.conflicts == ("robot 0 at (5.4, 0) and robot 1 at (5, 0) would overlap",)
 
 
 def test_robots_that_gather_want_a_way_to_stand_on() -> None:
@@ -211,6 +255,13 @@ def test_two_conflicts_are_mended_by_two_changes() -> None:
     ]
     refusal = assert_mends(Scene(), "wean", 1, parameters=WEAN, constraints=constraints)
     assert refusal.mend[0].count("; and ") == 1
+    deadline, within = {"kind": "deadline", "seconds": 60.0}, {"kind": "within", "task": "beyond/leap", "seconds": 10.0}
+    refusal = Scene().refusal("wean", parameters=WEAN, constraints=[deadline, within])
+    assert len(refusal.mend) == 1
+    assert re.sub(r"[\d.]+", "#", refusal.mend[0]) == (
+        "the call: wean ends at most # s after the plan begins; "
+        "and the call: wean/beyond/leap ends at most # s after wean/beyond/leap starts"
+    )
 
 
 def test_a_time_out_that_is_too_short_is_told(tmp_path: Path) -> None:
@@ -236,7 +287,8 @@ def test_a_robot_cannot_do_two_things_at_once(tmp_path: Path) -> None:
 
 def test_contradicting_orders_are_told() -> None:
     before = {"kind": "before", "first": "beyond/group", "then": "beyond/leap"}
-    refusal = assert_mends(Scene(), "wean", 0, parameters=WEAN, constraints=[before])
+    refusal = assert_mends(Scene(), "wean", 2, parameters=WEAN, constraints=[before])
+    assert refusal.mend == tuple(f"without: {text}" for text in refusal.conflicts[:2])
     assert refusal.conflicts[:2] == (
         "wean: wean/beyond/group starts at least 5 s after wean/beyond/leap starts",
         "the call: wean/beyond/leap starts any time after wean/beyond/group ends",
@@ -274,6 +326,20 @@ def test_constraints_and_waypoints_are_added_to_a_called_play() -> None:
     assert act.via_m == ((3.0, 3.0), (30.0, 0.0))
 
 
+def test_an_edge_comes_after_an_edge_of_another_task() -> None:
+    after = {"kind": "after", "task": "beyond/group", "of": "beyond/leap", "of_edge": "end", "at_most_s": 9}
+    plan = Scene().plan("wean", parameters=WEAN, constraints=[after | {"edge": "end"}])
+    found = plan.constraints[-1]
+    assert (found.earlier, found.at_least_s, found.at_most_s) == (
+        Instant(task="wean/beyond/leap", edge="end"),
+        0.0,
+        9.0,
+    )
+    assert found.later == Instant(task="wean/beyond/group", edge="end")
+    found = Scene().plan("wean", parameters=WEAN, constraints=[after]).constraints[-1]
+    assert (found.earlier.edge, found.later.edge) == ("end", "start")
+
+
 @pytest.mark.parametrize(
     ("more", "error"),
     [
@@ -286,6 +352,12 @@ def test_constraints_and_waypoints_are_added_to_a_called_play() -> None:
 def test_tailoring_that_means_nothing_is_told(more: dict[str, Any], error: str) -> None:
     with pytest.raises(UserError, match=re.escape(error)):
         Scene().call("deploy/group", places=NEAR_FAR, **more)
+
+
+@pytest.mark.parametrize("seconds", [1e300, -1e300, math.nan, math.inf, True, None])
+def test_a_number_that_is_no_time_makes_no_call(seconds: object) -> None:
+    with pytest.raises(ValidationError, match="is not a number, or the name of a parameter that is one"):
+        Call.model_validate({"play": "deploy", "constraints": [{"kind": "deadline", "seconds": seconds}]})
 
 
 def test_waypoints_make_a_play_longer_and_a_deadline_notices() -> None:
@@ -372,6 +444,54 @@ def test_a_random_play_under_a_deadline_below_its_least_time_is_refused_truly(ca
     assert sum(text.startswith("the call: random ends at most ") for text in refusal.mend) == 1
     loose = tight | {"seconds": math.ceil(earliest_s * 10.0 + 1e-6) / 10.0}
     assert isinstance(scene.call("random", parameters=case.parameters, constraints=[loose]), Plan)
+
+
+NAMES = st.sampled_from(["hall", "base", "group", "places", "robots-1", "deploy", "deploy/stage-1", "leap", "x", ""])
+NUMBERS = st.integers(-3, 9) | st.sampled_from([1e9, 1e300, -1e300, 10**30, 0.5])
+SCALARS = NAMES | NUMBERS | st.booleans() | st.none()
+JSON = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=4), max_leaves=6)
+PARAMETERS = ["places", "robots", "robot", "place", "strategy", *WEAN, "leapers", "others", "apart_m", "ahead_s", "x"]
+
+
+@pytest.mark.slow
+@settings(max_examples=150)
+@given(
+    st.sampled_from(
+        ["deploy", "wean", "photo", "return", "survey", "explore", "wean/beyond/leap", "deploy/wave/stage-1"]
+    ),
+    st.dictionaries(st.sampled_from(PARAMETERS), JSON, max_size=5),
+    st.booleans(),
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "robots": st.lists(st.integers(-1, 9), max_size=4),
+            "roles": st.dictionaries(NAMES, st.integers(-2, 9), max_size=2),
+            "via": st.dictionaries(NAMES, st.lists(st.just("hall"), max_size=2), max_size=2),
+            "expand": st.sampled_from(["none", "all", -1, 0, 3]),
+            "strategy": st.sampled_from(["wave", "leap_frog"]),
+            "constraints": st.lists(
+                st.fixed_dictionaries({"kind": st.just("deadline"), "task": NAMES, "seconds": NUMBERS}), max_size=2
+            ),
+        },
+    ),
+)
+def test_whatever_is_called_is_planned_or_refused_or_told_to_be_wrong(
+    play: str, parameters: dict[str, Any], whole: bool, more: dict[str, Any]
+) -> None:
+    known = WEAN if play.startswith("wean") else {"place": "hall"} if play == "photo" else {"places": NEAR_FAR}
+    if whole and play not in ("return", "explore"):
+        parameters = known | parameters
+    try:
+        call = Call.model_validate({"play": play, "parameters": parameters, **more})
+    except ValidationError:
+        return
+    scene = Scene()
+    try:
+        found = scene.planner.call(call, scene.starts_m, 7)
+    except UserError:
+        return
+    assert isinstance(found, Plan | Refusal)
+    assert type(found).model_validate_json(found.model_dump_json()) == found
 
 
 def test_expected_times_lie_between_the_earliest_and_forever() -> None:

@@ -112,7 +112,7 @@ def test_a_play_is_called_at_any_level_of_the_tree(path: str, name: str, size: i
 
 def test_a_stage_is_called_without_the_only_task_of_its_play() -> None:
     plan = Scene().plan("deploy/wave/stage-1", places=[[5, 0], [9, 0]])
-    assert [task.name for task in plan.root.walk()] == ["deploy/stage-1", "deploy/stage-1/robot-1"]
+    assert [task.name for task in plan.root.walk()] == ["deploy/stage-1", "deploy/stage-1/robot-0"]
 
 
 def test_a_task_wants_only_the_parameters_that_it_makes_use_of() -> None:
@@ -324,6 +324,28 @@ def test_what_is_wrong_in_a_call_is_told(tmp_path: Path, given: dict[str, object
     with pytest.raises(UserError) as raised:
         scene.call("out", parameters=given if not given or "near" in given else {"near": [1, 1]} | given)
     assert error in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("task", "error"),
+    [
+        ({"kind": "wait", "seconds": "n"}, "mine: n is -1, expected >= 0"),
+        ({"kind": "wait", "seconds": 1, "time_out_s": "n"}, "mine: n is -1, expected >= 0.1"),
+        (
+            {"kind": "gather", "robots": ["r"], "at": [1, 1], "towards": [9, 1], "apart_m": "n"},
+            "n is -1, expected >= 0",
+        ),
+    ],
+)
+def test_numbers_that_a_task_cannot_have_are_told(tmp_path: Path, task: dict[str, object], error: str) -> None:
+    parameters = {"r": {"kind": "robot"}, "n": {"kind": "number", "default": -1}}
+    scene = Scene(playbook=library(tmp_path, mine={"parameters": parameters, "tasks": [task]}))
+    with pytest.raises(UserError, match=error):
+        scene.call("mine")
+    parameters["n"]["default"] = 1e300  # type: ignore[assignment]
+    scene = Scene(playbook=library(tmp_path, mine={"parameters": parameters, "tasks": [task]}))
+    with pytest.raises(UserError, match=r"parameters\.n: 1e\+300, expected a number"):
+        scene.call("mine")
 
 
 # ---------------------------------------------------------------- random ones

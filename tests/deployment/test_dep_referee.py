@@ -281,7 +281,7 @@ def run_stages(strategy: Strategy, size: int) -> Scene:
             for move in moves:
                 assert move.act is not None
                 assert move.act.act == "go"
-                scene.board.sets_off(move.act.robot, move.name)
+                scene.board.drives(move.act.robot, move.name, False, None)
             scene.look()
             for move in moves:
                 assert move.act is not None
@@ -311,7 +311,7 @@ def test_the_number_of_moving_robots_is_that_of_the_strategy(strategy: Strategy,
 def test_who_steps_aside_or_is_pushed_does_not_move_in_the_stage() -> None:
     scene = Scene()
     scene.begin()
-    scene.board.sets_off(1, "deploy/stage-1/robot-1")
+    scene.board.drives(1, "deploy/stage-1/robot-1", False, None)
     scene.look()
     scene.put(0, 3.0, 3.0)
     scene.put(1, 2.0, 7.05)
@@ -325,8 +325,8 @@ def test_who_steps_aside_or_is_pushed_does_not_move_in_the_stage() -> None:
 def test_interference_is_what_the_board_says() -> None:
     scene = Scene()
     for _ in range(20):
-        scene.board.goes(0, 0.1, 0.4)
-    scene.board.waits(1)
+        scene.board.drives(0, "a/b", False, (0.1, 0.4))
+    scene.board.drives(1, "a/b", True, None)
     assert scene.metric("interference_s") == pytest.approx(1.5)
     assert scene.metric("hindered_s") == pytest.approx(2.0)
     assert scene.metric("under_way_s") == pytest.approx(2.0)

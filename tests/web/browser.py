@@ -42,7 +42,7 @@ def tab(browser: Any, served: Served, **more: Any) -> Iterator[Any]:
     """Open a page of *served* in a profile of its own; afterwards nothing may have gone wrong in it."""
     context = browser.new_context(**({"viewport": {"width": 1366, "height": 768}} | more))
     page = context.new_page()
-    page.set_default_timeout(30_000)
+    page.set_default_timeout(60_000)
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("console", lambda told: faults.append(told.text) if told.type == "error" else None)

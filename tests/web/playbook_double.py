@@ -23,7 +23,8 @@ PLAYS: list[Plain] = [
                 "parameters": {
                     "places": {"kind": "places", "about": "where to"},
                     "robots": {"kind": "robots", "about": "who", "as_many_as": "places", "needs": {"camera": False}},
-                } | extra,
+                }
+                | extra,
                 "tasks": [{"name": "deploy", "path": f"deploy/{name}/deploy", "kind": "deploy"}],
             }
             for name, extra in (("group", {}), ("wave", {"apart_m": {"kind": "number", "default": 1.5, "least": 0}}))
@@ -38,17 +39,21 @@ PLAYS: list[Plain] = [
             "robot": {"kind": "robot", "needs": {"camera": True}},
             "strategy": {"kind": "strategy", "default": "group"},
         },
-        "tasks": [{"name": "go", "path": "photo/go", "kind": "go"}, {"name": "photo", "path": "photo/photo", "kind": "photo"}],
+        "tasks": [
+            {"name": "go", "path": "photo/go", "kind": "go"},
+            {"name": "photo", "path": "photo/photo", "kind": "photo"},
+        ],
     },
 ]
 MAP: Plain = {
     "say": "map",
     "walls": [],
     "bounds": [0, 0, 12, 8],
-    "base": [1.0, 1.0],
+    "base": [1.0, 6.0],
     "places": {"posts": [[4, 4], [8, 4]], "base": [[1, 1]]},
     "robots": [
-        {"robot": robot, "radius_m": 0.2, "speed_mps": 1.0, "camera": robot != 2, "sensor": "laser"} for robot in range(3)
+        {"robot": robot, "radius_m": 0.2, "speed_mps": 1.0, "camera": robot != 2, "sensor": "laser"}
+        for robot in range(3)
     ],
 }
 
@@ -148,9 +153,20 @@ class Still:
     @property
     def scene(self) -> Plain:
         return {
-            **{"name": "double", "protocol": "double", "channel": "ideal", "seed": 1, "live": True, "attended": True},
-            **{"duration_s": 100.0, "tick_s": 0.1, "bounds_m": [0, 0, 12, 8], "walls_m": [[0, 3, 8, 3]]},
-            **{"polygons_m": [], "places_m": MAP["places"], "base_m": None, "radii_m": [0.2] * 3},
+            "name": "double",
+            "protocol": "double",
+            "channel": "ideal",
+            "seed": 1,
+            "live": True,
+            "attended": True,
+            "duration_s": 100.0,
+            "tick_s": 0.1,
+            "bounds_m": [0, 0, 12, 8],
+            "walls_m": [[0, 3, 8, 3]],
+            "polygons_m": [],
+            "places_m": MAP["places"],
+            "base_m": None,
+            "radii_m": [0.2] * 3,
         }
 
     def wish(self, wish: Wish) -> None:

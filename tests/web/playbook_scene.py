@@ -33,7 +33,7 @@ PLAIN: dict[str, Any] = {
 
 
 def written(folder: Path, **changes: Any) -> Path:
-    """Write the scenario and its floor into *folder*; *changes*: of the scenario, but ``parameters`` of the protocol."""
+    """Write the scenario and its floor into *folder*; *changes*: of the scenario; ``parameters``: the protocol's."""
     (folder / "floor.yaml").write_text(yaml.safe_dump(FLOOR), encoding="utf-8")
     protocol = {**PLAIN["protocol"], "parameters": changes.pop("parameters", {})}
     plain = PLAIN | {"floorplan": {"map": "floor.yaml"}, "protocol": protocol} | changes

@@ -41,7 +41,7 @@ class Served:
 
     def get(self, path: str, **headers: str) -> tuple[HTTPResponse, str]:
         """Ask for *path*; a header of the request is given by its name, Host too."""
-        way = HTTPConnection(HOST, self.port, timeout=20)
+        way = HTTPConnection(HOST, self.port, timeout=60)
         way.putrequest("GET", path, skip_host=True)
         for name, value in ({"Host": f"{HOST}:{self.port}"} | headers).items():
             way.putheader(name, value)
@@ -53,12 +53,12 @@ class Served:
 
     def stop(self) -> None:
         self.uvicorn.should_exit = True
-        self.thread.join(20)
+        self.thread.join(60)
         assert not self.thread.is_alive()
         self.listener.close()
 
     def wait_for(self, pages: int) -> None:
-        end_s = time.monotonic() + 20
+        end_s = time.monotonic() + 60
         while self.server.open != pages:
             assert time.monotonic() < end_s, f"{self.server.open} pages are open"
             time.sleep(0.01)
@@ -66,7 +66,7 @@ class Served:
 
 def next_of(page: ClientConnection, kind: str) -> Any:
     while True:
-        message = json.loads(page.recv(timeout=20))
+        message = json.loads(page.recv(timeout=60))
         if message["say"] == kind:
             return message
 
@@ -75,6 +75,6 @@ def until_closed(page: ClientConnection) -> int | None:
     """Read until the server closes the connection, and return the code that it gives."""
     try:
         while True:
-            page.recv(timeout=20)
+            page.recv(timeout=60)
     except ConnectionClosed as closed:
         return None if closed.rcvd is None else closed.rcvd.code

@@ -108,6 +108,7 @@ def test_what_is_not_installed_is_named_in_one_line(
     assert told.err == "pages need uvicorn, not installed here: pip install 'cosim[web]'\n"
 
 
+@pytest.mark.slow
 def test_the_command_line_does_without_the_server_until_it_is_asked_for():
     """Who has not installed the extra can do everything else."""
     code = "import sys, cosim.cli; print(*sorted({'starlette', 'uvicorn', 'websockets'} & sys.modules.keys()))"

@@ -40,8 +40,9 @@ def test_what_an_operator_says_reaches_that_robot_alone_and_at_once():
     assert run.said() == []
 
 
-def test_the_cable_is_no_channel():
+def test_the_cable_is_no_channel(monkeypatch: pytest.MonkeyPatch):
     run = begun(patient(calls=0))
+    monkeypatch.setattr(run.channel, "send", lambda *given: pytest.fail(f"the channel was given {given}"))
     run.operate(0, b"{}")
     run.advance(S)
     assert run.trace.count("frames") == 0

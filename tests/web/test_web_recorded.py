@@ -9,7 +9,7 @@ import pytest
 from cosim.errors import UserError
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
-from cosim.trace import TABLES
+from cosim.trace import FRAMES, TABLES, StoredTable, Trace
 from cosim.units import MS, S
 from cosim.web.history import Cursor
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step
@@ -215,6 +215,20 @@ def test_only_a_folder_with_tables_is_a_trace(folder: Path, tmp_path: Path):
     assert is_trace(folder)
     assert not is_trace(tmp_path)
     assert not is_trace(folder / "poses.parquet")
+
+
+def test_rows_that_were_written_late_are_read_in_the_order_of_time(tmp_path: Path):
+    """Frames are, as a row is about the start of a frame and written at its end; those of one instant keep theirs."""
+    trace = Trace([FRAMES])
+    starts = [50, 20, 50, 10, 20, 50]
+    for number, start in enumerate(starts):
+        trace.row(FRAMES, start, 0, 1, 5, "DM1", 0, 0, number, "received", "")
+    trace.write(tmp_path)
+    table = StoredTable(tmp_path / "frames.parquet")
+    assert [(row["time_ns"], row["length"]) for row in table.rows(0, 9)] == sorted(
+        (start, number) for number, start in enumerate(starts)
+    )
+    assert [row["length"] for row in table.rows(1, 3)] == [1, 4]
 
 
 def test_the_tick_of_the_scene_is_a_step(recorded: Recorded):

@@ -25,6 +25,8 @@ const calling = new Calling(find, { picker, ask, executed: () => board.show_tab(
 const robots = new RobotPart(find, { floor, picker, select, ask });
 const connection = new Connection({ message: take, opened: () => trouble(""), lost });
 let fault_timer = 0;
+let host_timer = 0;
+let host_robot = 0;
 let asked = false;
 let asking = false;
 let lost_robots = [];
@@ -42,7 +44,12 @@ function take(message) {
   if (message.say === "missed") return ask_state();
   if (message.say === "operator") {
     operator_time_s = message.time_s;
-    operator.take(message);
+    try {
+      operator.take(message);
+    } catch (error) {
+      if (!(error instanceof TypeError)) throw error; // it lacks what this page looks for: another protocol's console?
+      trouble(`what robot ${message.robot} has said is not understood`, false);
+    }
     return show_soon();
   }
   if (!run.take(message, performance.now())) return undefined;
@@ -65,6 +72,7 @@ function begin(scene) {
   played.forget();
   robots.forget();
   lost_robots = [];
+  host_robot = 0;
   host(0, "");
   transport.begin(scene);
   floor.fit();
@@ -97,9 +105,14 @@ function heard(message, robot) {
   if (played.take(message, operator_time_s) && message.say !== "task") board.begun();
 }
 
+/** The host is *robot*, of which there may be something to say; what is no trouble any more goes after a while. */
 function host(robot, why) {
+  clearTimeout(host_timer);
   find("host").textContent = why;
-  if (why && why.includes("is host")) ask_state();
+  if (robot === host_robot) return;
+  host_robot = robot;
+  host_timer = setTimeout(() => host(robot, ""), 15000);
+  ask_state();
 }
 
 function legend() {
@@ -141,8 +154,8 @@ function trouble(why, gone = false) {
   clearTimeout(fault_timer);
   find("trouble").hidden = !why;
   find("trouble-text").textContent = why;
-  find("reconnect").hidden = !gone;
-  if (why && !gone) fault_timer = setTimeout(() => trouble(""), 8000);
+  find("reconnect").hidden = !gone && connection.open;
+  if (why && !gone && connection.open) fault_timer = setTimeout(() => trouble(""), 8000);
 }
 
 function lost(why) {

@@ -144,7 +144,8 @@ export class Calling {
 
   show_refusal(play, conflicts, mend, focused) {
     const items = (texts) => texts.map((text) => make("li", { textContent: text }));
-    this.find("refusal-title").textContent = mend.length || conflicts.length > 1 ? `${play} cannot be played` : `${play}: not like this`;
+    this.find("refusal-title").textContent = `${play} cannot be played like this`;
+    this.find("conflicts-title").textContent = conflicts.length > 1 ? "These cannot all be met" : "What is in the way";
     this.find("conflicts").replaceChildren(...items(conflicts));
     this.find("mend").replaceChildren(...items(mend));
     this.find("mend-part").hidden = !mend.length;

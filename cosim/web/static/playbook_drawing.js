@@ -6,13 +6,13 @@ import { final_places } from "./playbook_played.js";
 export function paint_places(pen, floor, { chosen, current }) {
   pen.font = "11px system-ui, sans-serif";
   pen.textAlign = "center";
-  if (current && current.result === "") {
-    for (const [robot, place] of final_places(current.plan.root)) {
-      ring(pen, floor, place, 13, floor.colour(robot), []);
-      ring(pen, floor, place, 9, floor.colour(robot), []);
-    }
+  const finals = current && current.result === "" ? final_places(current.plan.root) : [];
+  for (const [robot, place] of finals) {
+    ring(pen, floor, place, 13, floor.colour(robot), []);
+    ring(pen, floor, place, 9, floor.colour(robot), []);
   }
   for (const { point, name } of chosen) {
+    if (finals.some(([, [x, y]]) => x === point[0] && y === point[1])) continue;
     ring(pen, floor, point, 11, floor.colours.accent, [3, 3]);
     const [x, y] = floor.place(point);
     pen.fillStyle = floor.colours.accent;

@@ -83,9 +83,7 @@ export class Operator {
   stands(robot, { host }, answer) {
     if (!(answer >= this.first && answer < this.next)) return;
     if (host === robot && (this.silent || robot !== this.host)) {
-      if (robot !== this.host) this.follow(robot, `robot ${robot} is host now`);
-      this.silent = false;
-      this.told.host(this.host, "");
+      this.follow(robot, robot === this.host ? "" : `robot ${robot} is host now`);
     }
     for (const [number, asked] of this.waiting) {
       if (number >= answer || asked.robot === robot && OVER_THE_AIR.has(asked.data.say)) continue;

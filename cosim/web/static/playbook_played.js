@@ -49,6 +49,7 @@ export class Played {
   }
 
   begin({ plan, expected_s, windows }, time_s) {
+    check(plan.root);
     this.current = {
       number: plan.number,
       plan,
@@ -81,9 +82,16 @@ export class Played {
   }
 }
 
+/** Throw a TypeError for what is no task. */
+function check(task) {
+  if (typeof task?.name !== "string" || !Array.isArray(task.subtasks)) throw new TypeError("this is no task");
+  task.subtasks.forEach(check);
+}
+
 /**
  * The tasks of a plan as nodes of a tree. What the executive makes of a deployment is not in the plan: it is known by the
- * *names* that the windows and the states have, and stands where its name says.
+ * *names* that the windows and the states have, and stands where its name says. `deploy~2` is what deploy has become when
+ * robots were lost or the strategy was switched: it stands below it, and what deploy was made of before is `past`.
  */
 export function task_nodes(root, names) {
   const nodes = new Map();
@@ -92,20 +100,34 @@ export function task_nodes(root, names) {
     if (nodes.has(name) || !name.startsWith(`${root.name}/`)) continue;
     const parts = name.split("/");
     for (let count = root.name.split("/").length + 1; count <= parts.length; count += 1) {
-      const id = parts.slice(0, count).join("/");
-      const above = nodes.get(parts.slice(0, count - 1).join("/"));
-      if (nodes.has(id) || !above) continue;
-      const node = { id, name: parts[count - 1], label: parts[count - 1], task: null, below: [], open: false };
-      nodes.set(id, node);
-      above.below.push(node);
+      add_node(nodes, parts.slice(0, count).join("/"));
     }
   }
   return [top];
 }
 
+function add_node(nodes, id) {
+  if (nodes.has(id)) return;
+  const [first, ...others] = id.split("~");
+  const again = others.length > 0 && !others.at(-1).includes("/");
+  const above = nodes.get(again ? first : id.slice(0, id.lastIndexOf("/")));
+  if (!above) return;
+  const name = again ? `made anew (${others.at(-1)})` : id.slice(id.lastIndexOf("/") + 1);
+  if (again) above.below.forEach(leave);
+  const node = { id, name, label: name, task: null, below: [], open: again, past: false };
+  nodes.set(id, node);
+  above.below.push(node);
+}
+
+function leave(node) {
+  node.past = true;
+  node.open = false;
+  node.below.forEach(leave);
+}
+
 function task_node(task, nodes, depth) {
   const label = task.label || task.name.split("/").pop();
-  const node = { id: task.name, name: label, label, task, below: [], open: depth < 2 };
+  const node = { id: task.name, name: label, label, task, below: [], open: depth < 2, past: false };
   nodes.set(task.name, node);
   node.below = task.subtasks.map((inner) => task_node(inner, nodes, depth + 1));
   return node;

@@ -37,6 +37,7 @@ export class RobotPart {
   /** Take the positions that the host tells. */
   take({ robots }, time_s) {
     for (const [robot, x, y, heading, task, moving, heard_s, goal] of robots) {
+      if (![x, y, heading, heard_s].every(Number.isFinite)) throw new TypeError("this is no position");
       this.rows.set(robot, { x, y, heading, task, moving, heard_s, goal, time_s });
     }
   }

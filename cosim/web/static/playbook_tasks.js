@@ -4,7 +4,7 @@ import { act_text, task_nodes } from "./playbook_played.js";
 import { make, seconds } from "./playbook_parts.js";
 import { Tree } from "./playbook_tree.js";
 
-const SIGNS = { waiting: "○", running: "▶", done: "✓", failed: "✗", terminated: "■" };
+const SIGNS = { waiting: "○", running: "▶", done: "✓", failed: "✗", terminated: "■", "given up": "–" };
 
 /** A tree of tasks. */
 export class Tasks {
@@ -29,7 +29,16 @@ export class Tasks {
     const nodes = task_nodes(plan.root, [...Object.keys(this.windows), ...(states?.keys() ?? [])]);
     this.describe(nodes);
     this.tree.show(nodes);
+    if (states) this.follow(nodes);
     return nodes;
+  }
+
+  /** Open what is running, and close it again when it is over; the first levels stay open. */
+  follow(nodes) {
+    for (const node of nodes) {
+      if (!node.open) this.tree.unfold(node.id, this.stand(node).state === "running");
+      this.follow(node.below);
+    }
   }
 
   describe(nodes) {
@@ -40,8 +49,15 @@ export class Tasks {
     }
   }
 
+  /** How a task stands: as was told, or as its parts do; what was made anew before it was done has been given up. */
   stand(node) {
-    return this.states.get(node.id) ?? { state: "waiting", robot: null, why: "" };
+    const told = this.states.get(node.id);
+    if (node.past && told?.state !== "done") return { state: "given up", robot: null, why: "" };
+    if (told) return told;
+    const parts = node.below.filter((each) => !each.past).map((each) => this.stand(each).state);
+    const over = parts.length > 0 && parts.every((state) => state !== "waiting" && state !== "running");
+    const state = over ? parts.at(-1) : parts.every((each) => each === "waiting") ? "waiting" : "running";
+    return { state, robot: null, why: "" };
   }
 
   draw(row, node) {

@@ -15,6 +15,7 @@ export class Tree {
     this.root = root;
     this.told = told;
     this.items = new Map();
+    this.touched = new Set(); // what somebody has opened or closed stays as it is
     this.selected = null;
     this.shape = "";
     root.addEventListener("keydown", (event) => this.key(event));
@@ -26,6 +27,7 @@ export class Tree {
     if (shape !== this.shape) {
       const open = new Map([...this.items].map(([id, { item }]) => [id, item.getAttribute("aria-expanded") === "true"]));
       const focused = this.root.contains(document.activeElement) ? document.activeElement.dataset.id : null;
+      if (nodes[0]?.id !== this.root.firstElementChild?.dataset.id) this.touched.clear();
       this.shape = shape;
       this.items.clear();
       this.root.replaceChildren(...this.made(nodes, 1, open));
@@ -44,6 +46,12 @@ export class Tree {
     for (const [each, { item }] of this.items) item.setAttribute("aria-selected", String(each === id));
     this.stop(id);
     this.told.picked?.(found.node);
+  }
+
+  /** Open or close the node *id*, unless somebody has done so before. */
+  unfold(id, open) {
+    const found = this.items.get(id);
+    if (found?.item.hasAttribute("aria-expanded") && !this.touched.has(id)) found.item.setAttribute("aria-expanded", String(open));
   }
 
   refresh(nodes) {
@@ -97,7 +105,9 @@ export class Tree {
   }
 
   toggle(item, open = item.getAttribute("aria-expanded") !== "true") {
-    if (item.hasAttribute("aria-expanded")) item.setAttribute("aria-expanded", String(open));
+    if (!item.hasAttribute("aria-expanded")) return;
+    this.touched.add(item.dataset.id);
+    item.setAttribute("aria-expanded", String(open));
   }
 
   /** Make the node *id* the one that the tab key comes to. */

@@ -1,0 +1,76 @@
+"""How what an executive wants leaves the machine that runs it: orders as letters, or to the own member; and ends."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from cosim.machine import Address, Event
+from cosim.units import Time
+from protocols.deployment import journal
+from protocols.deployment.host_gossip import Gossip
+from protocols.deployment.host_play import Play
+from protocols.deployment.member_letters import Letter, Ordered
+from protocols.deployment.orders import Order
+from protocols.deployment.records import Records
+
+
+class Mail(Protocol):
+    """What carries letters to other robots."""
+
+    def post(self, destination: Address, letter: Letter, now: Time) -> None:
+        """Send a letter reliably."""
+
+    def forget(self, other: Address, now: Time) -> None:
+        """Send nothing any more of what is on its way to a robot."""
+
+
+class Dispatch:
+    """Passes on what the executive of one robot wants: all of it if that is the central one, else what is its own."""
+
+    def __init__(
+        self,
+        me: Address,
+        central: bool,
+        mail: Mail,
+        gossip: Gossip,
+        note: Callable[[Event], None],
+        records: Records,
+    ) -> None:
+        self.mine: list[Order] = []
+        """Orders to this robot itself; drained by who gives them to the member."""
+        self.breaches: list[str] = []
+        """Constraints that were not kept, in words; drained by who reads them."""
+        self.ends: list[tuple[int, str]] = []
+        """Plans that have ended, and how; likewise."""
+        self._me = me
+        self._central = central
+        self._mail = mail
+        self._gossip = gossip
+        self._note = note
+        self._records = records
+
+    def advance(self, play: Play, leads: bool, term: int, now: Time) -> None:
+        """Pass on what *play* wants and tells; *leads*: this robot is host, with that *term*."""
+        for order in play.orders():
+            if order.robot == self._me or (self._central and leads):
+                self._pass_on(order, term, now)
+        ends = [end for end in (play.end(),) if end is not None]
+        breaches = play.breaches()
+        if not leads:
+            return
+        for why in breaches:
+            self._records.breaches += 1
+            self._note(journal.Breached(play.number, why))
+        for result in ends:
+            self._records.ended.append((play.number, result, now))
+            self._note(journal.PlanEnded(play.number, result))
+        self.breaches += breaches
+        self.ends += [(play.number, result) for result in ends]
+
+    def _pass_on(self, order: Order, term: int, now: Time) -> None:
+        self._records.ordered += 1
+        self._note(journal.Ordered(order.robot, order.plan, order.serial, order.task, order.errand.act))
+        if order.robot == self._me:
+            self.mine.append(order)
+        else:
+            self._gossip.told(order.robot, now)
+            self._mail.post(order.robot, Ordered(term=term, order=order), now)

@@ -1,0 +1,40 @@
+"""A mover that knows beside its own pace that of its double, for the judge (:mod:`protocols.deployment.interference`)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from cosim.machine import Drive
+from cosim.observation import Observation
+from cosim.units import Time
+from protocols.deployment.double import Double
+from protocols.deployment.mover import Mover
+from protocols.deployment.plan import Place
+from protocols.deployment.traffic import Other
+
+
+class PacedMover(Mover):
+    """Drives as any mover does; the double moves nobody."""
+
+    def __init__(self, *arguments: Any) -> None:
+        """Take what a mover takes."""
+        super().__init__(*arguments)
+        wheel = self._wheel
+        self._double = Double(self._floor, self._radius_m, wheel._limits, self._own, wheel._seconds)
+
+    @property
+    def pace_mps(self) -> tuple[float, float] | None:
+        """How fast it goes by its last order, and would go without the others, m/s; None if it is not under way."""
+        return self._double.pace_mps
+
+    def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
+        """Drive to a place, past way points in their order; what it did before is given up."""
+        super().go(place_m, via_m)
+        self._double.restart()
+
+    def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
+        """Return what to do from the next tick on; None if that is what it does already."""
+        drive = super().step(observation, others, now)
+        target = self._via[0] if self._via else self.goal_m
+        goal = target if self.state in ("driving", "stuck") else None
+        self._double.look(self._wheel._motion, goal, self._wheel._wanted[0], self.yielding_to is not None)
+        return drive

@@ -1,0 +1,45 @@
+"""Who does what in a play that is under way: who is lost, who stands where, who has taken over from whom."""
+
+from collections.abc import Iterable
+
+from cosim.machine import Address
+from protocols.deployment.crew import Crew
+from protocols.deployment.executive_facts import Record
+from protocols.deployment.plan import Go, Place, Task
+from protocols.deployment.recovery import Length, substitute
+
+
+class Casting:
+    """The robots of a crew, as far as a plan has to do with them."""
+
+    def __init__(self, record: Record, crew: Crew, length: Length, draft: bool) -> None:
+        self._crew, self._length = crew, length
+        self._reserve = set(crew.robots) - set(record.plan.robots) if draft else set[Address]()
+        """Robots that may take over: those that the plan makes no use of, and that have not taken over yet."""
+        self._roles: dict[Address, Address] = {}
+        """Who has taken over from a lost robot, outside deployments."""
+        self.lost: set[Address] = set()
+        self.stands_m: dict[Address, Place] = dict.fromkeys(crew.robots, crew.base_m) | record.starts_m
+        """Where a robot has been ordered to, and arrived at, last."""
+
+    def role(self, robot: Address) -> Address:
+        """Return who plays the part of *robot* now."""
+        while robot in self._roles:
+            robot = self._roles[robot]
+        return robot
+
+    def draft(self, place_m: Place) -> Address | None:
+        """Return the spare robot that has the shortest way to a place, and take it; None: there is none."""
+        return self._take([Task(name="draft", act=Go(robot=0, place_m=place_m))])
+
+    def recast(self, robot: Address, leaves: Iterable[Task]) -> bool:
+        """Give the part of *robot*, whose leaves are left, to a spare one; return whether there was one."""
+        spare = self._take(leaves)
+        if spare is not None:
+            self._roles[robot] = spare
+        return spare is not None
+
+    def _take(self, leaves: Iterable[Task]) -> Address | None:
+        spare = substitute(leaves, self._reserve - self.lost, self.stands_m, self._crew, self._length)
+        self._reserve.discard(-1 if spare is None else spare)
+        return spare

@@ -1,0 +1,113 @@
+"""Deployments from places that are drawn: they fit, are the same for all arms of a replicate, and are carried out."""
+
+import math
+from collections.abc import Mapping
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from cosim.experiment import load_experiment
+from experiments.deployment_strategies import deploying
+from experiments.deployment_strategies.deploying import COLUMNS, Parameters, measure
+
+EXPERIMENTS = Path(__file__).parent.parent / "experiments"
+NAMES = ("deployment_strategies", "deployment_wean")
+
+
+def parameters(name: str, **scenario: Any) -> dict[str, Any]:
+    given = yaml.safe_load((EXPERIMENTS / name / "sweep.yaml").read_text(encoding="utf-8"))["parameters"]
+    plain: dict[str, Any] = deepcopy(given)
+    plain["scenario"]["floorplan"]["map"] = str(
+        EXPERIMENTS / "floors" / Path(plain["scenario"]["floorplan"]["map"]).name
+    )
+    plain["scenario"] |= scenario
+    return plain
+
+
+def starts(name: str, seed: int) -> tuple[tuple[float, float], ...]:
+    found = Parameters.model_validate(parameters(name)).placed(seed).team.starts
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_experiment_is_ready_to_run(name: str) -> None:
+    found = load_experiment(EXPERIMENTS / name / "sweep.yaml", quick=True)
+    assert found.arms
+    assert found.settings.run is not None
+
+
+def test_the_alternatives_are_ready_to_run() -> None:
+    found = load_experiment(EXPERIMENTS / "deployment_wean" / "alternatives.yaml")
+    for arm in found.arms:
+        Parameters.model_validate(arm.parameters | {"scenario": parameters("deployment_wean")["scenario"]})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_robots_start_in_their_square_and_apart(name: str) -> None:
+    own = Parameters.model_validate(parameters(name))
+    places = {"deployment_strategies": (4.0, 4.0), "deployment_wean": (3.0, 34.0)}
+    for seed in range(20):
+        found = starts(name, seed)
+        assert len(found) == 4
+        for number, start in enumerate(found):
+            off = [abs(a - b) for a, b in zip(start, places[name], strict=True)]
+            assert off[0] <= own.starts.half_m[0] + 1e-3
+            assert off[1] <= own.starts.half_m[1] + 1e-3
+            assert all(math.dist(start, other) >= own.starts.apart_m for other in found[:number])
+
+
+def test_starts_come_from_the_seed_alone() -> None:
+    assert starts("deployment_wean", 3) == starts("deployment_wean", 3) != starts("deployment_wean", 4)
+    chosen = parameters("deployment_wean") | {"choice": {"channel": {"kind": "adhoc", "range_m": 50}}}
+    assert Parameters.model_validate(chosen).placed(3).team.starts == starts("deployment_wean", 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [
+        ({"starts": {"base": "nowhere", "half_m": [2, 2], "apart_m": 1}}, "nowhere"),
+        ({"starts": {"base": "base", "half_m": [1, 1], "apart_m": 9}}, "room"),
+        ({"posts": "base"}, "base"),
+        ({"choice": {"team.sise": 3}}, "sise"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes: Mapping[str, Any], wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(deploying, "ATTEMPTS", 3)
+    with pytest.raises(ValidationError, match=wrong):
+        Parameters.model_validate(parameters("deployment_strategies") | changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [2, 8])
+def test_a_team_gets_as_many_posts_as_it_has_robots(size: int) -> None:
+    plain = parameters("deployment_strategies")
+    plain["scenario"]["team"]["size"] = size
+    scenario = Parameters.model_validate(plain).placed(1)
+    (timed,) = scenario.protocol.parameters.calls  # type: ignore[attr-defined]
+    assert len(timed.call.places) == size
+    assert timed.call.places[0] == (14.0, 4.0)
+
+
+@pytest.mark.slow
+def test_the_typical_scenario_is_carried_out() -> None:
+    found = measure(parameters("deployment_wean"), 1)
+    assert set(found) == {column.name for column in COLUMNS}
+    assert found["deployed"] == found["places_held"] == 1.0
+    assert found["leap_ahead_s"] >= 5.0 - 1e-3
+    assert found["collisions"] == found["wall_contacts"] == 0
+    assert 45.0 < found["way_m"] < 60.0
+    assert found["until_deployed_s"] == found["deployment_s"] > 16.0 * 2 / 0.95
+
+
+@pytest.mark.slow
+def test_a_deployment_that_does_not_come_to_its_end_counts_with_the_longest_run() -> None:
+    found = measure(parameters("deployment_wean", duration_s=20), 1)
+    assert math.isnan(found["deployment_s"])
+    assert found["until_deployed_s"] == 20
+    assert found["deployed"] == 0.0
+    assert math.isnan(found["leap_ahead_s"])

@@ -1,0 +1,231 @@
+"""The playbook page before a real team: plays are called, tailored, refused and played to their end."""
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+from websockets.sync.client import connect
+
+from cosim.web.live import Live
+from tests.web.browser import chromium, tab
+from tests.web.playbook_scene import FLOOR, begun, written
+from tests.web.served import Served, next_of, until_closed
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+POSTS: list[list[float]] = FLOOR["places"]["posts"]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Callable[..., tuple[Served, Live]]]:
+    """Return a function that begins a run and serves its page; all is ended after the test."""
+    made: list[tuple[Served, Live]] = []
+
+    def serve(**changes: Any) -> tuple[Served, Live]:
+        session = begun(tmp_path, **changes)
+        made.append((Served(session, page="playbook.html"), session))
+        return made[-1]
+
+    yield serve
+    for served, session in made:
+        if served.thread.is_alive():
+            served.stop()
+        session.close()
+        assert not session.running
+
+
+def until(page: Any, condition: str, seconds: float = 90) -> None:
+    page.wait_for_function(f"() => {condition}", timeout=1000 * seconds)
+
+
+def choose(page: Any, path: str) -> None:
+    page.wait_for_selector("#plays li")
+    for at in range(1, path.count("/") + 1):
+        above = page.locator(f"#plays li[data-id='{'/'.join(path.split('/')[:at])}']")
+        if above.get_attribute("aria-expanded") == "false":
+            above.locator("> .row > .twist").click()
+    page.locator(f"#plays li[data-id='{path}'] > .row").click()
+
+
+def choose_posts(page: Any, path: str) -> None:
+    choose(page, path)
+    page.wait_for_selector("#form .places select option >> nth=2", state="attached")
+    page.select_option("#form .places select", label="posts, all 3")
+
+
+def done(page: Any, plan: int) -> None:
+    until(page, f"document.getElementById('played-title').textContent.startsWith('Plan {plan}:')")
+    until(page, "document.getElementById('played-state').textContent.startsWith('done')")
+
+
+def places(session: Live) -> list[tuple[float, float]]:
+    now = session.look(None)[0][0]
+    return [(x, y) for x, y, *_ in now["robots"]]
+
+
+def held(session: Live, posts: list[list[float]]) -> bool:
+    """Return whether some robot truly stands at each of *posts*."""
+    return all(min(math.dist(post, place) for place in places(session)) < 0.3 for post in posts)
+
+
+# ---------------------------------------------------------------- a person plays
+
+
+def test_plays_are_called_at_two_levels_of_the_tree_and_watched_to_their_end(browser: Any, serve: Any):
+    served, session = serve()
+    with tab(browser, served) as page, tab(browser, served) as other:
+        choose_posts(page, "deploy")  # whichever of the plays in it is the quickest
+        page.click("#execute")
+        done(page, 1)
+        assert held(session, POSTS)
+        choose(page, "photo/go")  # one task of a play
+        page.select_option("#form .places select", label="corner")
+        page.click("#execute")
+        done(page, 2)
+        assert held(session, FLOOR["places"]["corner"])
+        done(other, 2)
+        assert other.inner_text("#tasks") == page.inner_text("#tasks")
+
+
+def test_an_infeasible_play_is_refused_and_what_mends_it_does(browser: Any, serve: Any):
+    served, session = serve()
+    with tab(browser, served) as page:
+        choose_posts(page, "deploy/wave")
+        page.click("#tailor")
+        page.wait_for_selector("#draft li")
+        page.select_option("#constraint-kind", "deadline")
+        page.select_option("#constraint [name=task]", "")
+        page.fill("#constraint [name=seconds]", "5")
+        page.press("#constraint [name=seconds]", "Enter")
+        page.wait_for_selector("#refusal:not([hidden])")
+        until(page, "document.activeElement.id === 'refusal'")
+        assert "wave ends at most 5 s after the plan begins" in page.inner_text("#conflicts")
+        (mend,) = page.locator("#mend li").all_inner_texts()
+        mended = mend.partition("at most ")[2].partition(" s")[0]
+        assert float(mended) > 5
+        page.click("#execute-tailored")  # as it is: nothing happens
+        page.wait_for_timeout(300)
+        assert session.look(None)[0][0]["state"] == "playing"
+        assert page.text_content("#played-title") == "Nothing is being played"
+        page.locator("#constraints .remove").click()
+        page.fill("#constraint [name=seconds]", mended)
+        page.press("#constraint [name=seconds]", "Enter")
+        until(page, "document.getElementById('draft-title').textContent.startsWith('Plan')")
+        assert page.is_hidden("#refusal")
+        page.locator("#constraints .remove").click()
+        page.click("#execute-tailored")
+        until(page, "document.getElementById('played-state').textContent.startsWith('done')")
+        assert held(session, POSTS)
+        assert page.locator("#breaches li").count() == 0
+
+
+def test_a_constraint_that_was_added_is_kept(browser: Any, serve: Any):
+    served, _ = serve()
+    with tab(browser, served) as page:
+        choose(page, "photo")
+        page.select_option("#form .places select", label="corner")
+        page.click("#tailor")
+        page.wait_for_selector("#draft li[data-id='photo/photo']")
+        page.select_option("#constraint-kind", "after")
+        page.select_option("#constraint [name=task]", "photo")
+        page.select_option("#constraint [name=of]", "go")
+        page.fill("#constraint [name=at_least_s]", "20")
+        page.click("#constraint button")
+        page.click("#execute-tailored")
+        stands = "[...document.querySelectorAll('#tasks .sign')].map((sign) => sign.title).join()"
+        until(page, f"{stands} === 'running,done,waiting'")
+        from_s = float(page.inner_text("#time").split()[0])
+        until(page, f"{stands} === 'done,done,done'")
+        assert float(page.inner_text("#time").split()[0]) - from_s > 15
+
+
+def test_strategy_and_end_are_in_the_hands_of_the_operator(browser: Any, serve: Any):
+    served, _ = serve()
+    with tab(browser, served) as page:
+        choose_posts(page, "deploy/leap-frog")
+        page.click("#execute")
+        until(page, "document.querySelectorAll('#tasks .sign.running').length >= 3")
+        assert page.input_value("#strategy") == "leap_frog"
+        page.select_option("#strategy", "wave")
+        page.click("#switch")
+        until(page, "[...document.querySelectorAll('#tasks li')].some((item) => item.dataset.id.includes('~2'))")
+        page.click("#terminate")
+        until(page, "document.getElementById('played-state').textContent.startsWith('terminated')")
+
+
+def test_a_host_that_dies_in_mid_play_is_succeeded_and_the_page_goes_along(browser: Any, serve: Any):
+    faults = [{"kind": "kill", "robot": 0, "at_s": 20.0}]
+    parameters = {"silence_s": 4.0, "alone_s": 8.0}
+    served, session = serve(faults=faults, parameters=parameters, speed=4.0)
+    with tab(browser, served) as page:
+        choose_posts(page, "deploy/leap-frog")
+        page.click("#execute")
+        until(page, "document.getElementById('host').textContent.includes('does not answer')")
+        until(page, "document.getElementById('host').textContent.includes('robot 1 is host now')")
+        page.select_option("#speed", "20")
+        until(page, "/^(done|failed)/.test(document.getElementById('played-state').textContent)")
+        page.get_by_role("button", name="robot 2", exact=True).click()
+        page.click("#look")
+        page.wait_for_selector("#picture:not([hidden])")
+        assert held(session, POSTS[:1])
+
+
+def test_pictures_and_ways_come_from_the_robots(browser: Any, serve: Any):
+    served, _ = serve(parameters={"cameras": [0, 1]})
+    with tab(browser, served) as page:
+        page.get_by_role("button", name="robot 1", exact=True).click()
+        page.click("#look")
+        page.wait_for_selector("#picture:not([hidden])")
+        assert page.inner_text("#picture-text").startswith("Robot 1 at ")
+        page.click("#way-to")
+        box = page.locator("#floor").bounding_box()
+        scale = min((box["width"] - 44) / 16, (box["height"] - 44) / 10)
+        page.mouse.click(box["x"] + box["width"] / 2 + 3 * scale, box["y"] + box["height"] / 2 + 2 * scale)  # 11, 3
+        until(page, "document.getElementById('robot-said').textContent.startsWith('The way is ')")
+        length_m = float(page.inner_text("#robot-said").split()[3])
+        assert 8.0 < length_m < 10.5
+        page.get_by_role("button", name="robot 2", exact=True).click()
+        until(page, "document.getElementById('look').disabled")
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_shows_the_page_until_it_is_interrupted(tmp_path: Path):
+    words = ["playbook", str(written(tmp_path)), "--speed", "5", "--seed", "3", "--paused"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cosim.cli", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    try:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:"), process.communicate(timeout=60)
+        with urlopen(address, timeout=30) as answer:
+            assert b'id="plays"' in answer.read()
+        with connect(address.replace("http:", "ws:") + "socket", proxy=None) as page:
+            scene = next_of(page, "scene")
+            assert (scene["attended"], scene["seed"]) == (True, 3)
+            assert next_of(page, "now")["speed"] == 5
+            begun_s = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            assert until_closed(page) == 1012
+        _, err = process.communicate(timeout=30)
+        assert (process.returncode, err) == (0, "")
+        assert time.monotonic() - begun_s < 15
+    finally:
+        process.kill()
+        process.communicate()
