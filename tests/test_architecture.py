@@ -26,7 +26,7 @@ LINES = (
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
-    *("units", "errors", "jit", "settings", "randomness", "geometry"),
+    *("units", "errors", "jit", "settings", "randomness", "geometry", "documents"),
     *("observation", "machine", "protocol", "navigation"),
 }
 

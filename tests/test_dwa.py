@@ -125,6 +125,7 @@ def test_the_arithmetic_is_that_of_the_drive(wanted, last, change, heading):
         assert stopping_m(braking_way(wanted, change), change) == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(bodies, st.floats(-3, 3), st.lists(places, min_size=40, max_size=40))
 def test_one_robot_touches_no_wall_whatever_it_aims_at(body, heading, aims):
@@ -135,6 +136,7 @@ def test_one_robot_touches_no_wall_whatever_it_aims_at(body, heading, aims):
             assert swept_clearance(scene.grid, scene.state[:, :2], scene.state[:, :2], 1.0)[0] >= body.radius_m
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(bodies, st.floats(-3, 3), st.lists(places, min_size=12, max_size=12), st.integers(1, 35))
 def test_who_dies_at_any_moment_stops_without_a_touch(body, heading, aims, moment):
@@ -170,6 +172,7 @@ def test_the_textbooks_law_holds_on_a_straight_way(speed, acceleration, room):
         assert chosen * T / 2 + chosen**2 / (2 * acceleration) <= free + 1e-6
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(bodies, bodies, st.floats(-3, 3), st.lists(st.tuples(places, places), min_size=25, max_size=25))
 def test_two_robots_that_both_obey_never_touch(one, other, heading, aims):
@@ -180,6 +183,7 @@ def test_two_robots_that_both_obey_never_touch(one, other, heading, aims):
             assert scene.gap() >= -1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(bodies, bodies, st.floats(-0.3, 0.3))
 def test_head_on_both_stop_short_of_each_other(one, other, aside):
@@ -189,6 +193,7 @@ def test_head_on_both_stop_short_of_each_other(one, other, aside):
         assert scene.gap() > 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(bodies, bodies, st.integers(0, 60), st.lists(st.tuples(places, places), min_size=15, max_size=15))
 def test_one_that_dies_among_others_is_not_touched_either(one, other, moment, aims):
@@ -200,6 +205,7 @@ def test_one_that_dies_among_others_is_not_touched_either(one, other, moment, ai
         assert scene.gap() >= -1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.lists(bodies, min_size=4, max_size=4), st.lists(st.lists(places, min_size=4, max_size=4), min_size=15))
 def test_four_robots_in_a_throng_never_touch(team, aims):

@@ -79,10 +79,10 @@ class Room:
         busy = progress.errands().keys() if self._steps or any(d.leaping for d in progress.deployments.values()) else ()
         for name, deploying in progress.deployments.items():
             node = progress.tree.get(name)
-            if not deploying.leaping or node is None:
+            if node is None or not (deploying.leaping or self._steps):
                 continue
             moving = [robot for robot in deploying.posts if robot in busy and robot in places]
-            if node.state is not State.RUNNING:
+            if node.state is not State.RUNNING or not deploying.leaping:
                 moving = []
             passing = [self._passing(robot, deploying, places[robot]) for robot in moving]
             for robot in deploying.posts:

@@ -251,17 +251,19 @@ class Console:
                 self._out.append(write(answer=request, say="error", why=f"robot {robot} does not answer"))
 
     def _tell_tasks(self) -> None:
-        """Tell of tasks that have begun, or ended: with why, and whose they were."""
+        """Tell of tasks that have begun, parents first, then of those that have ended, parents last."""
         play = self._host.play
         if play is None or play.executive is None or not self._host.leads:
             return
-        reasons = {report.task: report for report in play.ends()}
+        reports = {report.task: report for report in play.ends()}
         states = dict(play.executive.states)
-        for task, state in states.items():
-            if self._states.get(task, "waiting") != state:
-                report = reasons.get(task)
-                robot, why = (None, "") if report is None else (report.robot, report.why)
-                self._out.append(write(say="task", plan=play.number, task=task, state=state, robot=robot, why=why))
+        changed = [task for task, state in states.items() if self._states.get(task, "waiting") != state]
+        begun = [task for task in changed if states[task] == "running"]
+        for task in [*begun, *(task for task in reversed(changed) if states[task] != "running")]:
+            report = reports.get(task)
+            robot, why = (None, "") if report is None else (report.robot, report.why)
+            news = {"task": task, "state": states[task], "robot": robot, "why": why}
+            self._out.append(write(say="task", plan=play.number, **news))
         self._states = states
 
     def _tell_positions(self, now: Time) -> None:

@@ -53,6 +53,8 @@ class Executive:
         self._serials: dict[Address, int] = {}
         self._issued: dict[Address, tuple[str, bool]] = {}
         """What each robot was ordered last: the task, and whether that was to do it."""
+        self._since: dict[Address, Time] = {}
+        """When that was."""
         self._places: dict[Address, Whereabouts] = {}
         self._room = Room(crew, ways, parameters)
         self._orders: list[Order] = []
@@ -221,12 +223,23 @@ class Executive:
         serial = self._serials.get(robot, 0)
         self._serials[robot] = serial + 1
         self._issued[robot] = task, doing
+        self._since[robot] = self._now
         self._orders.append(Order(plan=self.plan.number, serial=serial, task=task, robot=robot, errand=errand))
 
     def _stop(self, robot: Address) -> None:
         """Halt a robot that may still be at something that is wanted no more."""
         task, doing = self._issued[robot]
-        if doing and (task, robot) not in self._progress.heard:
+        end = self._progress.heard.get((task, robot))
+        if doing and (end is None or end.at < self._since.get(robot, 0)):  # it may have been told a predecessor
+            self._halt(robot, task)
+
+    def _halt(self, robot: Address, task: str) -> None:
+        """Halt a robot, or call it back to its post if it was there: a late fact may have undone why it left."""
+        deployments = self._progress.deployments.values()
+        if any(robot in each.posts and robot in each.stands_m for each in deployments):
+            self._issued[robot] = "", False
+            self._room.doubt([robot])
+        else:
             self._order(robot, task, Halt(robot=robot), False)
 
     def _stray(self, at: Whereabouts) -> None:
@@ -234,7 +247,7 @@ class Executive:
         wanted = at.robot in self._progress.errands() or at.robot in self._issued or at.robot in self._room.away
         known = at.plan == self.plan.number and at.task and (at.task, at.robot) not in self._progress.heard
         if known and not wanted and at.robot not in self._progress.lost:
-            self._order(at.robot, at.task, Halt(robot=at.robot), False)
+            self._halt(at.robot, at.task)
 
     def _make_room(self) -> None:
         """Let deployed robots step aside, and come back."""

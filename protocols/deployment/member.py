@@ -13,12 +13,13 @@ from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.deployment.journal import SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.knowledge import Knowledge
-from protocols.deployment.member_aside import Aloof
+from protocols.deployment.member_aside import Aloof, Asking
 from protocols.deployment.member_camera import Camera
 from protocols.deployment.member_letters import Aside, Picture
 from protocols.deployment.member_news import FAST_MPS
 from protocols.deployment.member_others import Others
 from protocols.deployment.member_pace import PacedMover
+from protocols.deployment.member_progress import Approach
 from protocols.deployment.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.plan import Explore, Go, Photo, Place
@@ -26,8 +27,6 @@ from protocols.deployment.records import Records
 
 NOWHERE: Final = -1
 """Before the first plan, or serial."""
-CORNERS: Final = 8
-"""So much of its way a robot tells who is to step aside."""
 
 
 class Member:
@@ -58,10 +57,9 @@ class Member:
         """Whether that order has ended."""
         self._waits_since: Time | None = None
         """Since when it waits for the robot that it is to set off behind."""
-        self._stuck_since: Time | None = None
+        self._approach = Approach(knowledge.floor, knowledge.crew.bodies[me].radius_m)
         self._aloof = Aloof(parameters, mover)
-        self._asked: dict[Address, Time] = {}
-        """When it has asked others to step aside."""
+        self._asking = Asking(parameters, knowledge.floor, me, knowledge.crew.bodies[me].radius_m, mover)
         self._reports: list[Report] = []
         self._looks: list[tuple[Address, int]] = []
         self._requests: list[tuple[Address, Aside]] = []
@@ -135,7 +133,8 @@ class Member:
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
-        self._ask_aside(now)
+        if not self._over:
+            self._requests += self._asking.step(self.here, self.others, now)
         self._aloof.step(self.here, self.others, now)
         self._look_for_the_end(now)
         return drive
@@ -175,7 +174,7 @@ class Member:
     def _begin(self, order: Order, now: Time) -> None:
         match order.errand:
             case Go(behind=None) as go:
-                self._go(go)
+                self._go(go, now)
             case Go():
                 self._waits_since = now
             case Retreat(post_m=post_m, passing=passing):
@@ -191,8 +190,9 @@ class Member:
             case Explore():
                 self._end(Result.FAILED, "it does not know how to explore", now)
 
-    def _go(self, go: Go) -> None:
-        self._waits_since = self._stuck_since = None
+    def _go(self, go: Go, now: Time) -> None:
+        self._waits_since = None
+        self._approach.begin(go.place_m, now)
         self._aloof.forget()
         self._mover.go(go.place_m, go.via_m)
 
@@ -205,7 +205,7 @@ class Member:
         waited = now - self._waits_since
         begun = waited >= from_seconds(self._parameters.behind_s)
         if apart_m >= go.behind_m or (begun and not self.others.moves(ahead)):
-            self._go(go)
+            self._go(go, now)
 
     def _photograph(self, observation: Observation, now: Time) -> Drive | None:
         """Turn to what is to be photographed, and take the picture; return how to turn, if that is to be done."""
@@ -237,18 +237,12 @@ class Member:
             if not self._aloof.away:
                 self._end(Result.DONE, "", now)
         elif isinstance(order.errand, Go) and self._waits_since is None:
-            self._look_for_arrival(order.errand, now)
+            self._look_for_arrival(now)
 
-    def _look_for_arrival(self, go: Go, now: Time) -> None:
-        state = self._mover.state
-        if state == "arrived":
+    def _look_for_arrival(self, now: Time) -> None:
+        if self._mover.state == "arrived":
             self._end(Result.DONE, "", now)
-        elif state != "stuck":
-            self._stuck_since = None
-        elif self._stuck_since is None:
-            self._stuck_since = now
-            self._mover.go(go.place_m, go.via_m)
-        elif now - self._stuck_since > from_seconds(self._parameters.stuck_s):
+        elif self._approach.held(self.here, now) > from_seconds(self._parameters.stuck_s):
             x_m, y_m = self.here
             self._end(Result.FAILED, f"stuck at ({x_m:.1f}, {y_m:.1f})", now)
             self._mover.halt()
@@ -257,7 +251,7 @@ class Member:
         order = self._order
         assert order is not None
         self._over = True
-        self._waits_since = self._stuck_since = None
+        self._waits_since = None
         self._records.failed += result is Result.FAILED
         self._knowledge.board.ends(self.me)
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
@@ -267,7 +261,7 @@ class Member:
 
     def _end_silently(self) -> None:
         """Forget the order that it has; a later one has come, so nobody waits for its end."""
-        self._waits_since = self._stuck_since = None
+        self._waits_since = None
         self._aloof.forget()
         if not self._over:
             self._knowledge.board.ends(self.me)
@@ -278,16 +272,3 @@ class Member:
         self._records.asides += 1
         self._note(SteppedAside(passing, *self.here))
         self._aloof.withdraw(passing, post_m, way, now, ordered)
-
-    def _ask_aside(self, now: Time) -> None:
-        """Ask who stands in the way, and has nothing to do, to step aside; again after a while."""
-        other, goal = self._mover.blocked_by, self._mover.goal_m
-        if self._over or other is None or goal is None or not self.others.idle(other):
-            return
-        last = self._asked.get(other)
-        if last is not None and 0 <= now - last < from_seconds(self._parameters.ask_s):
-            return
-        self._asked[other] = now
-        radius_m = self._knowledge.crew.bodies[self.me].radius_m
-        way = self._knowledge.floor.way(radius_m, self.here, goal) or [goal]
-        self._requests.append((other, Aside(robot=self.me, from_m=self.here, way_m=tuple(way[:CORNERS]))))

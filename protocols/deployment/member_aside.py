@@ -6,13 +6,19 @@ the robot has passed, then move back into position" (paper 004, section 5).
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from cosim.machine import Address
 from cosim.units import Time, from_seconds
+from protocols.deployment.floor import Floor
+from protocols.deployment.member_letters import Aside
 from protocols.deployment.member_others import Others
 from protocols.deployment.mover import Mover
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.plan import Place
+
+CORNERS: Final = 8
+"""So much of its way a robot tells who is to step aside."""
 
 
 class Aloof:
@@ -27,6 +33,8 @@ class Aloof:
         self._nearest_m = math.inf
         self._returning = False
         self._ordered = False
+        self._taken: Time | None = None
+        """Since when somebody stands at its post."""
 
     @property
     def away(self) -> bool:
@@ -36,7 +44,7 @@ class Aloof:
     def withdraw(self, passing: Address, post_m: Place, way: Sequence[Place], now: Time, ordered: bool) -> None:
         """Leave *post_m* for *passing*, whose way is *way*; who is *ordered* to will be ordered back as well."""
         self._passing, self._post_m, self._since = passing, post_m, now
-        self._nearest_m, self._returning, self._ordered = math.inf, False, ordered
+        self._nearest_m, self._returning, self._ordered, self._taken = math.inf, False, ordered, None
         self._mover.retreat(way[0], way)
 
     def forget(self) -> None:
@@ -48,7 +56,7 @@ class Aloof:
         if self._passing is None:
             return
         if self._returning:
-            self._return(others)
+            self._return(others, now)
             return
         away_m = math.dist(others.place_m(self._passing), self._post_m)
         self._nearest_m = min(self._nearest_m, away_m)
@@ -57,12 +65,45 @@ class Aloof:
             self._returning = True
             self._mover.go(self._post_m)
 
-    def _return(self, others: Others) -> None:
-        """End when it has come back, or when somebody who has nothing to do stands at its post: that is taken."""
+    def _return(self, others: Others, now: Time) -> None:
+        """End when it has come back, or when somebody who has nothing to do stays at its post: that is taken."""
         blocker = self._mover.blocked_by
-        if blocker is not None and others.idle(blocker):
-            if math.dist(others.place_m(blocker), self._post_m) < self._parameters.taken_m:
-                self._mover.halt()
+        taken = (
+            blocker is not None
+            and others.idle(blocker)
+            and math.dist(others.place_m(blocker), self._post_m) < self._parameters.taken_m
+        )
+        if not taken:
+            self._taken = None
+            if self._mover.state in ("arrived", "idle"):
                 self._passing = None
-        elif self._mover.state in ("arrived", "idle"):
+        elif self._taken is None:
+            self._taken = now
+        elif now - self._taken > from_seconds(self._parameters.taken_s):
+            self._mover.halt()
             self._passing = None
+
+
+class Asking:
+    """Whom one robot, that has somewhere to go, asks to step aside: who stands in its way, and has nothing to do."""
+
+    def __init__(self, parameters: MemberParameters, floor: Floor, me: Address, radius_m: float, mover: Mover) -> None:
+        self._patience = from_seconds(parameters.ask_s)
+        self._floor = floor
+        self._me = me
+        self._radius_m = radius_m
+        self._mover = mover
+        self._asked: dict[Address, Time] = {}
+        """When it has asked others."""
+
+    def step(self, here: Place, others: Others, now: Time) -> list[tuple[Address, Aside]]:
+        """Return the request that is due, if one is, with whom it is for; the same again after a while."""
+        other, goal = self._mover.blocked_by, self._mover.goal_m
+        if other is None or goal is None or not others.idle(other):
+            return []
+        last = self._asked.get(other)
+        if last is not None and 0 <= now - last < self._patience:
+            return []
+        self._asked[other] = now
+        way = self._floor.way(self._radius_m, here, goal) or [goal]
+        return [(other, Aside(robot=self._me, from_m=here, way_m=tuple(way[:CORNERS])))]

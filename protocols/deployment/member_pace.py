@@ -1,4 +1,4 @@
-"""A mover that knows beside its own pace that of its double, for the judge (:mod:`protocols.deployment.interference`)."""
+"""A mover that also knows the pace of its double, for the judge (:mod:`protocols.deployment.interference`)."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -61,10 +61,8 @@ class Mover:
         self.state: State = "idle"
         self.goal_m: Place | None = None
         """Where it is to end up."""
-        self.remaining_m: float | None = None
-        """Length of the way that is left to where it drives now."""
-        self.blocked_by: Address | None = None
-        """Who stands in its way, where no way leads round."""
+        self.remaining_m: float | None = None  # length of the way that is left to where it drives now
+        self.blocked_by: Address | None = None  # who stands in its way, where no way leads round
         self.yielding_to: Address | None = None
         """For whom it is making way."""
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
@@ -233,10 +231,10 @@ class Mover:
             return
         for track in self._traffic.tracks(self._here):
             near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
-            if not track.idle and math.dist(self._here, track.place_m) <= near_m:
-                anyway = min(held_s, track.still_s(now)) >= 0.5 * self._own.patience_s
-                if self._make_way(track, anyway, now):
-                    return
+            anyway = min(held_s, track.still_s(now)) >= 0.5 * self._own.patience_s
+            near = not track.idle and math.dist(self._here, track.place_m) <= near_m
+            if near and self._make_way(track, anyway, now):
+                return
 
     def _make_way(self, track: Track, anyway: bool, now: Time) -> bool:
         """Back off to where the other can pass, if it comes this way, and if that is easier than for the other.

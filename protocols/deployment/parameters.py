@@ -26,8 +26,11 @@ class MemberParameters(Settings):
     away_m: float = Field(default=3.0, gt=0, description="m, and has passed once it is so far from it again")
     aside_s: float = Field(default=45.0, gt=0, description="s, after which who stepped aside comes back in any case")
     taken_m: float = Field(default=0.8, gt=0, description="m, who comes back leaves its post to one who stands so near")
+    taken_s: float = Field(default=15.0, ge=0, description="s, and has nothing to do but to stand there")
     ask_s: float = Field(default=3.0, gt=0, description="s from one request to step aside to the next")
-    stuck_s: float = Field(default=60.0, gt=0, description="s that a robot is stuck until its drive has failed")
+    stuck_s: float = Field(
+        default=90.0, gt=0, description="s in which a robot does not get nearer to its goal until its drive has failed"
+    )
     view_deg: float = Field(default=60.0, gt=0, le=360, description="degrees, how wide a picture is")
     look_radps: float = Field(default=0.5, gt=0, description="rad/s, how fast a robot turns to what it photographs")
 

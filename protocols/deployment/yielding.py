@@ -19,6 +19,8 @@ from protocols.deployment.plan import Place
 
 _AMPLE_M: Final = 0.1
 """So much more than a touch, and the margins, is kept off the way of who passes."""
+_BESIDE_M: Final = 1.5
+"""Who is no farther than that from a place beside the way, where the other gets round it, goes there."""
 _FARTHEST_M: Final = 25.0
 """Nobody goes farther than that out of the way."""
 
@@ -51,7 +53,8 @@ def refuge(
     """Return the nearest place where a body is out of the *way* of another, of radius *other_m*; None without one.
 
     *way* is that of the other's centre, from where it is; *blockers* are the bodies that stand about, the other too:
-    nobody gets past them. It is *me* itself if that is off the way.
+    nobody gets past them. It is *me* itself if that is off the way. Where nothing near is off the way, it is as far
+    beside it as one gets, if the other finds a way round one there.
     """
     grid, price = floor.grid(radius_m)
     need_m = radius_m + other_m + 2.0 * floor.parameters.margin_m + _AMPLE_M
@@ -66,7 +69,14 @@ def refuge(
     cells = np.flatnonzero(cost.ravel() * grid.cell_m < farthest_m)
     nx = free.shape[1]
     centres = np.stack((cells % nx, cells // nx), axis=1) * grid.cell_m + (np.array(grid.origin_m) + 0.5 * grid.cell_m)
-    clear = _off_way(line, np.ascontiguousarray(centres)) >= need_m
+    off = _off_way(line, np.ascontiguousarray(centres))
+    clear = off >= need_m
+    hugging = cells[np.where(cost.ravel()[cells] * grid.cell_m < _BESIDE_M, off, -1.0).argmax()]
+    beside = grid.centre_m(int(hugging))
+    if floor.field_among(other_m, way[-1], [Blocker(*beside, radius_m)]).cost_m(way[0]) < math.inf:
+        nearer = clear & (cost.ravel()[cells] <= cost.flat[hugging])
+        if not nearer.any():
+            return Refuge(beside, float(cost.flat[hugging]) * grid.cell_m)
     if not clear.any():
         return None
     best = cells[clear][cost.ravel()[cells[clear]].argmin()]

@@ -43,7 +43,12 @@ def scenario(channel: str = "ideal", faults: Any = (), starts: Any = STARTS_M, *
     plain = {
         "duration_s": 400.0,
         "floorplan": {"map": "walls", "walls": WALLS},
-        "team": {"size": len(starts), "starts": starts, "senses": {"beams": BEAMS, "beam_range_m": RANGE_M}, "body": BODY},
+        "team": {
+            "size": len(starts),
+            "starts": starts,
+            "senses": {"beams": BEAMS, "beam_range_m": RANGE_M},
+            "body": BODY,
+        },
         "channel": CHANNELS[channel],
         "protocol": {"use": "protocols.deployment.spec:SPEC", "parameters": own},
         "faults": list(faults),

@@ -29,6 +29,13 @@ class Corridor(Plain):
         return abs(at[1]) + radius_m <= 1.0 and not 2.0 - radius_m < at[0] < 3.5 + radius_m
 
     def length_m(self, radius_m: float, a: Place, b: Place) -> float | None:
+        return math.dist(a, b)
+
+
+class Narrow(Corridor):
+    """The same, where there is no way to a place that is not free."""
+
+    def length_m(self, radius_m: float, a: Place, b: Place) -> float | None:
         return math.dist(a, b) if self.free(radius_m, b) else None
 
 
@@ -254,7 +261,7 @@ def test_only_who_has_a_camera_and_a_way_takes_over():
     crew = Crew((Body(), Body(camera=False), Body(radius_m=0.9), Body()), (0.0, 0.0))
     tasks = [Task(name="go", act=Go(robot=0, place_m=(1.0, 0.5))), Task(name="photo", act={"act": "photo", "robot": 0})]  # type: ignore[arg-type]
     stands = {1: (0.0, 0.0), 2: (1.0, 0.0), 3: (0.0, -0.5)}
-    length = lengths(crew, Corridor())
+    length = lengths(crew, Narrow())
     assert substitute(tasks, {1, 2, 3}, stands, crew, length) == 3
     assert substitute(tasks[:1], {1, 2, 3}, stands, crew, length) == 1  # nearer
     assert substitute(tasks, {1, 2}, stands, crew, length) is None

@@ -122,7 +122,7 @@ def test_terminating_a_subtree_lets_the_play_go_on():
 def test_a_role_goes_to_a_robot_that_is_not_in_the_plan():
     plan = plan_of(go("a", 0, 9.0), Task(name="photo", act=Photo(robot=0)), robots=(0,))
     scene = Scene(plan, crew_of(3), troubles=Troubles(deaths={0: 4.0})).run()
-    assert [order.robot for order in scene.orders] == [0, 1, 1]
+    assert [(order.robot, order.task) for order in scene.orders] == [(0, "a"), (1, "a~2"), (1, "photo")]
     assert executive(scene).results["play"] is Result.DONE
 
 
@@ -220,6 +220,29 @@ def test_a_successor_halts_who_is_at_something_that_nobody_wants():
     assert [order.errand.act for order in successor.orders()] == ["halt"]
 
 
+def test_a_successor_halts_whom_it_sent_again_to_what_had_failed_before():
+    before = Executive(plan_of(go("a", 0, 30.0)), crew_of(2), Plain(), ExecutiveParameters(), 0)
+    successor = Executive.restored(before.record, crew_of(2), Plain(), ExecutiveParameters(), 9 * S)
+    successor.report(Report(plan=7, serial=0, task="a", robot=0, result=Result.FAILED, at=4 * S), 10 * S)
+    assert [order.errand.act for order in successor.orders()] == ["go", "halt"]
+
+
+def test_who_was_moved_by_what_a_late_report_has_undone_goes_back_to_its_post():
+    """The play has ended with one robot, whose report is late, before the other one is heard again."""
+    act = Deployment(strategy="group", robots=(0, 1), places_m=((5.0, 0.0), (9.0, 0.0)))
+    plan = Plan(number=7, play="test", robots=(0, 1), root=Task(name="deploy", act=act))
+    here = Executive(plan, crew_of(2), Plain(), ExecutiveParameters(), 0)
+    here.lost(0, S)
+    ((task, _),) = [here.progress.errands()[1]]
+    here.found(0, 9 * S)
+    here.orders()
+    here.report(Report(plan=7, serial=0, task=task, robot=1, result=Result.DONE, at=8 * S), 10 * S)
+    orders = {order.robot: order.errand for order in here.orders()}
+    assert orders[0].act == "halt"
+    assert (orders[1].act, orders[1].place_m) == ("go", (5.0, 0.0))
+    assert not here.finished
+
+
 def test_replicas_that_have_heard_the_same_want_the_same_of_everybody():
     scene = until(Scene(deployment("wave"), crew_of(4)), 25)
     replica = Executive(executive(scene).plan, crew_of(4), Plain(), ExecutiveParameters(), 0)
@@ -241,6 +264,15 @@ def test_results_are_told_once_and_again_if_a_late_report_changes_them():
         here.report(late, 6 * S)
     assert [(end.task, end.result) for end in here.ended()] == [("a", Result.DONE), ("play", Result.DONE)]
     assert not here.ended()
+    here.report(late.model_copy(update={"result": Result.FAILED, "at": 3 * S}), 6 * S)  # what was done was done
+    assert not here.ended()
+
+
+def test_a_report_of_the_very_time_out_counts():
+    task = Task(name="a", act=Go(robot=0, place_m=(9.0, 0.0)), time_out_s=5.0)
+    here = Executive(plan_of(task), crew_of(2), Plain(), ExecutiveParameters(), 0)
+    here.report(Report(plan=7, serial=0, task="a", robot=0, result=Result.DONE, at=5 * S), 6 * S)
+    assert here.states["a"] == "done"
 
 
 def test_an_executive_can_be_asked_at_any_time_when_it_wants_to_be_woken():

@@ -20,7 +20,7 @@ CROSSING = line(
     *((0, LOW), (LOW, LOW), (LOW, 0), (HIGH, 0), (HIGH, LOW), (20, LOW)),
     *((20, HIGH), (HIGH, HIGH), (HIGH, 20), (LOW, 20), (LOW, HIGH), (0, HIGH), (0, LOW)),
 )
-BAY = line((0, 0), (20, 0), (20, 1), (12, 1), (12, 2), (11, 2), (11, 1), (0, 1), (0, 0))
+BAY = line((0, 0), (20, 0), (20, 0.8), (12, 0.8), (12, 2), (11, 2), (11, 0.8), (0, 0.8), (0, 0))
 
 
 def assert_unharmed(scene):
@@ -110,7 +110,7 @@ def test_two_robots_pass_each_other_in_a_corridor(width):
 @pytest.mark.parametrize("swapped", [False, True])
 def test_in_a_narrow_corridor_one_makes_way_in_the_bay(swapped):
     """The bay is on one side of where they meet: whoever of them is on that side backs off first."""
-    ends = [(1.0, 0.5), (19.0, 0.5)]
+    ends = [(1.0, 0.4), (19.0, 0.4)]
     starts, headings = (ends[::-1], [math.pi, 0.0]) if swapped else (ends, [0.0, math.pi])
     scene = Scene(BAY, starts, headings=headings)
     made_way = []
@@ -174,22 +174,22 @@ def test_stepping_aside_is_across_the_way_of_who_passes():
 
 def test_a_refuge_is_the_nearest_place_off_the_way_by_brute_force():
     floor = Floor(BAY, (0.0, 0.0, 20.0, 2.0), None)
-    way = [(3.0, 0.5), (19.0, 0.5)]
-    found = refuge(floor, 0.2, (10.0, 0.5), way, 0.2, [Blocker(9.0, 0.5, 0.2)])
+    way = [(3.0, 0.4), (19.0, 0.4)]
+    found = refuge(floor, 0.2, (9.0, 0.4), way, 0.2, [Blocker(8.0, 0.4, 0.2)])
     assert found is not None
     assert 11.0 < found.place_m[0] < 12.0
-    assert found.place_m[1] > 1.0
+    assert found.place_m[1] > 0.8
     assert off_way_m(found.place_m, way) >= 0.4
     assert not in_the_way(found.place_m, 0.2, way, 0.2, 0.03)
     grid, _ = floor.grid(0.2)
     off = [
-        math.dist(grid.centre_m(int(cell)), (10.0, 0.5))
+        math.dist(grid.centre_m(int(cell)), (9.0, 0.4))
         for cell in np.flatnonzero(grid.free)
         if off_way_m(grid.centre_m(int(cell)), way) >= 0.4 + 2 * 0.03 + 0.1
         and 11.0 < grid.centre_m(int(cell))[0] < 12.0
     ]
-    assert math.dist(found.place_m, (10.0, 0.5)) == pytest.approx(min(off), abs=0.25)
-    shut_in = refuge(floor, 0.2, (3.0, 0.5), [(0.4, 0.5), (19.0, 0.5)], 0.2, [Blocker(4.0, 0.5, 0.2)])
+    assert math.dist(found.place_m, (9.0, 0.4)) == pytest.approx(min(off), abs=0.25)
+    shut_in = refuge(floor, 0.2, (3.0, 0.4), [(0.4, 0.4), (19.0, 0.4)], 0.2, [Blocker(4.0, 0.4, 0.2)])
     assert shut_in is None
 
 

@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 
 from cosim.web.live import Live
 from tests.web.browser import chromium, tab
+from tests.web.playbook_hand import PAGE, choose, until
 from tests.web.playbook_scene import FLOOR, begun, written
 from tests.web.served import Served, next_of, until_closed
 
@@ -37,7 +38,7 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., tuple[Served, Live]]]:
 
     def serve(**changes: Any) -> tuple[Served, Live]:
         session = begun(tmp_path, **changes)
-        made.append((Served(session, page="playbook.html"), session))
+        made.append((Served(session, page=PAGE), session))
         return made[-1]
 
     yield serve
@@ -46,19 +47,6 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., tuple[Served, Live]]]:
             served.stop()
         session.close()
         assert not session.running
-
-
-def until(page: Any, condition: str, seconds: float = 90) -> None:
-    page.wait_for_function(f"() => {condition}", timeout=1000 * seconds)
-
-
-def choose(page: Any, path: str) -> None:
-    page.wait_for_selector("#plays li")
-    for at in range(1, path.count("/") + 1):
-        above = page.locator(f"#plays li[data-id='{'/'.join(path.split('/')[:at])}']")
-        if above.get_attribute("aria-expanded") == "false":
-            above.locator("> .row > .twist").click()
-    page.locator(f"#plays li[data-id='{path}'] > .row").click()
 
 
 def choose_posts(page: Any, path: str) -> None:
@@ -151,6 +139,21 @@ def test_a_constraint_that_was_added_is_kept(browser: Any, serve: Any):
         from_s = float(page.inner_text("#time").split()[0])
         until(page, f"{stands} === 'done,done,done'")
         assert float(page.inner_text("#time").split()[0]) - from_s > 15
+
+
+def test_while_time_stands_still_plans_are_made(browser: Any, serve: Any):
+    served, session = serve(playing=False)
+    with tab(browser, served) as page:
+        choose_posts(page, "deploy/group")
+        page.click("#tailor")
+        page.wait_for_selector("#draft li")
+        page.click("#execute-tailored")
+        page.wait_for_selector("#tasks .sign.running")
+        assert page.inner_text("#state") == "paused"
+        assert session.look(None)[0][0]["time_s"] < 1.0
+        page.keyboard.press("Control+Home")  # no shortcut of ours
+        page.locator("#floor").press("Space")
+        until(page, "document.getElementById('state').textContent === 'playing'")
 
 
 def test_strategy_and_end_are_in_the_hands_of_the_operator(browser: Any, serve: Any):

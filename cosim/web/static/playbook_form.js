@@ -114,15 +114,16 @@ export class Form {
   /** Several robots: how many, or which. */
   robots(name, { as_many_as, default: own }) {
     const chosen = new Set();
-    const open = as_many_as ? `as many as ${as_many_as.replaceAll("_", " ")}` : own ?? "how many";
     const title = name.replaceAll("_", " ");
+    const open = as_many_as ? `as many as ${as_many_as.replaceAll("_", " ")}` : own ? `${own}, the play's own` : "to be told";
     const count = number(null, (value) => {
       if (value !== null && chosen.size) {
         chosen.clear();
         for (const each of team.children) each.setAttribute("aria-pressed", "false");
       }
       this.set(name, value);
-    }, { min: 1, max: this.size, step: 1, placeholder: open, aria: { label: `${title}: how many` } });
+    }, { min: 1, max: this.size, step: 1, placeholder: as_many_as ? "auto" : own ?? "?", title: `how many; if left out: ${open}`,
+      aria: { label: `${title}: how many (${open})` } });
     const team = make("span", { className: "team" });
     team.append(...this.team().map(([, text], robot) => {
       const each = make("button", { type: "button", textContent: String(robot), aria: { pressed: false, label: `${title}: ${text}` } });

@@ -4,6 +4,7 @@
 
 const PATIENCE_MS = 4000;
 const PROBE_MS = 1500;
+const STEP_MS = 60;
 const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
 const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
 
@@ -28,16 +29,23 @@ export class Operator {
     this.size = scene.radii_m.length;
     this.host = 0;
     this.silent = false;
+    this.answered = false;
     this.waiting = new Map();
     this.probed_ms = -Infinity;
     this.playing = false;
+    this.paused = false;
+    clearTimeout(this.stepping);
+    this.stepping = 0;
     this.down = new Set();
   }
 
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
   moment(now) {
     if (now.state === "playing" && !this.playing) this.patient(performance.now());
+    const paused = now.state === "paused";
+    if (paused && !this.paused && this.waiting.size) this.step();
     this.playing = now.state === "playing";
+    this.paused = paused;
     this.down = new Set(now.robots.flatMap((robot, number) => (robot[3] ? [number] : [])));
   }
 
@@ -55,13 +63,26 @@ export class Operator {
     });
   }
 
+  /** Say something; robots answer as time passes, so where it stands still it goes on by a tick. */
   say(robot, data) {
-    return this.send({ say: "operator", robot, data });
+    const sent = this.send({ say: "operator", robot, data });
+    if (sent && this.paused) this.step();
+    return sent;
+  }
+
+  /** Have time go on by a tick, once for all that is asked at once. */
+  step() {
+    if (this.stepping) return;
+    this.stepping = setTimeout(() => {
+      this.stepping = 0;
+      if (this.paused) this.send({ say: "step", ticks: 1 });
+    }, STEP_MS);
   }
 
   /** Take what a robot says to its operator. */
   take({ robot, data }) {
     if (data === null || typeof data !== "object") return;
+    this.answered = true;
     const { answer } = data;
     const asked = this.waiting.get(answer);
     if (data.say === "state") this.stands(robot, data, answer);
@@ -119,7 +140,9 @@ export class Operator {
     );
     if ((late || this.down.has(this.host)) && !this.silent) {
       this.silent = true;
-      this.told.host(this.host, `robot ${this.host}, the host, does not answer: waiting for its successor`);
+      const what = this.answered ? ", the host, does not answer: waiting for its successor"
+        : " does not answer: it may have no console";
+      this.told.host(this.host, `robot ${this.host}${what}`);
     }
     if (this.silent && wall_ms - this.probed_ms > PROBE_MS) {
       this.probed_ms = wall_ms;

@@ -71,14 +71,15 @@ export class RobotPart {
     const row = this.rows.get(robot);
     const body = this.bodies[robot];
     const about = body ? `${body.radius_m} m, ${body.speed_mps} m/s, ${body.sensor}, ${body.camera ? "camera" : "no camera"}` : "";
-    const kind = [`robot ${robot}`, robot === host && "the host", lost.includes(robot) && "taken for lost"].filter(Boolean).join(", ");
+    const moving = row && (row.moving ? "moving" : "standing");
+    const kind = [`robot ${robot}`, robot === host && "the host", lost.includes(robot) && "taken for lost", moving].filter(Boolean).join(", ");
     if (!row) return [fact("", kind), fact("body", about), fact("heard", "not yet")];
     const heard_s = row.heard_s + Math.max(0, now_s - row.time_s);
     const degrees = Math.round((row.heading * 180) / Math.PI);
     return [
       fact("", kind),
       fact("task", row.task || "none"),
-      fact("place", `${row.x.toFixed(2)}, ${row.y.toFixed(2)} m, ${degrees}°, ${row.moving ? "moving" : "standing"}`),
+      fact("place", `${row.x.toFixed(2)}, ${row.y.toFixed(2)} m, ${degrees}°`),
       fact("goal", row.goal ? `${row.goal[0].toFixed(2)}, ${row.goal[1].toFixed(2)} m` : "none"),
       fact("heard", robot === host ? "by cable" : `${seconds(heard_s)} ago`, heard_s > STALE_S),
       fact("body", about),

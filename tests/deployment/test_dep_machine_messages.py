@@ -1,0 +1,149 @@
+"""What robots write to each other: letters and news keep what they say, and anything else is refused."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.errors import WireError
+from protocols.deployment import member_letters, member_news
+from protocols.deployment.executive_facts import Ended, Heard, Record, Switched, Terminated
+from protocols.deployment.member_letters import Aside, Facts, Look, Ordered, Picture, Told
+from protocols.deployment.member_news import News
+from protocols.deployment.orders import Halt, Order, Result, Retreat
+from protocols.deployment.plan import Between, Deployment, Explore, Go, Instant, Photo, Plan, Task
+
+GO = Task(name="play/go", act=Go(robot=1, place_m=(3.0, 4.5), behind=2, behind_m=1.5))
+DEPLOY = Task(name="play/deploy", act=Deployment(strategy="wave", robots=(0, 2), places_m=((1.0, 1.0), (2.0, 1.0))))
+PLAN = Plan(
+    number=3,
+    play="play",
+    robots=(0, 1, 2),
+    root=Task(name="play", subtasks=(GO, DEPLOY, Task(name="play/photo", act=Photo(robot=0)))),
+    constraints=(Between(later=Instant(task="play/go"), at_most_s=5.0, why="hurry"),),
+)
+FACTS = (
+    Ended(task="play/go", robot=1, result=Result.DONE, at=7),
+    Heard(robot=2, again=False, at=9),
+    Switched(strategy="group", at=10),
+    Terminated(task="play", at=11),
+)
+LETTERS = [
+    Told(host=0, record=Record(plan=PLAN, start=5, starts_m={0: (1.0, 2.0)}, facts=FACTS), calls=2),
+    Facts(plan=3, facts=FACTS),
+    Ordered(term=1, order=Order(plan=3, serial=4, task="play/go", robot=1, errand=GO.act)),
+    Ordered(term=0, order=Order(plan=3, serial=5, task="x", robot=1, errand=Halt(robot=1))),
+    Ordered(term=0, order=Order(plan=3, serial=5, task="x", robot=1, errand=Explore(robots=(1, 2)))),
+    Ordered(
+        term=0,
+        order=Order(plan=3, serial=6, task="x", robot=1, errand=Retreat(robot=1, post_m=(1.0, 1.0), passing=2)),
+    ),
+    Aside(robot=1, from_m=(1.0, 2.0), way_m=((3.0, 4.0),)),
+    Look(request=7),
+    Picture(request=7, robot=1, at_m=(1.0, 2.0), heading_rad=0.5, view_rad=1.0, columns_m=(1.5, None, 2.0)),
+]
+
+
+@pytest.mark.parametrize("letter", LETTERS, ids=lambda letter: letter.say)
+def test_a_letter_is_read_as_it_was_written(letter: member_letters.Letter) -> None:
+    assert member_letters.decode(member_letters.encode(letter), size=3) == letter
+
+
+@pytest.mark.parametrize(
+    ("letter", "text"),
+    [
+        (LETTERS[7], b'{"say":"look","request":7}'),
+        (LETTERS[6], b'{"say":"aside","robot":1,"from_m":[1.0,2.0],"way_m":[[3.0,4.0]]}'),
+        (
+            LETTERS[3],
+            b'{"say":"order","term":0,"order":{"plan":3,"serial":5,"task":"x","robot":1,'
+            b'"errand":{"act":"halt","robot":1}}}',
+        ),
+        (
+            Facts(plan=3, facts=FACTS[1:2]),
+            b'{"say":"facts","plan":3,"facts":[{"fact":"heard","robot":2,"again":false,"at":9}]}',
+        ),
+    ],
+)
+def test_letters_are_these_bytes(letter: member_letters.Letter, text: bytes) -> None:
+    assert member_letters.encode(letter) == text
+
+
+@pytest.mark.parametrize("letter", [each for each in LETTERS if not isinstance(each, Look)], ids=lambda each: each.say)
+def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: member_letters.Letter) -> None:
+    if isinstance(letter, Ordered) and isinstance(letter.order.errand, Halt):
+        letter = letter.model_copy(update={"order": letter.order.model_copy(update={"errand": Halt(robot=2)})})
+    size = 1 if isinstance(letter, Aside | Picture) else 2
+    with pytest.raises(WireError, match="is not of the team"):
+        member_letters.decode(member_letters.encode(letter), size=size)
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_a_letter_or_refused(data: bytes) -> None:
+    try:
+        member_letters.decode(data, size=3)
+    except WireError:
+        return
+    raise AssertionError(f"{data!r} was read as a letter")
+
+
+def test_a_letter_that_is_too_long_is_refused_unread() -> None:
+    with pytest.raises(WireError, match="more than"):
+        member_letters.decode(b" " * (member_letters.MOST_BYTES + 1), size=3)
+
+
+numbers = st.floats(-1000.0, 1000.0, width=32)
+
+
+@given(
+    st.builds(
+        News,
+        host=st.integers(0, 7),
+        term=st.integers(0, 0xFFFF),
+        plan=st.integers(0, 0xFFFFFFFF),
+        calls=st.integers(0, 255),
+        digest=st.integers(0, 0xFFFFFFFF),
+        serial=st.none() | st.integers(0, 10**9),
+        idle=st.booleans(),
+        x_m=numbers,
+        y_m=numbers,
+        heading_rad=numbers,
+        speed_mps=numbers,
+        goal_m=st.none() | st.tuples(numbers, numbers),
+        task=st.text("abc/-~2", max_size=100),
+    )
+)
+def test_news_are_read_as_they_were_told(news: News) -> None:
+    assert member_news.decode(member_news.encode(news), size=8) == news
+
+
+def test_news_are_these_bytes() -> None:
+    news = News(1, 2, 3, 4, 5, None, True, 1.0, -2.0, 0.5, 0.0, (1.5, 2.0), "a/b")
+    head = "01 0002 00000003 04 00000005 ffffffff 03"
+    pose = "3f800000 c0000000 3f000000 00000000 3fc00000 40000000"
+    assert member_news.encode(news) == bytes.fromhex(head + pose) + b"a/b"
+
+
+def test_of_a_long_name_the_end_is_told() -> None:
+    news = News(0, 0, 0, 0, 0, None, True, 0.0, 0.0, 0.0, 0.0, None, "x" * 100 + "/stage-2/robot-1" * 5)
+    assert member_news.decode(member_news.encode(news), size=8).task == news.task[-member_news.TASK_BYTES :]
+
+
+@pytest.mark.parametrize("change", ["host", "flags", "nan", "short", "long"])
+def test_news_that_make_no_sense_are_refused(change: str) -> None:
+    data = bytearray(member_news.encode(News(0, 0, 0, 0, 0, None, True, 1.0, 2.0, 0.0, 0.0, None, "")))
+    match change:
+        case "host":
+            data[0] = 8
+        case "flags":
+            data[16] = 4
+        case "nan":
+            data[17:21] = struct.pack(">f", math.nan)
+        case "short":
+            del data[-1]
+        case "long":
+            data += bytes(member_news.TASK_BYTES + 1)
+    with pytest.raises(WireError):
+        member_news.decode(bytes(data), size=8)

@@ -1,0 +1,319 @@
+"""The playbook page in a real browser: what is being played, robots, the host, and what goes wrong."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from cosim.web.messages import Step
+from tests.web.browser import chromium, pixels, tab
+from tests.web.playbook_double import Consoles, Still
+from tests.web.playbook_hand import PAGE, choose, playing, tailoring, until
+from tests.web.served import Served
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def consoles() -> Consoles:
+    return Consoles()
+
+
+@pytest.fixture
+def still(consoles: Consoles) -> Still:
+    return Still(consoles)
+
+
+@pytest.fixture
+def served(still: Still) -> Iterator[Served]:
+    made = Served(still, page=PAGE)
+    yield made
+    if made.thread.is_alive():
+        made.stop()
+
+
+@pytest.fixture
+def page(browser: Any, served: Served) -> Iterator[Any]:
+    with tab(browser, served) as page:
+        page.wait_for_selector("#plays li")
+        page.wait_for_selector("#team button >> nth=2")
+        yield page
+
+
+# ---------------------------------------------------------------- in play
+
+
+def news(still: Still, task: str, state: str, **more: Any) -> None:
+    still.tell({"say": "task", "plan": 1, "task": task, "state": state, "robot": None, "why": "", **more})
+
+
+def test_tasks_are_shown_as_they_stand(page: Any, still: Still):
+    playing(page)
+    for task, state in [("group", "running"), ("group/stage-1", "done"), ("group/stage-2/robot-1/again", "running")]:
+        news(still, task, state)
+    news(still, "group/stage-2/robot-1", "failed", why="a wall is in the way")
+    still.tell({"say": "breach", "plan": 1, "why": "the call: group ends at most 12.5 s after"})
+    until(page, "document.querySelectorAll('#tasks .sign.done').length === 1")
+    page.wait_for_selector("#breaches li")
+    item = page.get_by_role("treeitem", name="stage-1, done", exact=False)
+    assert item.count() == 1
+    assert "a wall is in the way" in page.inner_text("#tasks")
+    assert page.locator("#tasks li[data-id='group/stage-2/robot-1/again']").count() == 1  # no task of the plan itself
+    still.time_s = 21.0
+    still.tell({"say": "ended", "plan": 1, "result": "failed"})
+    until(page, "document.getElementById('played-state').textContent.startsWith('failed after 20 s')")
+    assert page.is_hidden("#played-controls")
+    assert "failed" in page.inner_text("#news")
+
+
+def test_what_is_made_anew_stands_below_what_it_was(page: Any, still: Still):
+    playing(page)
+    news(still, "group/stage-1/robot-0", "done")
+    news(still, "group/stage-1", "running")
+    news(still, "group/stage-1~2/robot-1-to-2", "running")
+    until(page, "document.querySelector('#tasks li[data-id=\"group/stage-1~2/robot-1-to-2\"]') !== null")
+    names = page.locator("#tasks li").evaluate_all("items => items.map((item) => item.ariaLabel.split(', '))")
+    assert [(name[0], name[-1]) for name in names] == [
+        ("group", "running"),
+        ("stage-1", "running"),
+        ("robot-0", "done"),
+        ("robot-1", "given up"),
+        ("made anew (2)", "running"),
+        ("robot-1-to-2", "running"),
+        ("stage-2", "waiting"),
+        ("robot-1", "waiting"),
+    ]
+
+
+def test_the_strategy_is_switched_and_tasks_are_terminated(page: Any, consoles: Consoles):
+    playing(page)
+    assert page.is_disabled("#switch")  # there is no deployment in that plan
+    page.click("#terminate")
+    page.locator("#tasks li[data-id='group/stage-2'] > .row").click()
+    assert page.inner_text("#terminate") == "Terminate stage-2"
+    page.click("#terminate")
+    page.wait_for_timeout(200)
+    assert [said["task"] for said in consoles.said("terminate")] == ["", "group/stage-2"]
+
+
+def test_a_deployment_that_is_played_can_go_on_by_another_strategy(page: Any, still: Still, consoles: Consoles):
+    act = {"act": "deploy", "strategy": "wave", "robots": [0, 2], "places_m": [[4, 4], [8, 4]], "augmented": True}
+    root = {"name": "wave", "label": "", "act": act, "order": "serial", "subtasks": []}
+    consoles.playing = {"number": 4, "play": "deploy/wave", "robots": [0, 2], "root": root, "constraints": []}
+    news(still, "wave", "running", plan=4)  # nobody has told this page of plan 4: it asks
+    until(page, "document.getElementById('played-title').textContent === 'Plan 4: deploy/wave'")
+    until(page, "document.getElementById('strategy').value === 'wave'")
+    page.select_option("#strategy", "leap_frog")
+    page.click("#switch")
+    page.wait_for_timeout(200)
+    assert [said["strategy"] for said in consoles.said("switch")] == ["leap_frog"]
+    assert pixels(page, "robot-2") > 60  # its place, as two rings, besides the robot itself
+
+
+def test_a_second_page_sees_the_same_however_late_it_comes(browser: Any, served: Served, page: Any, still: Still):
+    playing(page)
+    news(still, "group/stage-1", "running")
+    with tab(browser, served) as late:
+        late.wait_for_selector("#tasks li[data-id='group/stage-1'] > .row .running")
+        news(still, "group/stage-1", "done")
+        for each in (page, late):
+            each.wait_for_selector("#tasks li[data-id='group/stage-1'] > .row .done")
+        assert late.inner_text("#tasks") == page.inner_text("#tasks")
+        assert late.inner_text("#played-title") == page.inner_text("#played-title") == "Plan 1: deploy/group"
+        choose(late, "deploy/wave")
+        late.click("#execute")
+        until(page, "document.getElementById('played-title').textContent.startsWith('Plan 2')")
+    served.wait_for(1)
+
+
+def test_a_closed_page_leaves_nothing(browser: Any, served: Served):
+    with tab(browser, served) as one:
+        playing(one)
+        served.wait_for(1)
+    served.wait_for(0)
+
+
+# ---------------------------------------------------------------- robots
+
+
+def test_the_selected_robot_tells_how_it_stands(page: Any, still: Still):
+    rows = [
+        [0, 1.0, 1.0, 0.0, "", False, 0.0, None],
+        [1, 2.25, 1.0, 1.5708, "group/stage-1/robot-1", True, 3.0, [4, 4]],
+    ]
+    still.tell({"say": "positions", "at_s": 1.0, "robots": rows})
+    still.tell({"say": "positions", "at_s": 1.0, "robots": [[1, 9, 9, 0, "", False, 0, None]]}, robot=2)  # is no host
+    page.get_by_role("button", name="robot 1", exact=True).click()
+    until(page, "document.getElementById('robot-state').textContent.includes('2.25')")
+    told = page.inner_text("#robot-state")
+    assert "group/stage-1/robot-1" in told
+    assert "2.25, 1.00 m, 90°" in told
+    assert "robot 1, moving" in told
+    assert "3 s ago" in told
+    still.time_s = 9.0
+    until(page, "document.getElementById('robot-state').textContent.includes('11 s ago')")
+    page.click("#way")
+    until(page, "document.getElementById('robot-said').textContent === 'The way is 6.0 m.'")
+    page.get_by_role("button", name="robot 2", exact=True).click()
+    until(page, "document.getElementById('look').disabled")  # it has no camera
+    assert page.is_disabled("#way")
+
+
+def test_a_picture_is_drawn_and_told_in_words(page: Any):
+    page.get_by_role("button", name="robot 1", exact=True).click()
+    page.click("#look")
+    page.wait_for_selector("#picture:not([hidden])")
+    assert "Robot 1 at 1.0, 2.0 m, looking to 0°; nearest: 1.0 m" in page.inner_text("#picture-text")
+    shades = page.evaluate(
+        "() => { const c = document.getElementById('picture-canvas'); const at = (x) =>"
+        " c.getContext('2d').getImageData(x, 80, 1, 1).data[0]; return [at(2), at(160), at(310)]; }"
+    )
+    assert shades[0] > shades[1] > shades[2]  # the farther the darker
+    page.click("#picture-close")
+    assert page.is_hidden("#picture")
+
+
+# ---------------------------------------------------------------- the host
+
+
+def test_the_page_goes_to_whom_it_is_told_to_go(page: Any, consoles: Consoles):
+    consoles.host = 2
+    choose(page, "deploy/group")
+    page.click("#execute")
+    page.wait_for_selector("#tasks li")
+    asked = [(robot, data["say"]) for robot, data in consoles.asked if data["say"] == "call"]
+    assert asked == [(0, "call"), (2, "call")]
+
+
+def test_a_host_that_falls_silent_is_succeeded_and_what_it_was_asked_is_asked_again(
+    page: Any, still: Still, consoles: Consoles
+):
+    consoles.dead.add(0)
+    choose(page, "deploy/group")
+    page.click("#execute")
+    until(page, "document.getElementById('host').textContent.includes('does not answer')")
+    page.wait_for_timeout(2000)
+    assert page.locator("#tasks li").count() == 0
+    consoles.host = 1
+    page.wait_for_selector("#tasks li")
+    assert page.inner_text("#host") == "robot 1 is host now"
+    assert [robot for robot, data in consoles.asked if data["say"] == "call"] == [0, 1]
+
+
+def test_while_time_stands_still_nobody_is_taken_for_silent(page: Any, still: Still, consoles: Consoles):
+    still.state = "paused"
+    until(page, "document.getElementById('state').textContent === 'paused'")
+    consoles.dead.add(0)
+    choose(page, "deploy/group")
+    page.click("#execute")
+    page.wait_for_timeout(5000)
+    assert page.inner_text("#host") == ""
+    assert still.wishes == [Step(say="step", ticks=1)]
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+def test_what_nobody_understands_breaks_nothing(page: Any, still: Still):
+    task = {"name": "a", "label": "", "act": None, "order": "serial", "subtasks": [{"name": 3}]}
+    for said in (
+        *(None, 5, "text", [], {}, {"say": "nonsense"}, {"say": "plan"}, {"say": "plan", "plan": 7, "executed": True}),
+        *({"say": "positions"}, {"say": "positions", "robots": [[]]}, {"say": "positions", "robots": [[1, "x"]]}),
+        *({"say": "state", "host": 0, "plan": {}}, {"say": "state", "host": 0, "plan": {"number": 2, "root": task}}),
+        *({"say": "task", "plan": "x"}, {"say": "breach"}, {"answer": "x", "say": "error", "host": 99}),
+    ):
+        still.tell(said)
+        page.wait_for_timeout(60)
+    still.tell({"say": "positions", "at_s": 1.0, "robots": [[0, 1.0, 1.0, 0.0, "here", False, 0.0, None]]})
+    page.get_by_role("button", name="robot 0", exact=True).click()
+    until(page, "document.getElementById('robot-state').textContent.includes('here')")
+    playing(page)
+    assert page.inner_text("#played-title") == "Plan 1: deploy/group"
+
+
+def test_a_page_whose_server_has_gone_says_so_and_comes_back(page: Any, still: Still, served: Served):
+    playing(page)
+    served.stop()
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert page.inner_text("#state") == "not connected"
+    choose(page, "deploy/wave")
+    page.click("#execute")  # into the void
+    until(page, "document.getElementById('trouble-text').textContent === 'the server is gone'")
+    again = Served(still, port=served.port, page=PAGE)
+    page.click("#reconnect")
+    until(page, "document.getElementById('state').textContent === 'playing'")
+    page.wait_for_selector("#tasks li")
+    assert page.is_hidden("#trouble")
+    again.stop()
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert all("WebSocket" in fault for fault in page.faults), page.faults
+    page.faults.clear()
+
+
+# ---------------------------------------------------------------- for everybody
+
+
+def test_all_fits_a_laptop(page: Any):
+    tailoring(page)
+    width, height = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert (width, height) == (1366, 768)
+    for name in ("#plays", "#execute", "#tailor", "#team", "#look", "#floor", "#execute-tailored", "#play", "#speed"):
+        box = page.locator(name).bounding_box()
+        assert box["x"] >= 0, name
+        assert box["x"] + box["width"] <= 1366, name
+        assert box["y"] + box["height"] <= 768, name
+
+
+def test_every_control_has_a_name_and_is_reached_by_the_tabulator(page: Any):
+    tailoring(page)
+    nameless = page.evaluate(
+        "() => [...document.querySelectorAll('button, select, input')].filter((each) => !(each.textContent.trim()"
+        " && each.matches('button')) && !each.ariaLabel && !each.labels?.length).map((each) => each.outerHTML)"
+    )
+    assert nameless == []
+    page.evaluate("document.activeElement.blur()")
+    reached = set()
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        reached.add(
+            page.evaluate(
+                "document.activeElement.id || document.activeElement.closest('ul[id], form[id], div[id]')?.id"
+            )
+        )
+    wanted = {
+        "plays",
+        "form",
+        "execute",
+        "tailor",
+        "team",
+        "floor",
+        "tab-tailored",
+        "draft",
+        "execute-tailored",
+        "check",
+    }
+    assert wanted | {
+        "constraint-kind",
+        "constraint-fields",
+        "drive",
+        "roles",
+        "options",
+        "play",
+        "speed",
+    } <= reached | {"constraint-fields"}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_floor_shows_base_robots_and_goals(browser: Any, served: Served, still: Still, scheme: str):
+    with tab(browser, served, color_scheme=scheme) as page:
+        page.wait_for_selector("#plays li")
+        playing(page)
+        page.wait_for_timeout(200)
+        for colour, least in [("wall", 300), ("base", 60), ("robot-0", 80), ("robot-1", 80)]:
+            assert pixels(page, colour) >= least, colour
