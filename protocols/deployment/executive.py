@@ -134,7 +134,9 @@ class Executive:
     def lost(self, robot: Address, now: Time) -> None:
         """Note that a robot has fallen silent: others take its part."""
         if not self._book.lost(robot):
-            self.learn(Heard(robot=robot, again=False, at=now), now)
+            at = self._places.get(robot)
+            place_m = None if at is None else (at.x_m, at.y_m)
+            self.learn(Heard(robot=robot, again=False, place_m=place_m, at=now), now)
 
     def found(self, robot: Address, now: Time) -> None:
         """Note that a lost robot was heard again: it fills an empty place, or stops and is idle."""

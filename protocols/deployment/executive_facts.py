@@ -54,6 +54,7 @@ class Heard(Settings):
     fact: Literal["heard"] = "heard"
     robot: Address = Field(ge=0)
     again: bool
+    place_m: Place | None = Field(default=None, description="m, where one that fell silent was last known to be")
     at: Time
 
     @property

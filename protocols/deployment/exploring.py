@@ -1,9 +1,11 @@
 """Exploring: one robot's part in the exploration protocol, inside of a deployment (paper 004, sections 2 and 6).
 
-The machine of :mod:`protocols.exploration` leads the robot while it is ordered to explore. What it tells others of its
-map goes as news of the courier, each piece as a topic of its own, so that it comes over whatever channel there is, and
-over links too; what is lost on the way is asked for again by the protocol itself. Who does not explore hears the pieces
-and asks for what it lacks, so that all come to have the map, also who boots again.
+The machine of :mod:`protocols.exploration` leads the robot while it is ordered to explore: it says which way, and DWA
+drives (:mod:`protocols.deployment.exploring_mover`). What it tells others of its map goes as news of the courier, each
+piece as a topic of its own, so that it comes over whatever channel there is, and over links too; what is lost on the
+way is asked for again by the protocol itself. Who does not explore hears the pieces and asks for what it lacks, so that
+all come to have the map, also who boots again; and it looks about where it stands, since others do not see what is
+under it.
 """
 
 import math
@@ -13,12 +15,16 @@ from typing import Final, NamedTuple
 from cosim.errors import UserError
 from cosim.geometry.marking import CERTAIN, DOUBTFUL
 from cosim.machine import Address, Drive, Event, Outgoing, Reception
+from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation
 from cosim.protocol import Surroundings
-from cosim.units import Time, from_seconds
+from cosim.units import S, Time, from_seconds
 from protocols.deployment.exploring_parameters import ExploringParameters
+from protocols.deployment.floor import Floor
 from protocols.deployment.journal import BadBytes
 from protocols.deployment.learned import LearnedFloor, MapLearned
+from protocols.deployment.plan import Explore, Place, Plan
+from protocols.deployment.planner import Refusal
 from protocols.exploration import journal as explored_journal
 from protocols.exploration import spec as exploration
 from protocols.exploration.behaviour import Behaviour
@@ -29,6 +35,7 @@ from protocols.exploration.parameters import Parameters
 from protocols.exploration.records import Records
 from protocols.exploration.rivals import Rival
 from protocols.exploration.sharing import Sharing
+from protocols.exploration.steering import Steering
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
 
@@ -36,6 +43,10 @@ FIRST_TOPIC: Final = 1
 """Of news about maps; before it are those of deployments."""
 TOPICS: Final = 100
 """So many pieces may wait for the radio at a time; a later one takes the place of the one so many before it."""
+_ELSEWHERE_M: Final = 0.1
+"""Who has not moved farther stands where it stood."""
+_STANDS: Final = S
+"""Who has stood for so long looks about, if it does not explore."""
 _BEYOND: Final = 1.25
 """Frontiers attract from so many times as far as scans reach, if a scenario says no more: the protocol wants more."""
 
@@ -71,12 +82,57 @@ def ground_of(parameters: ExploringParameters, surroundings: Surroundings) -> Gr
         return Ground(fitted, None, f"nobody can explore: {error}")
 
 
-class _Room(NamedTuple):
-    """What explores; made when it is first needed."""
+def explorable(found: Plan | Refusal, ground: Ground) -> Plan | Refusal:
+    """Return what the planner has found, but a refusal of a plan to explore where nobody can."""
+    explores = isinstance(found, Plan) and any(isinstance(task.act, Explore) for task in found.root.walk())
+    if isinstance(found, Plan) and explores and ground.why_not:
+        return Refusal(play=found.play, conflicts=(ground.why_not,))
+    return found
 
-    explorer: Explorer
-    sharing: Sharing
-    belief: Belief
+
+class _Compass(Steering):
+    """Stands in for how an explorer drives: takes note of where it wants to go."""
+
+    def __init__(self) -> None:
+        self.wanted_rad: float | None = None
+        """The desired heading; None to stand."""
+
+    def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
+        """Note *desired_rad*."""
+        self.wanted_rad = desired_rad
+        return Drive(0.0, 0.0)
+
+
+class _Led(Explorer):
+    """An explorer that only says which way."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        known: Knowledge,
+        me: Address,
+        belief: Belief,
+        leader: Leader,
+        sharing: Sharing,
+        records: Records,
+        events: list[Event],
+    ) -> None:
+        super().__init__(parameters, known, me, belief, leader, sharing, records, events)
+        self.sharing = sharing
+        self._steering = self._compass = _Compass()
+
+    def wish(self, observation: Observation, now: Time) -> float | None:
+        """Look, mark and tell; return which way it wants to go, rad; None to stand."""
+        self._compass.wanted_rad = None
+        self.observe(observation, now)
+        self.commands()
+        return self._compass.wanted_rad
+
+    def look_about(self, observation: Observation, beams: Floats, now: Time) -> None:
+        """Mark what is seen, without going anywhere."""
+        here = observation.x_m, observation.y_m
+        changed = self.belief.mark(here, observation.ranges_m, beams, self._bodies(observation, now))
+        self.sharing.changed(changed, self.belief.occupied(changed).tolist())
 
 
 class Exploring:
@@ -88,18 +144,25 @@ class Exploring:
         ground: Ground,
         me: Address,
         octets: int,
-        floor: LearnedFloor | None,
+        floor: Floor,
         note: Callable[[Event], None],
     ) -> None:
-        """Tell of the map in pieces of so many *octets*; *floor* is to be what was learned, if ways are planned by it."""
+        """Tell of the map in pieces of so many *octets*. A *floor* that is learned becomes what is known of it."""
         self.on = False
         """Whether it leads the robot."""
         self.over: str | None = None
         """Why the robot has explored enough, in words (empty: nothing is left to see); None while it has not."""
         self._own, self._ground, self._me, self._octets = parameters, ground, me, octets
-        self._floor, self._note = floor, note
-        self._room: _Room | None = None
+        self._floor = floor if isinstance(floor, LearnedFloor) else None
+        self._note = note
+        self._explorer: _Led | None = None
+        """Made when it is first needed."""
+        self._beams = beam_directions(0 if ground.known is None else ground.known.beams)
         self._since: Time = 0
+        self._place_m: Place | None = None
+        """Where it stood when it looked about last, or may do so next."""
+        self._stood: Time | None = None
+        """Since when it has stood there; None if it has looked about."""
         self._looked: Time | None = None
         """When what was learned was looked at last."""
         self._version = 0
@@ -110,6 +173,11 @@ class Exploring:
     def why_not(self) -> str:
         """Why nobody can explore; empty if robots can."""
         return self._ground.why_not
+
+    @property
+    def speed_mps(self) -> float:
+        """How fast explorers go at most."""
+        return self._own.protocol.steering.speed_mps
 
     # ------------------------------------------------------------ being led
 
@@ -124,25 +192,28 @@ class Exploring:
         """Lead it no more."""
         self.on = False
 
-    def step(self, observation: Observation, now: Time) -> Drive | None:
-        """Look, mark, tell, and return what to drive from the next tick on; None if it is no other than before."""
-        explorer = self._made(now).explorer
-        explorer.observe(observation, now)
-        drives = [command for command in explorer.commands() if isinstance(command, Drive)]
+    def step(self, observation: Observation, now: Time) -> float | None:
+        """Look, mark and tell; return which way to go, rad; None to stand. It ends itself when nothing is left."""
+        explorer = self._made(now)
+        wish_rad = explorer.wish(observation, now)
         self._collect()
-        late = now - self._since >= from_seconds(self._own.most_s)
-        if explorer.finished or late:
+        if explorer.finished or now - self._since >= from_seconds(self._own.most_s):
             self._end("" if explorer.finished else f"stopped after {self._own.most_s:g} s", now)
-            return Drive(0.0, 0.0)
+            return None
         self._renew(now)
-        return drives[-1] if drives else None
+        return wish_rad
 
     def listen(self, observation: Observation, now: Time) -> None:
         """Tell others what is known, and ask for what is lacking, once anybody has explored at all."""
-        if self._room is None or self.on:
+        if self._explorer is None or self.on:
             return
         here = observation.x_m, observation.y_m
-        self._room.sharing.tick(*here, now, observation.sightings)
+        if self._place_m is None or math.dist(here, self._place_m) > _ELSEWHERE_M:
+            self._place_m, self._stood = here, now
+        elif self._stood is not None and now - self._stood >= _STANDS:
+            self._stood = None  # it looks once from each place
+            self._explorer.look_about(observation, self._beams, now)
+        self._explorer.sharing.tick(*here, now, observation.sightings)
         self._collect()
         self._renew(now)
 
@@ -153,7 +224,7 @@ class Exploring:
         if self._ground.known is None:
             self._note(BadBytes(source, len(payload)))
             return
-        self._made(now).explorer.receive(payload, Reception(source, True), now)
+        self._made(now).receive(payload, Reception(source, True), now)
         self._collect()
 
     def frames(self) -> list[tuple[int, bytes]]:
@@ -163,12 +234,12 @@ class Exploring:
 
     def _collect(self) -> None:
         """Take over what the explorer wants to say, and what has happened to it."""
-        assert self._room is not None
-        for sent in self._room.explorer.outbox():
+        assert self._explorer is not None
+        for sent in self._explorer.outbox():
             assert isinstance(sent, Outgoing)
             self._frames.append((FIRST_TOPIC + self._count % TOPICS, sent.payload))
             self._count += 1
-        for event in self._room.explorer.events():
+        for event in self._explorer.events():
             if isinstance(event, explored_journal.BadBytes):
                 event = BadBytes(event.sender, event.length)
             self._note(event)
@@ -181,8 +252,8 @@ class Exploring:
             self._learn(now)
 
     def _learn(self, now: Time) -> None:
-        assert self._room is not None
-        belief, self._looked = self._room.belief, now
+        assert self._explorer is not None
+        belief, self._looked = self._explorer.belief, now
         if self._floor is not None and belief.version != self._version:
             self._version = belief.version
             self._floor.learn(belief.evidence, belief.frame.origin_m, belief.frame.cell_m)
@@ -191,22 +262,22 @@ class Exploring:
         """Have explored enough."""
         self.on, self.over = False, why
         self._learn(now)
-        assert self._room is not None
-        evidence = self._room.belief.evidence
+        assert self._explorer is not None
+        evidence = self._explorer.belief.evidence
         self._note(MapLearned(int((evidence < 0).sum()), int((evidence > 0).sum())))
 
     # ------------------------------------------------------------ making it
 
-    def _made(self, now: Time) -> _Room:
-        if self._room is None:
+    def _made(self, now: Time) -> _Led:
+        if self._explorer is None:
             known = self._ground.known
             if known is None:
                 raise LookupError(self._ground.why_not)
-            self._room = _room(self._ground.parameters, known, self._me, self._octets, now)
-        return self._room
+            self._explorer = _led(self._ground.parameters, known, self._me, self._octets, now)
+        return self._explorer
 
 
-def _room(parameters: Parameters, known: Knowledge, me: Address, octets: int, now: Time) -> _Room:
+def _led(parameters: Parameters, known: Knowledge, me: Address, octets: int, now: Time) -> _Led:
     """Return an explorer with a map of its own, which begins *now* to tell of it in frames of *octets* at most."""
     own, weights = parameters.sharing, DOUBTFUL if parameters.counted else CERTAIN
     records, events = Records(), list[Event]()
@@ -215,7 +286,7 @@ def _room(parameters: Parameters, known: Knowledge, me: Address, octets: int, no
     sharing = Sharing(me, known.size, cells, period, most, own.again, records, now, not parameters.counted)
     belief = Belief(known.frame, weights, known.range_m)
     leader = _leader(parameters, known, me, belief, sharing, records, events)
-    return _Room(Explorer(parameters, known, me, belief, leader, sharing, records, events), sharing, belief)
+    return _Led(parameters, known, me, belief, leader, sharing, records, events)
 
 
 def _leader(

@@ -1,25 +1,54 @@
-"""A mover that explores, too: while a robot is ordered to, the exploration protocol drives it."""
+"""A mover that explores, too: while a robot is ordered to, the exploration protocol says which way, and DWA drives.
 
+DWA goes by the scan alone then: the cells of a map that is being made are no walls to be kept off by a hair. So it does
+later on a floor that was learned: ways are planned by the map, and what is there is what the scanner sees.
+"""
+
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Final
 
-from cosim.machine import Drive
+import numpy as np
+
+from cosim.machine import Address, Drive
 from cosim.observation import Observation
 from cosim.units import Time
+from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.exploring import Exploring
+from protocols.deployment.floor import Aim, Floor
+from protocols.deployment.learned import LearnedFloor
 from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.mover import State
 from protocols.deployment.orders import Result
 from protocols.deployment.traffic import Other
+from protocols.deployment.wheel import Wheel
+
+AHEAD_M: Final = 1.0
+"""So far ahead, in the direction in which it is led, a robot aims."""
 
 
 class ExploringMover(PacedMover):
     """Drives as any mover does, or explores; whatever else it is told ends that."""
 
-    def __init__(self, exploring: Exploring, *arguments: Any) -> None:
+    def __init__(
+        self,
+        exploring: Exploring,
+        floor: Floor,
+        me: Address,
+        radius_m: float,
+        speed_mps: float,
+        acceleration_mps2: float,
+        parameters: DrivingParameters,
+        tick: Time,
+    ) -> None:
         """Take what explores, and what a mover takes."""
         self._exploring = exploring
-        super().__init__(*arguments)
+        super().__init__(floor, me, radius_m, speed_mps, acceleration_mps2, parameters, tick)
+        bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, parameters)
+        slow_mps = min(speed_mps, exploring.speed_mps)
+        self._led = Wheel(bare, radius_m, slow_mps, acceleration_mps2, parameters, tick)
+        if isinstance(floor, LearnedFloor):
+            self._wheel = Wheel(bare, radius_m, speed_mps, acceleration_mps2, parameters, tick)
 
     def explore(self, now: Time) -> None:
         """Explore until nothing is left to see."""
@@ -40,10 +69,16 @@ class ExploringMover(PacedMover):
         if not self._exploring.on:
             self._exploring.listen(observation, now)
             return super().step(observation, others, now)
-        drive = self._exploring.step(observation, now)
+        wish_rad = self._exploring.step(observation, now)
         if not self._exploring.on:
             self.state = "idle"
-        return drive
+        self._led.follow(observation, now)
+        self._traffic.look(observation, others, now)
+        if wish_rad is None:
+            return self._led.order(0.0, 0.0)
+        x, y = self._led.here
+        ahead = x + AHEAD_M * math.cos(wish_rad), y + AHEAD_M * math.sin(wish_rad)
+        return self._led.order(*self._led.to(Aim(ahead, AHEAD_M, False), observation, self._traffic))
 
     def _begin(self, state: State) -> None:
         self._exploring.halt()

@@ -27,7 +27,8 @@ class ExploringParameters(Settings):
     """How robots explore when they are ordered to, and what they make of what they have seen."""
 
     protocol: ProtocolParameters = Field(
-        default=ProtocolParameters(), description="of the exploration protocol; frontiers are seen as far as scans reach"
+        default=ProtocolParameters(),
+        description="of the exploration protocol; frontiers are seen as far as scans reach",
     )
     most_s: float = Field(default=3600.0, gt=0, description="s, after which a robot has explored enough in any case")
     renew_s: float = Field(

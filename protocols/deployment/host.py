@@ -198,7 +198,7 @@ class Host:
     def _lose(self, robot: Address, now: Time) -> None:
         self._records.lost += 1
         self._note(journal.RobotLost(robot, *self._others.place_m(robot)))
-        self._say(Heard(robot=robot, again=False, at=now), now)
+        self._say(Heard(robot=robot, again=False, place_m=self._others.place_m(robot), at=now), now)
         self.mail.forget(robot, now)
 
     def _followed(self, now: Time) -> None:

@@ -9,6 +9,7 @@ from cosim.documents import read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
+from cosim.navigation.localization_motion import Pose
 from cosim.protocol import Surroundings
 from cosim.units import Time
 from protocols.deployment.crew import Body, Crew
@@ -17,6 +18,7 @@ from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place
 from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play
+from protocols.deployment.positioning_map import Charts
 from protocols.deployment.standing import Board
 
 
@@ -36,6 +38,12 @@ class Knowledge:
     beams: int
     named_m: dict[str, tuple[Place, ...]]
     """Places that the floor names."""
+    floors: tuple[Floor, ...]
+    """Each robot's own: those with cells of the same size share one, with the planner if theirs are its."""
+    charts: Charts
+    """The floor as maps on which robots localise."""
+    frames: tuple[Pose, ...]
+    """The robots' own frames, as poses in that of the floor."""
 
 
 def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
@@ -55,6 +63,9 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledg
         scan_range_m=surroundings.scan_range_m,
         beams=surroundings.beams,
         named_m={name: tuple(places) for name, places in surroundings.places_m.items()},
+        floors=_floors(parameters, surroundings, floor, size),
+        charts=Charts(surroundings),
+        frames=surroundings.frames or ((0.0, 0.0, 0.0),) * size,
     )
 
 
@@ -68,6 +79,18 @@ def _check_robots(parameters: Parameters, size: int) -> None:
         for robot in robots:
             if not 0 <= robot < size:
                 raise UserError(f"protocol.parameters.{name}: {robot} is not one of 0 to {size - 1}, the team's robots")
+
+    if parameters.cells_m is not None and len(parameters.cells_m) != size:
+        raise UserError(f"protocol.parameters.cells_m: {len(parameters.cells_m)} sizes are given for {size} robots")
+
+
+def _floors(parameters: Parameters, surroundings: Surroundings, common: Floor, size: int) -> tuple[Floor, ...]:
+    known = {parameters.driving.cell_m: common}
+    cells_m = parameters.cells_m or (parameters.driving.cell_m,) * size
+    for cell_m in cells_m:
+        if cell_m not in known:
+            known[cell_m] = Floor.of(surroundings, parameters.driving.model_copy(update={"cell_m": cell_m}))
+    return tuple(known[cell_m] for cell_m in cells_m)
 
 
 def _bodies(parameters: Parameters, surroundings: Surroundings, size: int) -> tuple[Body, ...]:

@@ -63,6 +63,11 @@ class LearnedFloor(Floor):
         return unseen
 
 
+def floor_of(given: Floor, learned: bool) -> Floor:
+    """Return the *given* floor, or one of the same extent of which nothing is known yet."""
+    return LearnedFloor(given.bounds_m, given.parameters) if learned else given
+
+
 def outlines(occupied: Bools, origin_m: Place, cell_m: float) -> Floats:
     """Return the edges between cells that are *occupied*, shape (ny, nx), and others, as few segments, shape (n, 4)."""
     padded = np.pad(np.asarray(occupied, np.int8), 1)

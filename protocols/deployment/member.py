@@ -15,6 +15,7 @@ from protocols.deployment.journal import SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_aside import Aloof, Asking
 from protocols.deployment.member_camera import Camera
+from protocols.deployment.member_crowd import Crowd
 from protocols.deployment.member_letters import Aside, Picture
 from protocols.deployment.member_news import FAST_MPS
 from protocols.deployment.member_others import Others
@@ -25,8 +26,8 @@ from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.plan import Explore, Go, Photo, Place
 from protocols.deployment.records import Records
 
-NOWHERE: Final = -1
-"""Before the first plan, or serial."""
+STILL_M: Final = 1e-6
+"""Who has moved less in a tick stands."""
 
 
 class Member:
@@ -57,9 +58,13 @@ class Member:
         """Whether that order has ended."""
         self._waits_since: Time | None = None
         """Since when it waits for the robot that it is to set off behind."""
+        self._rests = True
+        """Whether it has not moved in the last tick."""
         self._approach = Approach(knowledge.floor, knowledge.crew.bodies[me].radius_m)
         self._aloof = Aloof(parameters, mover)
-        self._asking = Asking(parameters, knowledge.floor, me, knowledge.crew.bodies[me].radius_m, mover)
+        radii_m = [body.radius_m for body in knowledge.crew.bodies]
+        self._asking = Asking(parameters, knowledge.floors[me], me, radii_m[me], mover)
+        self._crowd = Crowd(knowledge.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
         self._reports: list[Report] = []
         self._looks: list[tuple[Address, int]] = []
         self._requests: list[tuple[Address, Aside]] = []
@@ -89,7 +94,7 @@ class Member:
     @property
     def resting(self) -> bool:
         """Whether it has nothing to do, and stands where it belongs."""
-        return self._over and not self._aloof.away
+        return self._over and not self._aloof.away and self._rests
 
     def forget_serials(self) -> None:
         """Obey whatever comes next: there is another host."""
@@ -123,7 +128,9 @@ class Member:
 
     def step(self, observation: Observation, now: Time) -> Drive | None:
         """Go on; return what to drive now if that is anything new."""
-        self._records.way_m += math.dist(self.here, (observation.x_m, observation.y_m))
+        gone_m = math.dist(self.here, (observation.x_m, observation.y_m))
+        self._rests = gone_m < STILL_M
+        self._records.way_m += gone_m
         self._records.blocked += observation.blocked
         self.here = observation.x_m, observation.y_m
         self.heading_rad, self.speed_mps = observation.heading_rad, observation.speed_mps
@@ -133,7 +140,7 @@ class Member:
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
-        if not self._over:
+        if not self._over and not self._in_its_crowd:
             self._requests += self._asking.step(self.here, self.others, now)
         self._aloof.step(self.here, self.others, now)
         self._look_for_the_end(now)
@@ -194,6 +201,7 @@ class Member:
         self._waits_since = None
         self._approach.begin(go.place_m, now)
         self._aloof.forget()
+        self._crowd.forget()
         self._mover.go(go.place_m, go.via_m)
 
     def _set_off_behind(self, go: Go, now: Time) -> None:
@@ -238,6 +246,12 @@ class Member:
                 self._end(Result.DONE, "", now)
         elif isinstance(order.errand, Go) and self._waits_since is None:
             self._look_for_arrival(now)
+
+    @property
+    def _in_its_crowd(self) -> bool:
+        """Whether it only passes the place that it goes to, and is there but for those who stand about it."""
+        go = None if self._order is None else self._order.errand
+        return isinstance(go, Go) and not go.final and self._crowd.near(self.here, go.place_m, self.others)
 
     def _look_for_arrival(self, now: Time) -> None:
         if self._mover.state == "arrived":

@@ -1,6 +1,6 @@
 """Where a robot takes the others to be: as it sees them at this tick, else as they have said in their last news."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from cosim.machine import Address
 from cosim.observation import Observation
@@ -34,6 +34,11 @@ class Others:
     def place_m(self, robot: Address) -> Place:
         """Return where *robot* was seen or heard last; where it started if it never was."""
         return self._places[robot]
+
+    @property
+    def places_m(self) -> Mapping[Address, Place]:
+        """Where each of the others was seen or heard last, or started."""
+        return self._places
 
     def moves(self, robot: Address) -> bool:
         """Return whether *robot* drives, as far as its last news say."""

@@ -1,6 +1,6 @@
 """The parameters of a deployment in a scenario."""
 
-from typing import Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,6 +11,7 @@ from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.planner import Call, PlannerParameters
+from protocols.deployment.positioning_parameters import PositioningParameters, SonarParameters
 
 MOST_CALLS: Final = 255
 """News count them in a byte."""
@@ -28,6 +29,9 @@ class MemberParameters(Settings):
     taken_m: float = Field(default=0.8, gt=0, description="m, who comes back leaves its post to one who stands so near")
     taken_s: float = Field(default=15.0, ge=0, description="s, and has nothing to do but to stand there")
     ask_s: float = Field(default=3.0, gt=0, description="s from one request to step aside to the next")
+    crowd_s: float = Field(
+        default=3.0, gt=0, description="s, who passes a place and comes no nearer, for bodies about it, has come to it"
+    )
     stuck_s: float = Field(
         default=90.0, gt=0, description="s in which a robot does not get nearer to its goal until its drive has failed"
     )
@@ -70,6 +74,9 @@ class Parameters(Settings):
     base_m: Place | None = Field(default=None, description="m, where base is; the middle of the starts if not given")
     cameras: tuple[Address, ...] | None = Field(default=None, description="who has a camera; all if not given")
     sonars: tuple[Address, ...] = Field(default=(), description="who has sonar, not a laser scanner")
+    cells_m: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(
+        default=None, description="m, side of the cells of each robot's own map; driving.cell_m if not given"
+    )
     news_s: float = Field(default=1.0, gt=0, description="s from one telling of whereabouts to the next")
     listen_s: float = Field(default=2.0, ge=0, description="s, who has booted listens so long before it leads others")
     silence_s: float = Field(default=15.0, gt=0, description="s, nothing heard for so long: a robot is taken for lost")
@@ -81,6 +88,8 @@ class Parameters(Settings):
     )
     member: MemberParameters = MemberParameters()
     driving: DrivingParameters = DrivingParameters()
+    positioning: PositioningParameters = PositioningParameters()
+    sonar: SonarParameters = SonarParameters()
     courier: CourierParameters = CourierParameters()
     planner: PlannerParameters = PlannerParameters()
     executing: ExecutiveParameters = ExecutiveParameters()

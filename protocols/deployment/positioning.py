@@ -14,7 +14,8 @@ from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from cosim.machine import Event
+from cosim.errors import LocalProtocolError
+from cosim.machine import Address, Event
 from cosim.navigation.localization import Localizer
 from cosim.navigation.localization_likelihood import KnownMap
 from cosim.navigation.localization_motion import Pose
@@ -22,6 +23,8 @@ from cosim.navigation.schemas import Floats
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time, to_seconds
+from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.parameters import Parameters
 from protocols.deployment.positioning_parameters import PositioningParameters
 from protocols.deployment.positioning_scan import Scan, Sensor
 
@@ -82,6 +85,13 @@ class Shift(NamedTuple):
 class Positioning(Protocol):
     """What tells a robot where it is."""
 
+    @property
+    def shift(self) -> Shift:
+        """From the robot's own frame to that of the map, as it is taken to be now."""
+
+    def resume(self, shift: Shift) -> None:
+        """Begin with a shift that was kept where a crash of the robot's computer does not reach."""
+
     def locate(self, observation: Observation) -> Observation:
         """Return *observation* as told in the map's frame; to be asked once a tick."""
 
@@ -106,14 +116,17 @@ class Given:
 
     def __init__(self, sensor: Sensor, frame: Pose, stream: np.random.Generator | None = None) -> None:
         """Take the robot's own *frame*, as its pose in that of the map, and what its sensor draws noise from."""
-        self._sensor, self._shift, self._stream = sensor, Shift(*frame), stream
-        self._plain = sensor.whole and self._shift == Shift()
+        self._sensor, self.shift, self._stream = sensor, Shift(*frame), stream
+        self._plain = sensor.whole and self.shift == Shift()
+
+    def resume(self, shift: Shift) -> None:
+        """Do nothing: what is given is known."""
 
     def locate(self, observation: Observation) -> Observation:
         """Return *observation* as it is, but for beams that the sensor has not got."""
         if self._plain:
             return observation
-        return shifted(observation, self._shift, _scan(observation, self._sensor, self._stream))
+        return shifted(observation, self.shift, _scan(observation, self._sensor, self._stream))
 
 
 class Localised:
@@ -138,33 +151,55 @@ class Localised:
         draws = Draws(int(stream.integers(2**62)), "mcl")
         self._localizer = Localizer(known, sensor.directions, draws, filter_)
         self._own, self._sensor, self._radii_m, self._tell = own, sensor, radii_m, tell
-        self._shift = Shift(*frame)
+        self.shift = Shift(*frame)
         self._begun = False
         self._settled = 1.0 - math.exp(-to_seconds(tick) / own.settle_s) if own.settle_s > 0.0 else 1.0
         self._told_ticks = max(1, round(_TELL_S * S / tick))
         self._ticks = 0
+
+    def resume(self, shift: Shift) -> None:
+        """Begin with a shift that was kept."""
+        self.shift = shift
 
     def locate(self, observation: Observation) -> Observation:
         """Return *observation* in the frame of the map."""
         odometry = observation[:3]
         if not self._begun:
             self._begun = True
-            self._localizer.start_at(self._shift.pose(odometry), self._own.start_m, self._own.start_rad)
+            self._localizer.start_at(self.shift.pose(odometry), self._own.start_m, self._own.start_rad)
         scan = _scan(observation, self._sensor, self._stream)
         if scan is not None:
             found = self._localizer.observe(odometry, _Readings(observation, scan, self._radii_m))
             self._settle(odometry, found[:3])
             if self._ticks % self._told_ticks == 0:
-                self._tell(Positioned(*self._shift.pose(odometry), found.spread_m, found.share))
+                self._tell(Positioned(*self.shift.pose(odometry), found.spread_m, found.share))
         self._ticks += 1
-        return shifted(observation, self._shift, scan)
+        return shifted(observation, self.shift, scan)
 
     def _settle(self, odometry: Pose, found: Pose) -> None:
         """Come nearer to the shift that makes the pose of odometry what was *found*."""
-        x, y, heading = self._shift.pose(odometry)
+        x, y, heading = self.shift.pose(odometry)
         dx, dy, turn = found[0] - x, found[1] - y, math.remainder(found[2] - heading, math.tau)
         part = 1.0 if math.hypot(dx, dy) > self._own.jump_m else self._settled
-        self._shift = Shift.between(odometry, (x + part * dx, y + part * dy, heading + part * turn))
+        self.shift = Shift.between(odometry, (x + part * dx, y + part * dy, heading + part * turn))
+
+
+def positioning_of(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator | None, tell: Tell
+) -> Positioning:
+    """Return what tells robot *me* where it is; raise LocalProtocolError for a filter without a *stream*."""
+    own, ring = parameters.positioning, parameters.sonar
+    body, frame = knowledge.crew.bodies[me], knowledge.frames[me]
+    sensor = Sensor(knowledge.beams)
+    if body.sensor == "sonar":
+        sensor = Sensor(knowledge.beams, max(1, round(knowledge.beams / ring.beams)), ring.range_m, ring.noise_m)
+    if own.kind == "given":
+        return Given(sensor, frame, stream)
+    if stream is None:
+        raise LocalProtocolError("a robot that localises draws from a stream, and has been given none")
+    known = knowledge.charts.known(knowledge.floors[me].parameters.cell_m, body.radius_m)
+    radii_m = tuple(each.radius_m for each in knowledge.crew.bodies)
+    return Localised(own, known, sensor, knowledge.scan_range_m, frame, radii_m, knowledge.tick, stream, tell)
 
 
 def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observation:

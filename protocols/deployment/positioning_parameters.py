@@ -11,9 +11,13 @@ from cosim.settings import Settings
 def tracking() -> LocalizationParameters:
     """Return the filter's parameters for robots that know where they start.
 
-    Nobody is kidnapped, so nothing is recovered from (Nav2's default): a few particles, never thrown to random places.
+    Nobody is kidnapped, so no particle is ever thrown to a random place (Nav2's default), which would cost as much as
+    all the rest three times. And odometry is taken to err by a tenth: in a corridor longer than the scanner reaches
+    nothing but odometry says how far along it a robot is, and with twice the noise it is lost by 0.4 m.
     """
-    return LocalizationParameters(least_particles=200, most_particles=800, recovery_slow=0.0, recovery_fast=0.0)
+    return LocalizationParameters(
+        recovery_slow=0.0, recovery_fast=0.0, alpha1=0.01, alpha2=0.01, alpha3=0.01, alpha4=0.01
+    )
 
 
 class PositioningParameters(Settings):
@@ -38,6 +42,4 @@ class SonarParameters(Settings):
 
     beams: int = Field(default=24, ge=4, le=720, description="sonars of a ring; about so many beams are used")
     range_m: float = Field(default=5.0, gt=0, description="m, how far they reach, if the scanner reaches as far")
-    noise_m: float = Field(
-        default=0.0, ge=0, description="m, standard deviation of a range, of their own"
-    )
+    noise_m: float = Field(default=0.0, ge=0, description="m, standard deviation of a range, of their own")

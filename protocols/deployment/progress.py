@@ -103,8 +103,8 @@ class Progress:
                 self.heard[fact.task, fact.robot] = fact
             case Heard(robot=robot, again=True):
                 self._found(robot)
-            case Heard(robot=robot):
-                self._lose(robot)
+            case Heard(robot=robot, place_m=place_m):
+                self._lose(robot, place_m)
             case Switched(strategy=strategy):
                 self._strategy = strategy
                 for deploying, node in self._under_way():
@@ -247,16 +247,16 @@ class Progress:
         self.tree.graft(node, tasks, self.time)
 
     def _found(self, robot: Address) -> None:
-        self.lost.discard(robot)
+        self._casting.find(robot)
         for deploying, node in self._under_way():
             if deploying.misses(robot):
                 self._deploy_again(deploying, node)
 
-    def _lose(self, robot: Address) -> None:
-        """Give a silent robot's posts and roles to others."""
+    def _lose(self, robot: Address, place_m: Place | None) -> None:
+        """Give the posts and roles of a robot that fell silent, at a place, to others."""
         if robot in self.lost:
             return
-        self.lost.add(robot)
+        self._casting.lose(robot, place_m)
         for deploying, node in self._under_way():
             if robot in deploying.posts:
                 self._deploy_again(deploying, node)

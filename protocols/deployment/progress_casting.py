@@ -1,5 +1,6 @@
 """Who does what in a play that is under way: who is lost, who stands where, who has taken over from whom."""
 
+import math
 from collections.abc import Iterable
 
 from cosim.machine import Address
@@ -19,6 +20,8 @@ class Casting:
         self._roles: dict[Address, Address] = {}
         """Who has taken over from a lost robot, outside deployments."""
         self.lost: set[Address] = set()
+        self._bodies_m: dict[Address, Place] = {}
+        """Where the lost ones were last, if that is known."""
         self.stands_m: dict[Address, Place] = dict.fromkeys(crew.robots, crew.base_m) | record.starts_m
         """Where a robot has been ordered to, and arrived at, last."""
 
@@ -27,6 +30,25 @@ class Casting:
         while robot in self._roles:
             robot = self._roles[robot]
         return robot
+
+    def lose(self, robot: Address, place_m: Place | None) -> None:
+        """Note that a robot is lost; its body may stand in the way of who is to take its place."""
+        self.lost.add(robot)
+        if place_m is not None:
+            self._bodies_m[robot] = place_m
+
+    def find(self, robot: Address) -> None:
+        """Note that a robot is lost no more."""
+        self.lost.discard(robot)
+        self._bodies_m.pop(robot, None)
+
+    def covered(self, robot: Address, place_m: Place) -> bool:
+        """Return whether a lost robot's body stands where *robot* would stand at a place."""
+        radius_m = self._crew.radius_m(robot)
+        return any(
+            math.dist(place_m, body_m) < radius_m + self._crew.radius_m(other)
+            for other, body_m in self._bodies_m.items()
+        )
 
     def draft(self, place_m: Place) -> Address | None:
         """Return the spare robot that has the shortest way to a place, and take it; None: there is none."""

@@ -84,7 +84,7 @@ class Deploying:
         if set(living) != set(self.posts):
             living.sort(key=lambda robot: self.posts.get(robot, size))
             self.posts = reassigned(
-                self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length
+                self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length, casting.covered
             )
 
     def _passed(self) -> dict[Address, int]:

@@ -47,23 +47,33 @@ def reassigned(
     stands_m: Mapping[Address, Place],
     places_m: Sequence[Place],
     length: Length,
+    covered: Callable[[Address, Place], bool] = lambda robot, place_m: False,
 ) -> dict[Address, int]:
-    """Return which of the first places each of *robots* ends up at; they are given in the order of their old posts."""
+    """Return which of the first places each of *robots* ends up at; they are given in the order of their old posts.
+
+    Places that are *covered* by a lost robot's body, so that nobody can stand there, are the last to be occupied.
+    """
+    size = min(len(robots), len(places_m))
+    open_first = sorted(
+        range(len(places_m)), key=lambda post: (all(covered(robot, places_m[post]) for robot in robots), post)
+    )
+    posts = sorted(open_first[:size])
     if strategy == "wave":
         order = sorted(range(len(robots)), key=lambda at: (reached[robots[at]], at))
-        return {robots[at]: post for post, at in enumerate(order)}
-    size = min(len(robots), len(places_m))
+        return {robots[at]: post for post, at in zip(posts, order, strict=False)}
     costs = np.array(
         [
             [
-                min(length(robot, stands_m[robot], places_m[post]), _NO_WAY_M) + _ORDER_M * (at - post) ** 2
-                for post in range(size)
+                min(length(robot, stands_m[robot], places_m[post]), _NO_WAY_M)
+                + _NO_WAY_M * covered(robot, places_m[post])
+                + _ORDER_M * (at - number) ** 2
+                for number, post in enumerate(posts)
             ]
             for at, robot in enumerate(robots)
         ]
     ).reshape(len(robots), size)
     rows, columns = linear_sum_assignment(costs)
-    return {robots[row]: column for row, column in zip(rows.tolist(), columns.tolist(), strict=True)}
+    return {robots[row]: posts[column] for row, column in zip(rows.tolist(), columns.tolist(), strict=True)}
 
 
 def substitute(

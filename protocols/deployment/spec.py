@@ -10,6 +10,7 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
+from protocols.deployment import positioning
 from protocols.deployment.floor import Floor
 from protocols.deployment.journal import EVENTS
 from protocols.deployment.knowledge import Knowledge, knowledge_of
@@ -77,12 +78,19 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     size = len(surroundings.starts_m)
     if parameters.courier.links is not None and size > MOST_ROBOTS:
         raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
+    if parameters.positioning.kind == "mcl" and not surroundings.beams:
+        raise UserError("protocol.parameters.positioning.kind: 'mcl' needs a range scanner")
     return knowledge_of(parameters, surroundings)
 
 
 def make(parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time) -> Runner:
-    """Return the machine of robot *me*; it draws nothing."""
-    return Runner(parameters, knowledge, me, start)
+    """Return the machine of robot *me*; it draws nothing but what localisation needs, and the noise of a sonar."""
+    return Runner(parameters, knowledge, me, start, stream)
+
+
+def succeed(before: Runner, after: Runner, now: Time) -> None:
+    """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map."""
+    after.positioning.resume(before.positioning.shift)
 
 
 def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> DeploymentReferee:
@@ -124,8 +132,9 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
-    events=EVENTS,
+    events=(*EVENTS, *positioning.EVENTS),
     team_limit=TEAM_LIMIT,
+    succeed=succeed,
     needs_sight=True,
     needs_view=True,
 )

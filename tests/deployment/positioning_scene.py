@@ -98,7 +98,8 @@ class Drifting(Scene):
     """Movers among the walls by an odometry that drifts; with a filter each, or by odometry alone."""
 
     def __init__(self, starts: Sequence[tuple[float, float]], filters: bool = True, **own: Any) -> None:
-        settings = SenseSettings(beams=BEAMS, beam_range_m=RANGE_M, range_noise_m=0.02, **DRIFT)
+        scanner = {"beams": BEAMS, "beam_range_m": RANGE_M, "range_noise_m": 0.02}
+        settings = SenseSettings.model_validate(scanner | DRIFT)
         bodies = [body(radius_m=RADIUS_M, speed_mps=0.5, acceleration_mps2=0.5)] * len(starts)
         super().__init__(WALLS, starts, bodies, senses=settings)
         self.filters = [localised(seed=me + 1, **own) if filters else None for me in range(len(starts))]

@@ -77,8 +77,11 @@ def drawn(seed: int) -> Scenario:
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(max(1, round(RUNS * SHARE))))
 def test_a_random_deployment_ends_without_collision_or_deadlock(seed: int, record_property: Any) -> None:
-    metrics = Simulation(drawn(seed), seed).run().metrics
+    scenario = drawn(seed)
+    metrics = Simulation(scenario, seed).run().metrics
     record_property("random deployments", 1)
     assert metrics["collisions"] == metrics["wall_contacts"] == 0.0
     assert metrics["simulated_s"] < 900.0, "somebody is still under way"
-    assert metrics["deployed"] == 1.0
+    assert metrics["plans_ended"] >= 1.0
+    if not metrics["robots_killed"]:  # a dead body may stand in the only door to a place
+        assert metrics["deployed"] == metrics["plans_done"] == 1.0

@@ -1,4 +1,4 @@
-"""The playbook page in a real browser: plays are called, tailored and refused, by consoles that say what a test wants."""
+"""The playbook page in a real browser: plays are called, tailored and refused, by consoles that a test commands."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -146,6 +146,8 @@ def test_robots_are_counted_or_named(page: Any, consoles: Consoles):
 
 def test_what_is_left_open_is_not_said(page: Any, consoles: Consoles):
     choose(page, "photo")
+    page.select_option("#form label:has-text('robot') select", "2")
+    page.select_option("#form label:has-text('robot') select", "")  # the planner chooses, after all
     page.click("#execute")
     page.get_by_role("group", name="place").locator("select").select_option("base")
     page.select_option("#form label:has-text('robot') select", "1")

@@ -197,10 +197,18 @@ def test_a_host_that_falls_silent_is_succeeded_and_what_it_was_asked_is_asked_ag
     consoles.dead.add(0)
     choose(page, "deploy/group")
     page.click("#execute")
+    page.wait_for_timeout(5000)
+    assert page.inner_text("#host") == ""  # the simulation may be busy: its time has not gone on
+    still.time_s = 6.0
     until(page, "document.getElementById('host').textContent.includes('does not answer')")
+    still.time_s = 8.0
     page.wait_for_timeout(2000)
     assert page.locator("#tasks li").count() == 0
     consoles.host = 1
+    probes = len(consoles.said("state"))
+    page.wait_for_timeout(4000)
+    assert len(consoles.said("state")) <= probes + 3
+    still.time_s = 10.0
     page.wait_for_selector("#tasks li")
     assert page.inner_text("#host") == "robot 1 is host now"
     assert [robot for robot, data in consoles.asked if data["say"] == "call"] == [0, 1]
@@ -210,6 +218,7 @@ def test_while_time_stands_still_nobody_is_taken_for_silent(page: Any, still: St
     still.state = "paused"
     until(page, "document.getElementById('state').textContent === 'paused'")
     consoles.dead.add(0)
+    still.down.add(0)
     choose(page, "deploy/group")
     page.click("#execute")
     page.wait_for_timeout(5000)

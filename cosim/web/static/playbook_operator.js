@@ -31,7 +31,8 @@ export class Operator {
     this.silent = false;
     this.answered = false;
     this.waiting = new Map();
-    this.probed_ms = -Infinity;
+    this.probed = { since_ms: -Infinity, since_s: -Infinity };
+    this.time_s = 0;
     this.playing = false;
     this.paused = false;
     clearTimeout(this.stepping);
@@ -41,7 +42,8 @@ export class Operator {
 
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
   moment(now) {
-    if (now.state === "playing" && !this.playing) this.patient(performance.now());
+    this.time_s = now.time_s;
+    if (now.state === "playing" && !this.playing) for (const asked of this.waiting.values()) Object.assign(asked, this.moments());
     const paused = now.state === "paused";
     if (paused && !this.paused && this.waiting.size) this.step();
     this.playing = now.state === "playing";
@@ -55,7 +57,7 @@ export class Operator {
       const number = this.next;
       this.next += 1;
       const data = { request: number, ...request };
-      this.waiting.set(number, { data, robot: this.host, since_ms: performance.now(), resolve, reject });
+      this.waiting.set(number, { data, robot: this.host, ...this.moments(), resolve, reject });
       if (!this.say(this.host, data)) {
         this.waiting.delete(number);
         reject(new Error("the server is gone"));
@@ -124,34 +126,37 @@ export class Operator {
   }
 
   again(number, asked) {
-    Object.assign(asked, { robot: this.host, since_ms: performance.now() });
+    Object.assign(asked, { robot: this.host, ...this.moments() });
     this.say(this.host, asked.data);
   }
 
-  patient(wall_ms) {
-    for (const asked of this.waiting.values()) asked.since_ms = wall_ms;
+  /** When something is asked: by the wall's clock, and by that of the run. */
+  moments() {
+    return { since_ms: performance.now(), since_s: this.time_s };
+  }
+
+  /** Whether something has waited for long: a simulation that does not get on is only busy. */
+  late({ since_ms, since_s }, wall_ms, patience_ms) {
+    return wall_ms - since_ms > patience_ms && this.time_s > since_s;
   }
 
   /** Look for who is host now, if the one that was asked has not answered for long. */
   look(wall_ms) {
     if (!this.playing) return;
-    const late = [...this.waiting.values()].some(
-      (asked) => !OVER_THE_AIR.has(asked.data.say) && wall_ms - asked.since_ms > PATIENCE_MS,
+    const unheard = [...this.waiting.values()].some(
+      (asked) => !OVER_THE_AIR.has(asked.data.say) && this.late(asked, wall_ms, PATIENCE_MS),
     );
-    if ((late || this.down.has(this.host)) && !this.silent) {
+    if ((unheard || this.down.has(this.host)) && !this.silent) {
       this.silent = true;
-      const what = this.answered ? ", the host, does not answer: waiting for its successor"
-        : " does not answer: it may have no console";
+      const what = this.answered ? ", the host, does not answer: waiting for its successor" : " does not answer: it may have no console";
       this.told.host(this.host, `robot ${this.host}${what}`);
     }
-    if (this.silent && wall_ms - this.probed_ms > PROBE_MS) {
-      this.probed_ms = wall_ms;
-      this.probe();
-    }
+    if (this.silent && this.late(this.probed, wall_ms, PROBE_MS)) this.probe();
   }
 
   /** Ask every robot whom it follows. */
   probe() {
+    this.probed = this.moments();
     for (let robot = 0; robot < this.size; robot += 1) {
       this.say(robot, { request: this.next, say: "state" });
       this.next += 1;

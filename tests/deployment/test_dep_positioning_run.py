@@ -1,0 +1,114 @@
+"""Whole plays by robots whose odometry drifts: they end deployed if they localise, and do not if they do not."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import experiments
+from cosim.errors import LocalProtocolError, UserError
+from cosim.machine import Address
+from cosim.scenario import Scenario
+from cosim.simulation import Outcome, Simulation
+from cosim.testing import check_machine
+from cosim.units import S, Time
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.runner import Runner
+from protocols.deployment.spec import prepare
+from tests.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, scenario, surroundings
+
+FLOORS = Path(next(iter(experiments.__path__))) / "floors"
+DRIFT = {"odometry_slip": 0.05, "odometry_turn_rad": 0.1}
+MCL = {"positioning": {"kind": "mcl"}}
+
+
+def deployed(senses: dict[str, Any], faults: Any = (), seed: int = 1, **parameters: Any) -> Outcome:
+    """Return what becomes of two robots that go from the laboratory round the corner, 26 m and 10 or 14 m more."""
+    own = {"base_m": (3.0, 34.0), "calls": [call("deploy/group", [(29.0, 44.0), (29.0, 20.0)])], **parameters}
+    plain = {
+        "duration_s": 170.0,
+        "floorplan": {"map": str(FLOORS / "wean.yaml")},
+        "team": {
+            "size": 2,
+            "starts": [(3.0, 33.0), (3.0, 35.0)],
+            "senses": {"beams": 180, "beam_range_m": 8.0, **senses},
+            "body": {"radius_m": 0.3, "speed_mps": 0.6, "acceleration_mps2": 0.5, "drive": "differential"},
+        },
+        "channel": {"kind": "ideal"},
+        "protocol": {"use": "protocols.deployment.spec:SPEC", "parameters": own},
+        "faults": list(faults),
+    }
+    return Simulation(Scenario.model_validate(plain), seed).run()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("frames", "own"),
+    [("world", {}), ("own", {}), ("world", {"sonars": [1], "cells_m": [0.05, 0.2]})],
+    ids=["lasers", "frames of their own", "sonar and maps of their own"],
+)
+def test_robots_that_localise_deploy_though_their_odometry_drifts(frames: str, own: dict[str, Any]) -> None:
+    metrics = deployed(DRIFT | {"frames": frames}, **MCL, **own).metrics
+    assert metrics["deployed"] == metrics["plans_done"] == metrics["places_held"] == 1.0
+    assert metrics["collisions"] == metrics["wall_contacts"] == 0.0
+
+
+@pytest.mark.slow
+def test_robots_that_do_not_localise_do_not_deploy() -> None:
+    metrics = deployed(DRIFT).metrics
+    assert metrics["deployed"] == metrics["places_held"] == 0.0
+
+
+@pytest.mark.slow
+def test_robots_whose_frames_are_their_own_and_known_deploy_without_a_filter() -> None:
+    metrics = deployed({"frames": "own"}).metrics
+    assert metrics["deployed"] == metrics["plans_done"] == 1.0
+
+
+@pytest.mark.slow
+def test_who_boots_again_knows_where_it_was() -> None:
+    crash = {"kind": "crash", "robot": 1, "at_s": 45.0, "for_s": 3.0}
+    outcome = deployed(DRIFT, [crash], silence_s=8.0, alone_s=12.0, again_s=2.0, **MCL)
+    assert outcome.metrics["deployed"] == outcome.metrics["places_held"] == 1.0
+
+
+@pytest.mark.slow
+def test_the_same_seed_has_the_same_digest() -> None:
+    one, same = (Simulation(scenario(calls=[call()], **MCL), 1).run() for _ in range(2))
+    assert one.digest == same.digest
+    assert len(rows(one, "Positioned")) >= 3 * int(one.metrics["simulated_s"])
+    assert one.metrics["deployed"] == 1.0
+
+
+@pytest.mark.slow
+def test_robots_that_localise_keep_the_laws() -> None:
+    made: list[Any] = []
+
+    def make(me: Address, start: Time) -> Any:
+        if me == 0:
+            made[:] = [knowledge(calls=[call()], listen_s=0.5, news_s=0.5, sonars=[1], **MCL)]
+        return OnWheels(Runner(*made[0], me, start, np.random.default_rng(me)), STARTS_M[me])
+
+    check_machine(make, STARTS_M, 2 * S)
+
+
+def test_who_localises_needs_a_stream() -> None:
+    with pytest.raises(LocalProtocolError, match="stream"):
+        Runner(*knowledge(**MCL), 0, 0)
+
+
+def test_without_a_scanner_nobody_localises() -> None:
+    own = Parameters.model_validate(MCL)
+    with pytest.raises(UserError, match=r"positioning\.kind"):
+        prepare(own, surroundings(beams=0))
+
+
+def test_cells_are_given_for_all_robots_or_none() -> None:
+    with pytest.raises(UserError, match="cells_m: 2 sizes are given for 3 robots"):
+        knowledge(cells_m=[0.1, 0.2])
+    _, known = knowledge(cells_m=[0.1, 0.2, 0.2])
+    assert known.floors[0] is known.floor
+    assert known.floors[1] is known.floors[2]
+    assert [floor.parameters.cell_m for floor in known.floors] == [0.1, 0.2, 0.2]
+    assert known.floors[1].grid(0.25)[0].cell_m == 0.2
