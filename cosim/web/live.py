@@ -30,6 +30,8 @@ _ROWS: Final = 2000
 """Rows of each kind that are kept."""
 _PERIOD_S: Final = 0.03
 """Between two publications."""
+_HEARD: Final[Time] = 2
+"""ns, so soon after it was said the operator's word has been heard, and answered if that takes no time."""
 _SPELL_S: Final = 0.1
 """How long the thread simulates at most without looking up."""
 
@@ -146,6 +148,9 @@ class Live:
                     self._pace.change(speed, wall)
                 case Operate(robot=robot, data=data):
                     self._simulation.operate(robot, json.dumps(data, ensure_ascii=False).encode())
+                    if not self._pace.playing:  # what is said arrives all the same, and is answered
+                        self._simulation.advance(now + _HEARD)
+                        self._pause(self._simulation.kernel.now, wall)
 
     def _pause(self, now: Time, wall: float) -> None:
         self._pace.pause(wall)

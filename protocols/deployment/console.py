@@ -144,6 +144,7 @@ class Console:
             "say": "plan",
             "plan": plan.model_dump(mode="json"),
             "expected_s": _number(self._planning.expected_s(plan, now)),
+            "windows": self._planning.windows_s(plan, now),
         }
 
     def _execute(self, plan: Plan, now: Time) -> dict[str, Any]:

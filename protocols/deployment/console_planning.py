@@ -19,7 +19,8 @@ class Planning:
     ) -> None:
         homes_m = dict(enumerate(knowledge.starts_m))
         places = knowledge.named_m, homes_m
-        self._planner = Planner(knowledge.playbook, knowledge.crew, knowledge.floor, parameters.planner, *places)
+        asked = knowledge.playbook, knowledge.crew, knowledge.floor, parameters.planner
+        self._planner = Planner(*asked, *places, executing=parameters.executing)
         self._knowledge = knowledge
         self._member = member
         self._silent = silent
@@ -40,3 +41,11 @@ class Planning:
     def expected_s(self, plan: Plan, now: Time) -> float:
         """Return when *plan* would be expected to have ended, s after it began; infinite if nothing can be said."""
         return self._planner.expected_s(plan, self.starts_m(now))
+
+    def windows_s(self, plan: Plan, now: Time) -> dict[str, list[float | None]]:
+        """Return of each task of *plan* its earliest and latest start and end, s after it begins; None: no limit."""
+        windows: dict[str, list[float | None]] = {}
+        for instant, span_s in self._planner.windows_s(plan, self.starts_m(now)).items():
+            at = 0 if instant.edge == "start" else 2
+            windows.setdefault(instant.task, [None] * 4)[at : at + 2] = span_s
+        return windows

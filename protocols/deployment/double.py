@@ -2,111 +2,88 @@
 
 It measures interference (:mod:`protocols.deployment.interference`), and moves nobody. At every tick it stands where
 the robot stands, but faces where it has itself turned to, at the speed that it has itself come to; it follows the field
-of the bare map, and meets no bodies. Alone, a robot and its double go at the same speed.
+of the bare map, and meets no bodies. All else it does as its robot's wheel does, by the same calls: alone, a robot and
+its double order the same.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from cosim.navigation.dwa import (
-    BODY_COLUMNS,
-    CLEAR,
-    HEADING,
-    MARGIN,
-    MOST_WAY,
-    RADIUS,
-    TURN,
-    TURN_CHANGE,
-    WAY,
-    WAY_CHANGE,
-    X,
-    Y,
-    braking_way,
-    choose,
-    chord,
-    stopping_m,
-    towards,
-    walls_near,
-)
+from cosim.navigation.dwa import HEADING, TURN, WAY
 from cosim.navigation.schemas import Floats
-from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.floor import Floor
 from protocols.deployment.plan import Place
+from protocols.deployment.wheel import Wheel
 
 ROUNDING: Final = 1e-9
 """Headings and turns, rad, that are as near to each other are the same."""
-_NOTHING: Final = (0, 2)
-_NOBODY: Final = (0, BODY_COLUMNS)
+_SOMEBODY_M: Final = 0.5
+"""What the scanner meets so near to a robot's body is taken for that robot, however late one has heard where it is."""
 
 
 class Double:
-    """What one robot would do without the others; asked once a tick, with what DWA knows of the robot's motion."""
+    """What one robot would do without the others; asked once a tick, when the robot has ordered what it does."""
 
-    def __init__(
-        self, floor: Floor, radius_m: float, limits: Floats, parameters: DrivingParameters, seconds: float
-    ) -> None:
-        """Take the *limits* of the drive as :mod:`cosim.navigation.dwa` has them, and the length of a tick."""
-        self._floor, self._radius_m, self._limits = floor, radius_m, limits
-        self._own, self._seconds = parameters, seconds
+    def __init__(self, floor: Floor, radius_m: float, arrive_m: float) -> None:
+        """Take the known map, and how near to its goal (m) a robot has arrived."""
+        self._floor, self._radius_m, self._arrive_m = floor, radius_m, arrive_m
         self.pace_mps: tuple[float, float] | None = None
         """The speed that the robot's last order leads to, and its own, m/s; None when the robot is not under way."""
-        self.most = math.inf
-        """m, so far it goes in the coming tick at most, for reasons of the floor."""
         self._sets_off = True
-        self._heading = self._way = self._turn = 0.0
-        self._points, self._bodies = np.zeros(_NOTHING), np.zeros(_NOBODY)
+        self._heading, self._drive = 0.0, (0.0, 0.0)
 
     def restart(self) -> None:
         """Set off anew, with the robot as it is then: it has another goal."""
         self._sets_off = True
 
-    def look(self, motion: Floats, goal_m: Place | None, way: float, aside: bool = False) -> None:
+    def look(
+        self, wheel: Wheel, goal_m: Place | None, bodies: Sequence[tuple[Place, float]], held: bool, aside: bool
+    ) -> None:
         """Take what the robot orders at this tick, and order something too.
 
-        *motion* is the robot's row for DWA; *goal_m* where it is under way to, or None; *way* metres a tick what it
-        orders. If it does so to go *aside* for another, it counts as standing.
+        *goal_m* is where the robot is under way to, or None; *bodies* are the places and radii (m) of the others as it
+        knows them. *held*: it has not got on, and first gets away from what it is too near to. If it goes *aside* for
+        another, it counts as standing.
         """
         self.pace_mps = None
-        if goal_m is not None:
-            if self._sets_off:
-                self._heading, self._way, self._turn = motion[[HEADING, WAY, TURN]].tolist()
-                self._sets_off = False
-            gone = 0.0 if aside else towards(way, float(motion[WAY]), float(self._limits[WAY_CHANGE]))
-            self.pace_mps = gone / self._seconds, self._step(motion, goal_m)
-        self.most = math.inf
+        if goal_m is None:
+            return
+        way, turn = wheel.motion[[WAY, TURN]].tolist()
+        if self._sets_off:
+            self._heading, self._drive, self._sets_off = float(wheel.motion[HEADING]), (way, turn), False
+        gone = 0.0 if aside else wheel.reached(wheel.wanted, (way, turn))[0]
+        self._step(wheel, goal_m, bodies, held)
+        self.pace_mps = wheel.speed_mps(gone), wheel.speed_mps(self._drive[0])
 
-    def _step(self, motion: Floats, goal_m: Place) -> float:
-        """Return the speed, m/s, that it will have from the next tick on by what it orders now."""
-        own = self._limits
-        self._agree(motion)
-        way, turn = self._ordered(motion, goal_m)
-        self._heading += self._turn
-        self._way = towards(way, self._way, own[WAY_CHANGE])
-        self._turn = towards(turn, self._turn, own[TURN_CHANGE])
-        return self._way / self._seconds
+    def _step(self, wheel: Wheel, goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool) -> None:
+        """Come to the heading and the motion that it will have from the next tick on by what it orders now."""
+        self._agree(wheel.motion)
+        ordered = self._ordered(wheel, goal_m, bodies, held)
+        self._heading += self._drive[1]
+        self._drive = wheel.reached(ordered, self._drive)
 
     def _agree(self, motion: Floats) -> None:
         """Take the robot's heading and turn where they differ from the own ones by rounding only."""
-        heading, turn = float(motion[HEADING]), float(motion[TURN])
-        if abs(math.remainder(heading - self._heading, math.tau)) < ROUNDING and abs(turn - self._turn) < ROUNDING:
-            self._heading, self._turn = heading, turn
+        (way, turn), (heading, robots_turn) = self._drive, motion[[HEADING, TURN]].tolist()
+        if abs(math.remainder(heading - self._heading, math.tau)) < ROUNDING and abs(turn - robots_turn) < ROUNDING:
+            self._heading, self._drive = heading, (way, robots_turn)
 
-    def _ordered(self, motion: Floats, goal_m: Place) -> tuple[float, float]:
-        own, state = self._limits, motion.copy()
-        state[HEADING], state[WAY], state[TURN] = self._heading, self._way, self._turn
-        x, y = float(state[X]), float(state[Y])
-        aim = self._floor.field(self._radius_m, goal_m).aim((x, y), self._own.look_ahead_m)
-        if aim is None or (aim.last and aim.left_m <= self._own.arrive_m):
+    def _ordered(
+        self, wheel: Wheel, goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
+    ) -> tuple[float, float]:
+        aim = self._floor.aim(self._radius_m, self._floor.field(self._radius_m, goal_m), wheel.here, held)
+        if aim is None or (aim.last and aim.left_m <= self._arrive_m):
             return 0.0, 0.0
-        most = min(self.most, float(own[MOST_WAY]))
-        if aim.last:
-            dx, dy = chord(state[HEADING], state[WAY], state[TURN])
-            left = math.hypot(aim.place_m[0] - x - dx, aim.place_m[1] - y - dy)
-            most = min(most, braking_way(left, own[WAY_CHANGE]))
-        stop_m = own[MOST_WAY] + stopping_m(own[MOST_WAY] + own[WAY_CHANGE], own[WAY_CHANGE])
-        reach = own[RADIUS] + max(own[MARGIN], own[CLEAR]) + stop_m
-        walls = walls_near(self._floor.walls, x, y, reach + 2.0 * own[RADIUS])
-        way, turn, _ = choose(own, state, walls, self._points, self._bodies, aim.place_m[0], aim.place_m[1], most)
-        return float(way), float(turn)
+        motion = wheel.motion.copy()
+        motion[[HEADING, WAY, TURN]] = self._heading, *self._drive
+        return wheel.alone(motion, aim, _but_bodies(wheel.points, bodies))
+
+
+def _but_bodies(points: Floats, bodies: Sequence[tuple[Place, float]]) -> Floats:
+    """Return the *points*, shape (n, 2), that are not of other robots."""
+    for place_m, radius_m in bodies:
+        points = points[np.hypot(*(points - place_m).T) > radius_m + _SOMEBODY_M]
+    return points

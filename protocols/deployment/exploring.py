@@ -19,6 +19,7 @@ from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.units import S, Time, from_seconds
+from protocols.deployment.crew import Body, Crew
 from protocols.deployment.exploring_parameters import ExploringParameters
 from protocols.deployment.floor import Floor
 from protocols.deployment.journal import BadBytes
@@ -82,12 +83,29 @@ def ground_of(parameters: ExploringParameters, surroundings: Surroundings) -> Gr
         return Ground(fitted, None, f"nobody can explore: {error}")
 
 
-def explorable(found: Plan | Refusal, ground: Ground) -> Plan | Refusal:
-    """Return what the planner has found, but a refusal of a plan to explore where nobody can."""
-    explores = isinstance(found, Plan) and any(isinstance(task.act, Explore) for task in found.root.walk())
-    if isinstance(found, Plan) and explores and ground.why_not:
+def explorable(found: Plan | Refusal, ground: Ground, crew: Crew) -> Plan | Refusal:
+    """Return what the planner has found, but a refusal of a plan to explore with robots that cannot.
+
+    A sonar's few beams show walls too far from each other: what is between them would be taken for free.
+    """
+    if isinstance(found, Refusal):
+        return found
+    acts = [task.act for task in found.root.walk()]
+    robots = sorted({robot for act in acts if isinstance(act, Explore) for robot in act.robots})
+    deaf = tuple(f"robot {robot} has sonar, and cannot explore" for robot in robots if not scans(crew.bodies[robot]))
+    if robots and ground.why_not:
         return Refusal(play=found.play, conflicts=(ground.why_not,))
-    return found
+    if not deaf:
+        return found
+    others = [robot for robot in crew.robots if scans(crew.bodies[robot])]
+    return Refusal(
+        play=found.play, conflicts=deaf, mend=(f"exploring by some of the robots {others}",) if others else ()
+    )
+
+
+def scans(body: Body) -> bool:
+    """Return whether a robot has a laser scanner."""
+    return body.sensor == "laser"
 
 
 class _Compass(Steering):
@@ -145,16 +163,20 @@ class Exploring:
         me: Address,
         octets: int,
         floor: Floor,
+        scans: bool,
         note: Callable[[Event], None],
     ) -> None:
-        """Tell of the map in pieces of so many *octets*. A *floor* that is learned becomes what is known of it."""
+        """Tell of the map in pieces of so many *octets*. A *floor* that is learned becomes what is known of it.
+
+        Who does not *scan*, without a laser scanner, only hears.
+        """
         self.on = False
         """Whether it leads the robot."""
         self.over: str | None = None
         """Why the robot has explored enough, in words (empty: nothing is left to see); None while it has not."""
         self._own, self._ground, self._me, self._octets = parameters, ground, me, octets
         self._floor = floor if isinstance(floor, LearnedFloor) else None
-        self._note = note
+        self._scans, self._note = scans, note
         self._explorer: _Led | None = None
         """Made when it is first needed."""
         self._beams = beam_directions(0 if ground.known is None else ground.known.beams)
@@ -210,7 +232,7 @@ class Exploring:
         here = observation.x_m, observation.y_m
         if self._place_m is None or math.dist(here, self._place_m) > _ELSEWHERE_M:
             self._place_m, self._stood = here, now
-        elif self._stood is not None and now - self._stood >= _STANDS:
+        elif self._scans and self._stood is not None and now - self._stood >= _STANDS:
             self._stood = None  # it looks once from each place
             self._explorer.look_about(observation, self._beams, now)
         self._explorer.sharing.tick(*here, now, observation.sightings)

@@ -27,6 +27,10 @@ AHEAD_M: Final = 1.0
 """So far ahead, in the direction in which it is led, a robot aims."""
 
 
+BESIDE_M: Final = 0.03
+"""The margin to what is scanned is wider by so much: the end of a wall may be between two beams."""
+
+
 class ExploringMover(PacedMover):
     """Drives as any mover does, or explores; whatever else it is told ends that."""
 
@@ -44,11 +48,12 @@ class ExploringMover(PacedMover):
         """Take what explores, and what a mover takes."""
         self._exploring = exploring
         super().__init__(floor, me, radius_m, speed_mps, acceleration_mps2, parameters, tick)
-        bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, parameters)
+        wary = parameters.model_copy(update={"margin_m": parameters.margin_m + BESIDE_M})
+        bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
         slow_mps = min(speed_mps, exploring.speed_mps)
-        self._led = Wheel(bare, radius_m, slow_mps, acceleration_mps2, parameters, tick)
+        self._led = Wheel(bare, radius_m, slow_mps, acceleration_mps2, wary, tick)
         if isinstance(floor, LearnedFloor):
-            self._wheel = Wheel(bare, radius_m, speed_mps, acceleration_mps2, parameters, tick)
+            self._wheel = Wheel(bare, radius_m, speed_mps, acceleration_mps2, wary, tick)
 
     def explore(self, now: Time) -> None:
         """Explore until nothing is left to see."""

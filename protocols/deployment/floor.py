@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Floats, PlanningGrid, nearest_free, wall_planning_grid, way_points
 from cosim.geometry.polylines import length_m as polyline_m
-from cosim.geometry.segments import SegmentGrid, clearance, segment_grid
+from cosim.geometry.segments import SegmentGrid, clearance, segment_grid, swept_clearance
 from cosim.geometry.value_iteration import ahead, cheapest_way, values
 from cosim.protocol import Surroundings
 from protocols.deployment.driving_parameters import DrivingParameters
@@ -29,6 +29,8 @@ _KEPT: Final = 64
 """So many fields are remembered, the latest asked for."""
 _SNAP_M: Final = 0.35
 """Who stands, or wants to stand, where there is no free cell is taken to be at one so near, or nowhere."""
+_SEEN_SHARE: Final = 0.75
+"""A straight line to where one aims keeps this share of the margin off the walls."""
 
 
 class Blocker(NamedTuple):
@@ -176,6 +178,24 @@ class Floor:
         if len(self._fields) > _KEPT:
             self._fields.popitem(last=False)
         return field
+
+    def aim(self, radius_m: float, field: Field, at: Place, out: bool = False) -> Aim | None:
+        """Return where to drive in a *field*: as far ahead as a straight line leads clear of the walls.
+
+        At most the parameters' ``look_ahead_m``; *out* as in :meth:`Field.aim`. None without a way.
+        """
+        kept_m = radius_m + _SEEN_SHARE * self.parameters.margin_m
+        reach_m, aim = self.parameters.look_ahead_m, None
+        while reach_m > 0.5 * self.parameters.cell_m:
+            aim = field.aim(at, reach_m, out)
+            if aim is None:
+                return None
+            line = np.array([[*at, *at], [*at, *aim.place_m]])
+            here, along = swept_clearance(self.walls, line[:, :2], line[:, 2:], kept_m).tolist()
+            if along >= here - 1e-6:
+                return aim
+            reach_m = min(0.5 * reach_m, 0.8 * math.dist(at, aim.place_m))
+        return aim
 
     def field_among(self, radius_m: float, goal: Place, blockers: Sequence[Blocker]) -> Field:
         """Return the field of a goal with discs as obstacles besides the walls."""

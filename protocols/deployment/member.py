@@ -140,7 +140,7 @@ class Member:
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
-        if not self._over and not self._in_its_crowd:
+        if not self._over and not self._crowd.near(self._order, self.here, self.others):
             self._requests += self._asking.step(self.here, self.others, now)
         self._aloof.step(self.here, self.others, now)
         self._look_for_the_end(now)
@@ -245,17 +245,14 @@ class Member:
             if not self._aloof.away:
                 self._end(Result.DONE, "", now)
         elif isinstance(order.errand, Go) and self._waits_since is None:
-            self._look_for_arrival(now)
+            self._look_for_arrival(order.errand, now)
 
-    @property
-    def _in_its_crowd(self) -> bool:
-        """Whether it only passes the place that it goes to, and is there but for those who stand about it."""
-        go = None if self._order is None else self._order.errand
-        return isinstance(go, Go) and not go.final and self._crowd.near(self.here, go.place_m, self.others)
-
-    def _look_for_arrival(self, now: Time) -> None:
-        if self._mover.state == "arrived":
+    def _look_for_arrival(self, go: Go, now: Time) -> None:
+        passed = self._crowd.come(go, self.here, self.others, now)
+        if passed or self._mover.state == "arrived":
             self._end(Result.DONE, "", now)
+            if passed:
+                self._mover.halt()
         elif self._approach.held(self.here, now) > from_seconds(self._parameters.stuck_s):
             x_m, y_m = self.here
             self._end(Result.FAILED, f"stuck at ({x_m:.1f}, {y_m:.1f})", now)

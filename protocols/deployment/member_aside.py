@@ -89,6 +89,7 @@ class Asking:
 
     def __init__(self, parameters: MemberParameters, floor: Floor, me: Address, radius_m: float, mover: Mover) -> None:
         self._patience = from_seconds(parameters.ask_s)
+        self._near_m = parameters.ask_m
         self._floor = floor
         self._me = me
         self._radius_m = radius_m
@@ -100,6 +101,8 @@ class Asking:
         """Return the request that is due, if one is, with whom it is for; the same again after a while."""
         other, goal = self._mover.blocked_by, self._mover.goal_m
         if other is None or goal is None or not others.idle(other):
+            return []
+        if math.dist(here, others.place_m(other)) > self._near_m:
             return []
         last = self._asked.get(other)
         if last is not None and 0 <= now - last < self._patience:

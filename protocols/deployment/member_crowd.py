@@ -12,7 +12,8 @@ from cosim.units import Time, from_seconds
 from protocols.deployment.floor import Floor
 from protocols.deployment.member_others import Others
 from protocols.deployment.mover import Mover
-from protocols.deployment.plan import Place
+from protocols.deployment.orders import Order
+from protocols.deployment.plan import Go, Place
 
 NEARER_M: Final = 0.1
 """Who has come nearer by so much gets on."""
@@ -33,11 +34,13 @@ class Crowd:
         """Begin anew: there is another place to go to."""
         self._best_m = math.inf
 
-    def near(self, here: Place, place_m: Place, others: Others) -> bool:
-        """Return whether the bodies that are nearer to the place keep it from coming nearer.
+    def near(self, order: Order | None, here: Place, others: Others) -> bool:
+        """Return whether it has come, but for the bodies that are nearer, to the place that it is ordered to pass."""
+        go = None if order is None else order.errand
+        return isinstance(go, Go) and not go.final and self._near(go.place_m, here, others)
 
-        It has come near if they would reach from the place to where it is, one behind the other. No body: not near.
-        """
+    def _near(self, place_m: Place, here: Place, others: Others) -> bool:
+        """Return whether the bodies that are nearer to a place would reach from there to it, one behind the other."""
         off_m = math.dist(here, place_m)
         nearer = [robot for robot, place in others.places_m.items() if math.dist(place, place_m) < off_m]
         reach_m = self._radius_m + sum(2.0 * self._radii_m[robot] + 2.0 * NEARER_M for robot in nearer)
@@ -46,10 +49,12 @@ class Crowd:
         way_m = self._floor.length_m(self._radius_m, here, place_m)
         return way_m is not None and way_m <= reach_m
 
-    def come(self, here: Place, place_m: Place, others: Others, now: Time) -> bool:
-        """Return whether it has come to the place, for one that passes it: near, and it comes no nearer."""
-        off_m = math.dist(here, place_m)
+    def come(self, go: Go, here: Place, others: Others, now: Time) -> bool:
+        """Return whether it has come to a place that it passes: near, and it comes no nearer."""
+        if go.final:
+            return False
+        off_m = math.dist(here, go.place_m)
         if off_m < self._best_m - NEARER_M:
             self._best_m, self._since = off_m, now
         held = self._mover.blocked_by is not None or now - self._since >= self._patience
-        return held and self.near(here, place_m, others)
+        return held and self._near(go.place_m, here, others)

@@ -18,8 +18,7 @@ class PacedMover(Mover):
     def __init__(self, *arguments: Any) -> None:
         """Take what a mover takes."""
         super().__init__(*arguments)
-        wheel = self._wheel
-        self._double = Double(self._floor, self._radius_m, wheel._limits, self._own, wheel._seconds)
+        self._double = Double(self._floor, self._radius_m, self._own.arrive_m)
 
     @property
     def pace_mps(self) -> tuple[float, float] | None:
@@ -34,7 +33,7 @@ class PacedMover(Mover):
     def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
         """Return what to do from the next tick on; None if that is what it does already."""
         drive = super().step(observation, others, now)
-        target = self._via[0] if self._via else self.goal_m
-        goal = target if self.state in ("driving", "stuck") else None
-        self._double.look(self._wheel._motion, goal, self._wheel._wanted[0], self.yielding_to is not None)
+        goal = self._next_m if self.state in ("driving", "stuck") else None
+        bodies = [((other.x_m, other.y_m), other.radius_m) for other in others]
+        self._double.look(self._wheel, goal, bodies, self._held, self.yielding_to is not None)
         return drive

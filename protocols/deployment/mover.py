@@ -11,9 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import Final, Literal, TypeAlias
 
-import numpy as np
-
-from cosim.geometry.segments import swept_clearance
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds, to_seconds
@@ -38,8 +35,6 @@ _WAIT_S: Final = 20.0
 """Nobody makes way for longer than that."""
 _HELD_S: Final = 0.5
 """s without progress after which a robot gets away from what it is too near to, before anything else."""
-_SEEN_SHARE: Final = 0.75
-"""The line to where one aims keeps this share of it."""
 _REPLAN_S: Final = 0.5
 """s between two looks at who stands in the way."""
 
@@ -76,6 +71,7 @@ class Mover:
         self._among: tuple[Blocker, ...] = ()
         self._planned: Time | None = None
         self._best_m, self._progress, self._made_way = math.inf, 0, 0
+        self._held = False
 
     # ------------------------------------------------------------ what it is told
 
@@ -137,6 +133,10 @@ class Mover:
     def _here(self) -> Place:
         return self._wheel.here
 
+    @property
+    def _next_m(self) -> Place | None:
+        return self._via[0] if self._via else self.goal_m
+
     # ------------------------------------------------------------ where to
 
     def _aim(self, now: Time) -> Aim | None:
@@ -144,12 +144,12 @@ class Mover:
         here = self._here
         self._give_way(now)
         self._pass_way_points()
-        target = self._aside or (self._via[0] if self._via else self.goal_m)
+        target = self._aside or self._next_m
         assert target is not None
         if self._planned is None or now >= self._planned + from_seconds(_REPLAN_S):
             self._plan(target, now)
-        held = now - self._progress > from_seconds(_HELD_S)
-        aim = self._clear_aim(self._field, here, held) if self._field is not None else None
+        self._held = now - self._progress > from_seconds(_HELD_S)
+        aim = None if self._field is None else self._floor.aim(self._radius_m, self._field, here, self._held)
         if aim is None:
             self.remaining_m = None
             self._judge(math.inf, now)
@@ -159,21 +159,6 @@ class Mover:
             self._arrive()
             return None
         self._judge(aim.left_m, now)
-        return aim
-
-    def _clear_aim(self, field: Field, here: Place, held: bool) -> Aim | None:
-        """Return where to aim: as far ahead on the way as a straight line leads clear of the walls."""
-        kept_m = self._radius_m + _SEEN_SHARE * self._own.margin_m
-        reach_m, aim = self._own.look_ahead_m, None
-        while reach_m > 0.5 * self._own.cell_m:
-            aim = field.aim(here, reach_m, held)
-            if aim is None:
-                return None
-            line = np.array([[*here, *here], [*here, *aim.place_m]])
-            at, along = swept_clearance(self._floor.walls, line[:, :2], line[:, 2:], kept_m).tolist()
-            if along >= at - 1e-6:
-                return aim
-            reach_m = min(0.5 * reach_m, 0.8 * math.dist(here, aim.place_m))
         return aim
 
     def _arrive(self) -> None:
@@ -193,17 +178,21 @@ class Mover:
         plain = self._floor.field(self._radius_m, target)
         way = plain.way(self._here) or []
         standing = self._in_the_way(way, now)
+        among = tuple(track.blocker for track in standing)
         self.blocked_by = None
-        if not standing:
+        if not among:
             self._field, self._among = plain, ()
             return
-        among = tuple(track.blocker for track in standing)
         if self._field is None or not _alike(among, self._among) or self._field.goal_m != plain.goal_m:
-            self._field = self._floor.field_among(self._radius_m, target, among)
-            self._among = among
+            self._field, self._among = self._floor.field_among(self._radius_m, target, among), among
         if not self._field.cost_m(self._here) < math.inf:
-            self.blocked_by = standing[0].address
             self._field, self._among = plain, ()
+            self.blocked_by = standing[0].address
+            for nearest in range(len(among) - 1, 0, -1):  # the way round those who are nearer, if one leads there
+                field = self._floor.field_among(self._radius_m, target, among[:nearest])
+                if field.cost_m(self._here) < math.inf:
+                    self._field, self.blocked_by = field, standing[nearest].address
+                    break
 
     def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
         """Return who stands in the way, the nearest first."""
@@ -283,7 +272,7 @@ class Mover:
         if self._aside is None:
             return
         track = self._traffic.of(self.yielding_to)
-        target = self._via[0] if self._via else self.goal_m
+        target = self._next_m
         waited_s = to_seconds(now - self._made_way)
         passed = track is None or waited_s >= _WAIT_S or (waited_s > 5.0 and track.still_s(now) > 3.0)
         if track is not None and not passed and target is not None:

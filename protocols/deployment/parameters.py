@@ -28,6 +28,7 @@ class MemberParameters(Settings):
     aside_s: float = Field(default=45.0, gt=0, description="s, after which who stepped aside comes back in any case")
     taken_m: float = Field(default=0.8, gt=0, description="m, who comes back leaves its post to one who stands so near")
     taken_s: float = Field(default=15.0, ge=0, description="s, and has nothing to do but to stand there")
+    ask_m: float = Field(default=3.0, gt=0, description="m, nobody is asked to step aside who is farther off")
     ask_s: float = Field(default=3.0, gt=0, description="s from one request to step aside to the next")
     crowd_s: float = Field(
         default=3.0, gt=0, description="s, who passes a place and comes no nearer, for bodies about it, has come to it"

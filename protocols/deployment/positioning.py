@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from cosim.errors import LocalProtocolError
 from cosim.machine import Address, Event
 from cosim.navigation.localization import Localizer
 from cosim.navigation.localization_likelihood import KnownMap
@@ -185,9 +184,9 @@ class Localised:
 
 
 def positioning_of(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator | None, tell: Tell
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, tell: Tell
 ) -> Positioning:
-    """Return what tells robot *me* where it is; raise LocalProtocolError for a filter without a *stream*."""
+    """Return what tells robot *me* where it is; it draws from *stream*, if at all."""
     own, ring = parameters.positioning, parameters.sonar
     body, frame = knowledge.crew.bodies[me], knowledge.frames[me]
     sensor = Sensor(knowledge.beams)
@@ -195,8 +194,6 @@ def positioning_of(
         sensor = Sensor(knowledge.beams, max(1, round(knowledge.beams / ring.beams)), ring.range_m, ring.noise_m)
     if own.kind == "given":
         return Given(sensor, frame, stream)
-    if stream is None:
-        raise LocalProtocolError("a robot that localises draws from a stream, and has been given none")
     known = knowledge.charts.known(knowledge.floors[me].parameters.cell_m, body.radius_m)
     radii_m = tuple(each.radius_m for each in knowledge.crew.bodies)
     return Localised(own, known, sensor, knowledge.scan_range_m, frame, radii_m, knowledge.tick, stream, tell)

@@ -4,8 +4,6 @@ The rooms know nothing of each other but what passes here: what the courier brin
 the executive orders this robot goes to the member, and what the member has ended goes to all.
 """
 
-import numpy as np
-
 from cosim.errors import WireError
 from cosim.machine import (
     OPERATOR,
@@ -33,21 +31,13 @@ from protocols.deployment.member_news import News
 from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.orders import Whereabouts
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.positioning import positioning_of
 from protocols.deployment.records import Records
 
 
 class Runner:
     """One robot's machine."""
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        knowledge: Knowledge,
-        me: Address,
-        start: Time,
-        stream: np.random.Generator | None = None,
-    ) -> None:
+    def __init__(self, parameters: Parameters, knowledge: Knowledge, me: Address, start: Time) -> None:
         self.me = me
         self.records = Records()
         self._knowledge = knowledge
@@ -58,10 +48,8 @@ class Runner:
         self._next_news = start + self._period * me // knowledge.size
         body = knowledge.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
-        floor = knowledge.floors[me]
-        mover = PacedMover(floor, me, *limits, floor.parameters, knowledge.tick)
+        mover = PacedMover(knowledge.floor, me, *limits, parameters.driving, knowledge.tick)
         note = self._events.append
-        self.positioning = positioning_of(parameters, knowledge, me, stream, note)
         self.courier = Courier(me, knowledge.size, parameters.carried, start)
         self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
         self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
@@ -99,7 +87,6 @@ class Runner:
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Drive on, look who is there, and tell all where this robot is."""
-        observation = self.positioning.locate(observation)
         drive = self.member.step(observation, now)
         if drive is not None:
             self._commands.append(drive)

@@ -17,6 +17,7 @@ from protocols.deployment.knowledge import Knowledge, knowledge_of
 from protocols.deployment.links import MOST_ROBOTS
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place
+from protocols.deployment.positioning_runner import LocatedRunner
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
 
@@ -83,12 +84,14 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     return knowledge_of(parameters, surroundings)
 
 
-def make(parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time) -> Runner:
+def make(
+    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
+) -> LocatedRunner:
     """Return the machine of robot *me*; it draws nothing but what localisation needs, and the noise of a sonar."""
-    return Runner(parameters, knowledge, me, start, stream)
+    return LocatedRunner(parameters, knowledge, me, start, stream)
 
 
-def succeed(before: Runner, after: Runner, now: Time) -> None:
+def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
     """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map."""
     after.positioning.resume(before.positioning.shift)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from cosim.machine import Drive
 from cosim.navigation.dwa import (
+    BODY_COLUMNS,
     OWN,
     STATE,
     braking_way,
@@ -18,6 +19,7 @@ from cosim.navigation.dwa import (
     unseen_gap,
     walls_near,
 )
+from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving_parameters import DrivingParameters
@@ -32,10 +34,12 @@ _KEPT_SHARE: Final = 0.5
 _CIRCLE_M: Final = 0.5
 _ASKEW_RAD: Final = 0.25 * math.pi
 """Who is so near to what it aims at, and so far from facing it, turns on the spot."""
+_NOTHING: Final = (0, 2)
+_NOBODY: Final = (0, BODY_COLUMNS)
 
 
 class Wheel:
-    """The motion of one robot, tick by tick."""
+    """The motion of one robot, tick by tick; ways are in metres a tick, and turns in rad a tick."""
 
     def __init__(
         self,
@@ -46,12 +50,17 @@ class Wheel:
         parameters: DrivingParameters,
         tick: Time,
     ) -> None:
+        self.points: Floats = np.zeros(_NOTHING)
+        """What the scanner has met in this tick, near by, that is neither a wall nor a known body; shape (n, 2), m."""
         self._floor, self._own = floor, parameters
         self._tick, self._seconds = tick, to_seconds(tick)
         self._limits = _limits(radius_m, speed_mps, acceleration_mps2, parameters, self._seconds)
+        self._stop_m = float(self._limits[1]) + stopping_m(self._limits[1] + self._limits[2], self._limits[2])
         self._motion = np.zeros(STATE)
         self._wanted = (math.nan, math.nan)
         self._asked: Time = -1
+
+    # ------------------------------------------------------------ how it moves
 
     @property
     def here(self) -> Place:
@@ -59,12 +68,30 @@ class Wheel:
         return float(self._motion[0]), float(self._motion[1])
 
     @property
+    def motion(self) -> Floats:
+        """How it moves, as :mod:`cosim.navigation.dwa` has it; not to be changed."""
+        return self._motion
+
+    @property
+    def wanted(self) -> tuple[float, float]:
+        """The way and the turn that it was told last."""
+        return self._wanted
+
+    @property
     def stands(self) -> bool:
         """Whether it stays where it is until the next tick."""
         return bool(self._motion[3] == 0.0)
 
+    def reached(self, wanted: tuple[float, float], last: tuple[float, float]) -> tuple[float, float]:
+        """Return the way and the turn that it comes to in a tick, if it is told what is *wanted*."""
+        return towards(wanted[0], last[0], self._limits[2]), towards(wanted[1], last[1], self._limits[4])
+
+    def speed_mps(self, way: float) -> float:
+        """Return how fast it is that goes so far in a tick."""
+        return way / self._seconds
+
     def order(self, way: float, turn: float) -> Drive | None:
-        """Return the order for a way and a turn per tick; None if it is the last one still."""
+        """Return the order for a way and a turn; None if it is the last one still."""
         if (way, turn) == self._wanted:
             return None
         self._wanted = way, turn
@@ -84,35 +111,54 @@ class Wheel:
             seen = math.remainder(heading - was_heading, math.tau)
             if abs(math.remainder(seen - turn, math.tau)) > _TURN_SEEN_RAD:
                 turn = min(max(seen, -own[3]), own[3])
-            way, turn = towards(self._wanted[0], way, own[2]), towards(self._wanted[1], turn, own[4])
+            way, turn = self.reached(self._wanted, (way, turn))
             motion[:] = x, y, heading, way, turn, x - was_x, y - was_y
         self._asked = now
+        self.points = np.zeros(_NOTHING)
+
+    # ------------------------------------------------------------ what it does next
 
     def to(self, aim: Aim, observation: Observation, traffic: Traffic) -> tuple[float, float]:
         """Return way and turn of the tick after the next."""
-        own, motion = self._limits, self._motion
-        most = own[1]
+        (x, y), own, motion, walls, bodies = self.here, self._limits, self._motion, self._walls(), traffic.bodies()
+        self.points = unknown_points(walls, bodies, x, y, observation.ranges_m, self._reach_m, self._own.known_m)
+        if traffic.surprises((x, y), 4.0 * own[0] + 3.0 * self._stop_m):
+            return 0.0, 0.0
+        most = self._most(motion, aim)
+        if self._own.blind_corners and traffic.somebody_unseen(self.here):
+            gap = unseen_gap(walls, x, y, motion[2]) - own[0]
+            most = min(most, max(braking_way(0.5 * gap, own[2]), own[2]))
+        return self._choose(motion, aim, most, walls, self.points, bodies)
+
+    def alone(self, motion: Floats, aim: Aim, points: Floats) -> tuple[float, float]:
+        """Return what :meth:`to` would if it moved so, and nobody were there; *motion* is where it is itself."""
+        return self._choose(motion, aim, self._most(motion, aim), self._walls(), points, np.zeros(_NOBODY))
+
+    def _most(self, motion: Floats, aim: Aim) -> float:
+        """Return the greatest way of the tick after the next, if nothing else is there but the *aim*."""
+        own = self._limits
         dx, dy = chord(motion[2], motion[3], motion[4])
         off_x, off_y = aim.place_m[0] - motion[0] - dx, aim.place_m[1] - motion[1] - dy
         left_m = math.hypot(off_x, off_y)
         error = math.remainder(math.atan2(off_y, off_x) - motion[2] - motion[4], math.tau)
         if left_m < _CIRCLE_M and abs(error) > _ASKEW_RAD:
-            most = 0.0  # it would drive round a near aim for ever
-        elif aim.last:
-            most = min(most, braking_way(left_m, own[2]))
-        x, y = self.here
-        stop_m = own[1] + stopping_m(own[1] + own[2], own[2])
-        if traffic.surprises((x, y), 4.0 * own[0] + 3.0 * stop_m):
-            return 0.0, 0.0
-        reach = own[0] + max(own[5], own[7]) + stop_m
-        walls = walls_near(self._floor.walls, x, y, reach + 2.0 * own[0])
-        bodies = traffic.bodies()
-        ranges = observation.ranges_m
-        points = unknown_points(walls, bodies, x, y, ranges, reach, self._own.known_m)
-        if self._own.blind_corners and traffic.somebody_unseen(self.here):
-            gap = unseen_gap(walls, x, y, motion[2]) - own[0]
-            most = min(most, max(braking_way(0.5 * gap, own[2]), own[2]))
-        way, turn, _ = choose(own, motion, walls, points, bodies, aim.place_m[0], aim.place_m[1], most)
+            return 0.0  # it would drive round a near aim for ever
+        return float(min(own[1], braking_way(left_m, own[2]))) if aim.last else float(own[1])
+
+    @property
+    def _reach_m(self) -> float:
+        """So near what is there can matter."""
+        own = self._limits
+        return float(own[0] + max(own[5], own[7]) + self._stop_m)
+
+    def _walls(self) -> Floats:
+        found: Floats = walls_near(self._floor.walls, *self.here, self._reach_m + 2.0 * self._limits[0])
+        return found
+
+    def _choose(
+        self, motion: Floats, aim: Aim, most: float, walls: Floats, points: Floats, bodies: Floats
+    ) -> tuple[float, float]:
+        way, turn, _ = choose(self._limits, motion, walls, points, bodies, *aim.place_m, most)
         return float(way), float(turn)
 
 

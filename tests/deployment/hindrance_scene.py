@@ -7,36 +7,27 @@ from typing import Any
 from cosim.machine import Drive
 from cosim.observation import Observation
 from cosim.units import Time
-from protocols.deployment.double import Double
 from protocols.deployment.interference import Shortfall
-from protocols.deployment.mover import Mover
+from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.plan import Place
 from protocols.deployment.traffic import Other
 from tests.deployment.driving_scene import TICK, Scene
 
 
-class Watched(Mover):
-    """A mover that says after each tick what it was short of."""
+class Watched(PacedMover):
+    """A mover that notes after each tick what it was short of."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.beside = Double(self._floor, self._radius_m, self._limits, self._own, self._seconds)
         self.shortfall = Shortfall(TICK)
         self.orders: list[tuple[float, float]] = []
         """The speed that its order leads to, and that of the double, at each tick under way."""
 
-    def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
-        super().go(place_m, via_m)
-        self.beside.restart()
-
     def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
         drive = super().step(observation, others, now)
-        target = self._via[0] if self._via else self.goal_m
-        goal = target if self.state in ("driving", "stuck") else None
-        self.beside.look(self._motion, goal, self._wanted[0], self.yielding_to is not None)
-        if self.beside.pace_mps is not None:
-            self.orders.append(self.beside.pace_mps)
-            self.shortfall.note(*self.beside.pace_mps)
+        if self.pace_mps is not None:
+            self.orders.append(self.pace_mps)
+            self.shortfall.note(*self.pace_mps)
         return drive
 
 
@@ -50,10 +41,10 @@ class Hindered(Scene):
             for me, each in enumerate(self.bodies)
         ]
 
-    def time_to(self, robot: int, goal_m: Place, limit_s: float = 300.0) -> float:
+    def time_to(self, robot: int, goal_m: Place, limit_s: float = 300.0, via_m: Sequence[Place] = ()) -> float:
         """Send *robot* to a place, let time pass until it is there, and return how long it took, seconds."""
         began = self.now
-        self.movers[robot].go(goal_m)
+        self.movers[robot].go(goal_m, via_m)
         self.run(limit_s, lambda: self.movers[robot].state == "arrived")
         assert math.dist(self.fleet.positions_m[robot], goal_m) < 0.2
         return (self.now - began) / 1e9

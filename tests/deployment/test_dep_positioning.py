@@ -255,13 +255,20 @@ def test_a_filter_follows_a_robot_whose_odometry_bends() -> None:
     assert np.median(off_walls(found[-1])) < 0.1
 
 
+def stood(**own: Any) -> list[tuple[float, float]]:
+    """Return where a robot that stands takes itself to be, tick by tick, after being told to be 0.3 m beside."""
+    filter_, true = localised(frame=(0.0, 0.3, 0.0), start_m=0.3, **own), (12.0, 4.6, 0.0)
+    return [filter_.locate(told(true, ranges_m=scanned(true)))[:2] for _ in range(40)]
+
+
 def test_corrections_come_little_by_little_but_great_ones_at_once() -> None:
-    ways = [math.dist(a[:2], b[:2]) for a, b in itertools.pairwise(followed())]
-    jumps = [math.dist(a[:2], b[:2]) for a, b in itertools.pairwise(followed(settle_s=0.0))]
-    assert max(ways) < 0.06 < max(jumps)
-    lost = localised(frame=(0.0, 0.6, 0.0), start_m=0.5, jump_m=0.4)
-    seen = lost.locate(told((12.0, 4.6, 0.0), ranges_m=scanned((12.0, 4.6, 0.0))))
-    assert math.dist(seen[:2], (12.0, 4.6)) < 0.2
+    """The way that is left to where the filter has a robot falls by the same share every tick."""
+    found = stood(settle_s=0.3)
+    assert math.dist(found[-1], (12.0, 4.6)) < 0.1
+    left = [math.dist(each, stood(settle_s=0.0)[0]) for each in found[:6]]
+    assert left[0] > 0.1
+    assert [later / before for before, later in itertools.pairwise(left)] == pytest.approx([math.exp(-1 / 3)] * 5)
+    assert stood(settle_s=0.3, jump_m=0.1)[0] == stood(settle_s=0.0)[0]
 
 
 def test_the_same_stream_gives_the_same_places() -> None:

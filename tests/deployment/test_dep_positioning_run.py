@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 import experiments
-from cosim.errors import LocalProtocolError, UserError
+from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine
 from cosim.units import S, Time
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.runner import Runner
+from protocols.deployment.positioning_runner import LocatedRunner
 from protocols.deployment.spec import prepare
 from tests.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, scenario, surroundings
 
 FLOORS = Path(next(iter(experiments.__path__))) / "floors"
 DRIFT = {"odometry_slip": 0.05, "odometry_turn_rad": 0.1}
-MCL = {"positioning": {"kind": "mcl"}}
+MCL: dict[str, Any] = {"positioning": {"kind": "mcl"}}
 
 
 def deployed(senses: dict[str, Any], faults: Any = (), seed: int = 1, **parameters: Any) -> Outcome:
@@ -88,14 +88,10 @@ def test_robots_that_localise_keep_the_laws() -> None:
     def make(me: Address, start: Time) -> Any:
         if me == 0:
             made[:] = [knowledge(calls=[call()], listen_s=0.5, news_s=0.5, sonars=[1], **MCL)]
-        return OnWheels(Runner(*made[0], me, start, np.random.default_rng(me)), STARTS_M[me])
+        own, known = made[0]
+        return OnWheels(LocatedRunner(own, known, me, start, np.random.default_rng(me)), STARTS_M[me])
 
     check_machine(make, STARTS_M, 2 * S)
-
-
-def test_who_localises_needs_a_stream() -> None:
-    with pytest.raises(LocalProtocolError, match="stream"):
-        Runner(*knowledge(**MCL), 0, 0)
 
 
 def test_without_a_scanner_nobody_localises() -> None:

@@ -4,7 +4,6 @@
 
 const PATIENCE_MS = 4000;
 const PROBE_MS = 1500;
-const STEP_MS = 60;
 const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
 const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
 
@@ -34,9 +33,6 @@ export class Operator {
     this.probed = { since_ms: -Infinity, since_s: -Infinity };
     this.time_s = 0;
     this.playing = false;
-    this.paused = false;
-    clearTimeout(this.stepping);
-    this.stepping = 0;
     this.down = new Set();
   }
 
@@ -44,10 +40,7 @@ export class Operator {
   moment(now) {
     this.time_s = now.time_s;
     if (now.state === "playing" && !this.playing) for (const asked of this.waiting.values()) Object.assign(asked, this.moments());
-    const paused = now.state === "paused";
-    if (paused && !this.paused && this.waiting.size) this.step();
     this.playing = now.state === "playing";
-    this.paused = paused;
     this.down = new Set(now.robots.flatMap((robot, number) => (robot[3] ? [number] : [])));
   }
 
@@ -65,20 +58,9 @@ export class Operator {
     });
   }
 
-  /** Say something; robots answer as time passes, so where it stands still it goes on by a tick. */
+  /** Say something. */
   say(robot, data) {
-    const sent = this.send({ say: "operator", robot, data });
-    if (sent && this.paused) this.step();
-    return sent;
-  }
-
-  /** Have time go on by a tick, once for all that is asked at once. */
-  step() {
-    if (this.stepping) return;
-    this.stepping = setTimeout(() => {
-      this.stepping = 0;
-      if (this.paused) this.send({ say: "step", ticks: 1 });
-    }, STEP_MS);
+    return this.send({ say: "operator", robot, data });
   }
 
   /** Take what a robot says to its operator. */
