@@ -141,7 +141,7 @@ class Timetable:
         """
         point = (name, edge)
         for key, bound in self._open.items():
-            if bound.later == point and bound.earlier not in self._happened and key not in self._eased:
+            if bound.later == point and self._opening(key, bound, now) is None:
                 if key[1] and bound.least == 0:
                     self._eased.add(key)
                 else:

@@ -8,7 +8,7 @@ its double order the same.
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from protocols.deployment.plan import Place
 from protocols.deployment.wheel import Wheel
 
 ROUNDING: Final = 1e-9
-"""Headings and turns, rad, that are as near to each other are the same."""
+"""Headings, ways and turns (rad, m, rad) that are as near to each other are the same."""
 _SOMEBODY_M: Final = 0.5
 """What the scanner meets so near to a robot's body is taken for that robot, however late one has heard where it is."""
 
@@ -32,12 +32,12 @@ class Double:
         self._floor, self._radius_m, self._arrive_m = floor, radius_m, arrive_m
         self.pace_mps: tuple[float, float] | None = None
         """The speed that the robot's last order leads to, and its own, m/s; None when the robot is not under way."""
-        self._sets_off = True
-        self._heading, self._drive = 0.0, (0.0, 0.0)
+        self._own: _Motion | None = None
+        """How it moves; None: as the robot does."""
 
     def restart(self) -> None:
         """Set off anew, with the robot as it is then: it has another goal."""
-        self._sets_off = True
+        self._own = None
 
     def look(
         self, wheel: Wheel, goal_m: Place | None, bodies: Sequence[tuple[Place, float]], held: bool, aside: bool
@@ -52,34 +52,37 @@ class Double:
         if goal_m is None:
             return
         way, turn = wheel.motion[[WAY, TURN]].tolist()
-        if self._sets_off:
-            self._heading, self._drive, self._sets_off = float(wheel.motion[HEADING]), (way, turn), False
-        gone = 0.0 if aside else wheel.reached(wheel.wanted, (way, turn))[0]
-        self._step(wheel, goal_m, bodies, held)
-        self.pace_mps = wheel.speed_mps(gone), wheel.speed_mps(self._drive[0])
-
-    def _step(self, wheel: Wheel, goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool) -> None:
-        """Come to the heading and the motion that it will have from the next tick on by what it orders now."""
-        self._agree(wheel.motion)
-        ordered = self._ordered(wheel, goal_m, bodies, held)
-        self._heading += self._drive[1]
-        self._drive = wheel.reached(ordered, self._drive)
-
-    def _agree(self, motion: Floats) -> None:
-        """Take the robot's heading and turn where they differ from the own ones by rounding only."""
-        (way, turn), (heading, robots_turn) = self._drive, motion[[HEADING, TURN]].tolist()
-        if abs(math.remainder(heading - self._heading, math.tau)) < ROUNDING and abs(turn - robots_turn) < ROUNDING:
-            self._heading, self._drive = heading, (way, robots_turn)
+        own = self._own or _Motion(0.0, way, turn)
+        robots = wheel.reached(wheel.wanted, (way, turn))
+        next_way, next_turn = wheel.reached(self._ordered(wheel, own, goal_m, bodies, held), (own.way, own.turn))
+        own = _Motion(math.remainder(own.askew_rad + own.turn - turn, math.tau), next_way, next_turn)
+        self._own = None if own.near(0.0, *robots) else own
+        self.pace_mps = wheel.speed_mps(0.0 if aside else robots[0]), wheel.speed_mps(next_way)
 
     def _ordered(
-        self, wheel: Wheel, goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
+        self, wheel: Wheel, own: "_Motion", goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
     ) -> tuple[float, float]:
         aim = self._floor.aim(self._radius_m, self._floor.field(self._radius_m, goal_m), wheel.here, held)
         if aim is None or (aim.last and aim.left_m <= self._arrive_m):
             return 0.0, 0.0
         motion = wheel.motion.copy()
-        motion[[HEADING, WAY, TURN]] = self._heading, *self._drive
+        motion[HEADING] += own.askew_rad
+        motion[[WAY, TURN]] = own.way, own.turn
         return wheel.alone(motion, aim, _but_bodies(wheel.points, bodies))
+
+
+class _Motion(NamedTuple):
+    """How a double moves until the next tick."""
+
+    askew_rad: float
+    """By so much it faces left of where the robot does: corrections of the robot's heading turn both."""
+    way: float
+    turn: float
+
+    def near(self, askew_rad: float, way: float, turn: float) -> bool:
+        """Return whether that is the same, but for rounding."""
+        apart = abs(self.askew_rad - askew_rad), abs(self.way - way), abs(self.turn - turn)
+        return max(apart) < ROUNDING
 
 
 def _but_bodies(points: Floats, bodies: Sequence[tuple[Place, float]]) -> Floats:

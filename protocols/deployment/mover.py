@@ -195,16 +195,15 @@ class Mover:
                     break
 
     def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
-        """Return who stands in the way, the nearest first."""
+        """Return all who stand near by, the nearest first, if one stands in the way: what leads round it may meet others."""
         found = []
         for track in self._traffic.tracks(self._here):
             still_s = self._own.still_s if track.address < self.me or track.idle else _SLOW_TO_ROUND * self._own.still_s
-            margin_m = self._own.margin_m + self._own.stray_m
-            if track.still_s(now) >= still_s and in_the_way(
-                track.place_m, self._radius_m, way, track.radius_m, margin_m
-            ):
+            if track.still_s(now) >= still_s:
                 found.append(track)
-        return found
+        margin_m = self._own.margin_m + self._own.stray_m
+        held = any(in_the_way(each.place_m, self._radius_m, way, each.radius_m, margin_m) for each in found)
+        return found if held else []
 
     # ------------------------------------------------------------ whose turn it is
 
