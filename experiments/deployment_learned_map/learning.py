@@ -24,7 +24,9 @@ _KEPT: Final = (
     *("frames", "frame_bytes", "collisions", "wall_contacts", "nearest_m", "distance_m"),
 )
 _OWN: Final = (
-    Column("explored_s", "float", "s", "how long exploring took, until all had heard of its end; NaN if it never ended"),
+    Column(
+        "explored_s", "float", "s", "how long exploring took, until all had heard of its end; NaN if it never ended"
+    ),
     Column("returned_s", "float", "s", "how long it then took to return to base; NaN if that never ended"),
     Column("deploy_s", "float", "s", "how long the deployment took after that; the longest run if it never ended"),
     Column("map_m2", "float", "m2", "floor that explorers knew to be empty when they had explored; their mean"),

@@ -215,7 +215,7 @@ class Console:
         self._looks += 1
         self._pictures[self._looks] = request, robot, now
         if robot == self._host.me:
-            self._member.look(self._looks)
+            self._member.camera.ask(robot, self._looks)
         else:
             self._host.mail.post(robot, Look(request=self._looks), now)
         return None

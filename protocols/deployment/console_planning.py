@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from cosim.machine import Address
 from cosim.units import Time
+from protocols.deployment.exploring import explorable
 from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.learned import explained
 from protocols.deployment.member import Member
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place, Plan
@@ -36,7 +38,8 @@ class Planning:
 
     def plan(self, call: Call, number: int, now: Time) -> Plan | Refusal:
         """Return a plan of that number for *call*, or why there is none; raise UserError for a call that is wrong."""
-        return self._planner.call(call, self.starts_m(now), number)
+        found = explained(self._planner.call(call, self.starts_m(now), number), self._knowledge.floor)
+        return explorable(found, self._knowledge.ground, self._knowledge.crew)
 
     def expected_s(self, plan: Plan, now: Time) -> float:
         """Return when *plan* would be expected to have ended, s after it began; infinite if nothing can be said."""

@@ -59,7 +59,7 @@ class Timetable:
         self._breaches: list[Breach] = []
         self._broken: set[int] = set()
         self._eased: set[tuple[int, bool]] = set()
-        """Instants that wait for each other, and may be at once: one goes first."""
+        """Instants that wait for each other, and may be at once: one goes first, when the other could be."""
 
     def _add(self, number: int, between: Between) -> None:
         earlier, later = _point(between.earlier), _point(between.later)
@@ -121,9 +121,9 @@ class Timetable:
         at = self._happened.get(bound.earlier)
         if at is not None:
             return at + bound.least
-        if key[1] and bound.least >= 0:
-            return now if key in self._eased else None
         anyway, from_now, _ = self._times(now)
+        if key[1] and bound.least >= 0:
+            return max(anyway.get(bound.earlier, now), now) if key in self._eased else None
         if from_now.get(bound.earlier, now) + bound.least <= now:
             return now
         opens = anyway.get(bound.earlier, now) + bound.least

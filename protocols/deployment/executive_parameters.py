@@ -23,4 +23,7 @@ class ExecutiveParameters(Settings):
         description="a place is on the line to the next goal if its way is no longer than so many times",
     )
     tries: int = Field(default=2, ge=1, description="of a drive within a deployment, before its robot is left behind")
+    rounds: int = Field(
+        default=2, ge=0, description="how often those who have not come to their places are sent again in the end"
+    )
     draft: bool = Field(default=True, description="whether robots that are not in the plan take over for lost ones")

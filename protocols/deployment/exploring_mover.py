@@ -75,7 +75,7 @@ class ExploringMover(PacedMover):
             self._exploring.listen(observation, now)
             return super().step(observation, others, now)
         wish_rad = self._exploring.step(observation, now)
-        if not self._exploring.on:
+        if self._exploring.over is not None:
             self.state = "idle"
         self._led.follow(observation, now)
         self._traffic.look(observation, others, now)

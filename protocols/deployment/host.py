@@ -57,6 +57,8 @@ class Host:
         self._gossip = Gossip(from_seconds(parameters.again_s))
         central = parameters.executive == "central"
         self.dispatch = Dispatch(me, central, mail, self._gossip, note, records)
+        self._told_over = False
+        """Whether the host has said that the play is over."""
         self._newest = 0
         """The greatest number of a plan that anybody knows of."""
         self.changes = 0
@@ -86,10 +88,13 @@ class Host:
 
     @property
     def busy(self) -> bool:
-        """Whether a play is being played that it runs, or that it has not been told yet."""
+        """Whether a play is being played, or there is one that it has not been told yet.
+
+        Who does not run the play itself may have to, should its host fall silent, until that has said that it is over.
+        """
         if self.number < self._newest:
             return True
-        return self.play is not None and self.play.executive is not None and not self.play.over
+        return self.play is not None and not (self.play.over or self._told_over)
 
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
@@ -121,6 +126,8 @@ class Host:
         self._newest = max(self._newest, news.plan)
         if self.play is None:
             return
+        if source == self.succession.host and news.plan == self.number:
+            self._told_over = news.over
         if self.play.executive is not None:
             self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
@@ -205,6 +212,7 @@ class Host:
         """Be led by another host than before, or be it."""
         succession = self.succession
         self._since = now
+        self._told_over = False
         self._gossip.clear()
         self.dispatch.mine.clear()
         self.changes += 1
@@ -233,6 +241,7 @@ class Host:
     def _take(self, told: Told, now: Time) -> None:
         self.play = play = Play(told, self._parameters, self._knowledge)
         plan = play.ledger.plan
+        self._told_over = False
         self._note(journal.PlanTaken(plan.number, plan.play, len(plan.robots)))
         self._gossip.clear()
         if self.leads:

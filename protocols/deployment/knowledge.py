@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from cosim.documents import read_yaml, validated
@@ -13,6 +14,7 @@ from cosim.navigation.localization_motion import Pose
 from cosim.protocol import Surroundings
 from cosim.units import Time
 from protocols.deployment.crew import Body, Crew
+from protocols.deployment.exploring import Ground, ground_of
 from protocols.deployment.floor import Floor
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place
@@ -44,6 +46,8 @@ class Knowledge:
     """The floor as maps on which robots localise."""
     frames: tuple[Pose, ...]
     """The robots' own frames, as poses in that of the floor."""
+    ground: Ground
+    """What explorers know."""
 
 
 def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
@@ -52,6 +56,9 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledg
     _check_robots(parameters, size)
     floor = Floor.of(surroundings, parameters.driving)
     bodies = _bodies(parameters, surroundings, size)
+    ground = ground_of(parameters.exploring, surroundings)
+    if parameters.map == "learned" and ground.why_not:
+        raise UserError(f"protocol.parameters.map: learned, but {ground.why_not}")
     return Knowledge(
         size=size,
         tick=surroundings.tick,
@@ -66,6 +73,7 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledg
         floors=_floors(parameters, surroundings, floor, size),
         charts=Charts(surroundings),
         frames=surroundings.frames or ((0.0, 0.0, 0.0),) * size,
+        ground=ground,
     )
 
 
@@ -111,7 +119,13 @@ def _bodies(parameters: Parameters, surroundings: Surroundings, size: int) -> tu
 
 def _playbook(parameters: Parameters) -> Playbook:
     own = () if parameters.library is None else (Path(parameters.library),)
-    return Playbook.read([BUILT_IN, *own], _read)
+    return Playbook.read([BUILT_IN, *own], lambda path: _shipped(path) if path.parent == BUILT_IN else _read(path))
+
+
+@cache
+def _shipped(path: Path) -> Play:
+    """Return a play that comes with the program: read once, as a process may hold many runs, and it never changes."""
+    return _read(path)
 
 
 def _read(path: Path) -> Play:

@@ -11,15 +11,15 @@ from typing import Final
 from cosim.machine import Address, Drive, Event
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.deployment.exploring_mover import ExploringMover
 from protocols.deployment.journal import SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_aside import Aloof, Asking
 from protocols.deployment.member_camera import Camera
 from protocols.deployment.member_crowd import Crowd
-from protocols.deployment.member_letters import Aside, Picture
+from protocols.deployment.member_letters import Aside
 from protocols.deployment.member_news import FAST_MPS
 from protocols.deployment.member_others import Others
-from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.member_progress import Approach
 from protocols.deployment.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.parameters import MemberParameters
@@ -38,7 +38,7 @@ class Member:
         parameters: MemberParameters,
         knowledge: Knowledge,
         me: Address,
-        mover: PacedMover,
+        mover: ExploringMover,
         records: Records,
         note: Callable[[Event], None],
     ) -> None:
@@ -66,7 +66,6 @@ class Member:
         self._asking = Asking(parameters, knowledge.floors[me], me, radii_m[me], mover)
         self._crowd = Crowd(knowledge.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
         self._reports: list[Report] = []
-        self._looks: list[tuple[Address, int]] = []
         self._requests: list[tuple[Address, Aside]] = []
 
     # ------------------------------------------------------------ what is asked of it
@@ -140,7 +139,7 @@ class Member:
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
-        if not self._over and not self._crowd.near(self._order, self.here, self.others):
+        if self._aloof.away or not (self._over or self._crowd.near(self._order, self.here, self.others)):
             self._requests += self._asking.step(self.here, self.others, now)
         self._aloof.step(self.here, self.others, now)
         self._look_for_the_end(now)
@@ -150,15 +149,6 @@ class Member:
     def moves(self) -> bool:
         """Whether it drives."""
         return abs(self.speed_mps) > FAST_MPS
-
-    def look(self, request: int, asked_by: Address | None = None) -> None:
-        """Take a picture at the next tick for who asks; for the own console, if nobody else is named."""
-        self._looks.append((self.me if asked_by is None else asked_by, request))
-
-    def pictures(self, observation: Observation) -> list[tuple[Address, Picture]]:
-        """Drain the pictures that were asked for, with who did."""
-        looks, self._looks = self._looks, []
-        return [(asked_by, self.camera.picture(self.me, request, observation)) for asked_by, request in looks]
 
     def reports(self) -> list[Report]:
         """Drain reports of orders that have ended."""
@@ -195,7 +185,7 @@ class Member:
             case Photo():
                 self._mover.halt()
             case Explore():
-                self._end(Result.FAILED, "it does not know how to explore", now)
+                self._mover.explore(now)
 
     def _go(self, go: Go, now: Time) -> None:
         self._waits_since = None
@@ -246,6 +236,8 @@ class Member:
                 self._end(Result.DONE, "", now)
         elif isinstance(order.errand, Go) and self._waits_since is None:
             self._look_for_arrival(order.errand, now)
+        elif isinstance(order.errand, Explore) and self._mover.explored is not None:
+            self._end(*self._mover.explored, now)
 
     def _look_for_arrival(self, go: Go, now: Time) -> None:
         passed = self._crowd.come(go, self.here, self.others, now)

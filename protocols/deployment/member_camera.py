@@ -24,6 +24,7 @@ class Camera:
         self.works = works
         self._view_rad = math.radians(parameters.view_deg)
         self._turn_radps = parameters.look_radps
+        self._asked: list[tuple[Address, int]] = []
 
     def turn(self, wanted_rad: float, observation: Observation) -> Drive | None:
         """Return how to turn to a direction; None if it looks there, and stands."""
@@ -35,6 +36,15 @@ class Camera:
     def taken(self, task: str, observation: Observation) -> PictureTaken:
         """Return the event of a picture that is taken."""
         return PictureTaken(task, observation.x_m, observation.y_m, observation.heading_rad)
+
+    def ask(self, asked_by: Address, request: int) -> None:
+        """Take a picture at the next tick for who asks."""
+        self._asked.append((asked_by, request))
+
+    def pictures(self, me: Address, observation: Observation) -> list[tuple[Address, Picture]]:
+        """Drain the pictures that robot *me* was asked for, with who did."""
+        asked, self._asked = self._asked, []
+        return [(asked_by, self.picture(me, request, observation)) for asked_by, request in asked]
 
     def picture(self, me: Address, request: int, observation: Observation) -> Picture:
         """Return what is in front of robot *me*, in answer to *request*; without columns if it has no camera."""

@@ -24,6 +24,7 @@ FAST_MPS: Final = 0.02
 _HEAD: Final = Struct(">BHIBIIBffffff")
 _IDLE: Final = 1
 _BOUND: Final = 2
+_OVER: Final = 4
 
 
 class News(NamedTuple):
@@ -51,6 +52,8 @@ class News(NamedTuple):
     """Where it is going; None: nowhere."""
     task: str
     """What it is at; empty: nothing."""
+    over: bool = False
+    """Whether the plan has been played to its end, as one who runs it says."""
 
     @property
     def moves(self) -> bool:
@@ -73,7 +76,8 @@ class News(NamedTuple):
 def encode(news: News) -> bytes:
     """Return *news* as bytes."""
     serial = NONE if news.serial is None else min(news.serial, NONE - 1)
-    goal_m, flags = news.goal_m or (0.0, 0.0), _IDLE * news.idle | _BOUND * (news.goal_m is not None)
+    flags = _IDLE * news.idle | _BOUND * (news.goal_m is not None) | _OVER * news.over
+    goal_m = news.goal_m or (0.0, 0.0)
     pose = news.x_m, news.y_m, news.heading_rad, news.speed_mps
     known = news.term & 0xFFFF, news.plan & 0xFFFFFFFF, news.calls & 0xFF, news.digest & 0xFFFFFFFF
     return _HEAD.pack(news.host, *known, serial, flags, *pose, *goal_m) + news.task.encode()[-TASK_BYTES:]
@@ -84,7 +88,7 @@ def decode(data: bytes, size: int) -> News:
     if not _HEAD.size <= len(data) <= _HEAD.size + TASK_BYTES:
         raise WireError(f"{len(data)} bytes are no news")
     host, term, plan, calls, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
-    if host >= size or flags > _IDLE | _BOUND or not all(map(math.isfinite, numbers)):
+    if host >= size or flags > _IDLE | _BOUND | _OVER or not all(map(math.isfinite, numbers)):
         raise WireError(f"news with host {host}, flags {flags}, numbers {numbers}")
     x_m, y_m, heading_rad, speed_mps, goal_x_m, goal_y_m = numbers
     return News(
@@ -101,4 +105,5 @@ def decode(data: bytes, size: int) -> News:
         speed_mps=speed_mps,
         goal_m=(goal_x_m, goal_y_m) if flags & _BOUND else None,
         task=data[_HEAD.size :].decode(errors="replace"),
+        over=bool(flags & _OVER),
     )

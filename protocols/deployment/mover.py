@@ -93,8 +93,11 @@ class Mover:
         stays. It has ``arrived`` when it is out of the way.
         """
         home = self._home or self.goal_m or self._here
-        blockers = [*self._traffic.standing(self._here), Blocker(*from_m, self._radius_m)]
-        place = refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
+        passing = Blocker(*from_m, self._radius_m)
+        place = None
+        for blockers in ([*self._traffic.standing(self._here), passing], [passing]):
+            # who is shut in by others makes for where it would go without them, and asks them to make room in turn
+            place = place or refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
         self.goal_m, self._via, self._home = (place.place_m if place else self._here), [], home
         self._begin("driving")
 
@@ -185,17 +188,23 @@ class Mover:
             return
         if self._field is None or not _alike(among, self._among) or self._field.goal_m != plain.goal_m:
             self._field, self._among = self._floor.field_among(self._radius_m, target, among), among
-        if not self._field.cost_m(self._here) < math.inf:
+        if not self._leads(self._field, target, among):
             self._field, self._among = plain, ()
             self.blocked_by = standing[0].address
             for nearest in range(len(among) - 1, 0, -1):  # the way round those who are nearer, if one leads there
                 field = self._floor.field_among(self._radius_m, target, among[:nearest])
-                if field.cost_m(self._here) < math.inf:
+                if self._leads(field, target, among[:nearest]):
                     self._field, self.blocked_by = field, standing[nearest].address
                     break
 
+    def _leads(self, field: Field, target: Place, among: Sequence[Blocker]) -> bool:
+        """Return whether a field among bodies leads to its target, and none of them stands on that."""
+        taken_m = self._radius_m + self._own.margin_m
+        taken = any(math.dist(body.place_m, target) < taken_m + body.radius_m for body in among)
+        return not taken and field.cost_m(self._here) < math.inf
+
     def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
-        """Return all who stand near by, the nearest first, if one stands in the way: what leads round it may meet others."""
+        """Return all who stand near by, the nearest first, if one is in the way: the way round may meet the others."""
         found = []
         for track in self._traffic.tracks(self._here):
             still_s = self._own.still_s if track.address < self.me or track.idle else _SLOW_TO_ROUND * self._own.still_s

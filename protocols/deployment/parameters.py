@@ -9,6 +9,7 @@ from cosim.settings import Settings
 from protocols.deployment.courier_parameters import CourierParameters
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
+from protocols.deployment.exploring_parameters import ExploringParameters
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.planner import Call, PlannerParameters
 from protocols.deployment.positioning_parameters import PositioningParameters, SonarParameters
@@ -67,6 +68,9 @@ class Parameters(Settings):
     executive: Literal["central", "distributed"] = Field(
         default="central", description="whether the host orders all, or each robot runs the plan and orders itself"
     )
+    map: Literal["given", "learned"] = Field(
+        default="given", description="by which ways are planned: the floor's, or what robots have explored so far"
+    )
     calls: tuple[TimedCall, ...] = Field(
         default=(), max_length=MOST_CALLS, description="plays to be played, in the order of their times"
     )
@@ -94,6 +98,7 @@ class Parameters(Settings):
     courier: CourierParameters = CourierParameters()
     planner: PlannerParameters = PlannerParameters()
     executing: ExecutiveParameters = ExecutiveParameters()
+    exploring: ExploringParameters = ExploringParameters()
 
     @property
     def carried(self) -> CourierParameters:
@@ -109,6 +114,10 @@ class Parameters(Settings):
             raise ValueError(f"silence_s {self.silence_s} is not >= 2 news_s, {2.0 * self.news_s}")
         if not self.silence_s <= self.alone_s:
             raise ValueError(f"alone_s {self.alone_s} is not >= silence_s {self.silence_s}")
+        if self.map == "learned" and self.executive != "central":
+            raise ValueError("map learned: each has its own, and one plans for all: expected executive central")
+        if self.map == "learned" and self.positioning.kind != "given":
+            raise ValueError("map learned: nothing to localise on: expected positioning.kind given")
         times = [call.at_s for call in self.calls]
         if times != sorted(times):
             raise ValueError(f"calls are not in the order of their times: {times}")

@@ -186,6 +186,11 @@ class Progress:
             deploying = self.deployments[node.task.name] = self._deploying(node.task, self._strategy)
         return deploying.tasks(self._casting)
 
+    def once_more(self, node: Node) -> Sequence[Task]:
+        """Return what is still to be done for a deployment whose stages have ended."""
+        deploying = self.deployments.get(node.task.name)
+        return () if deploying is None else deploying.once_more(self.lost)
+
     def verdict(self, node: Node) -> tuple[str, bool]:
         """Return why a deployment whose stages have ended has failed, if it has."""
         deploying = self.deployments.get(node.task.name)

@@ -40,7 +40,7 @@ class Deploying:
         """The number of the place that each robot has come to last."""
         self.stands_m: dict[Address, Place] = {}
         """Where those stand that have arrived, and were not sent on since."""
-        self._number = 0
+        self._number = self._rounds = 0
         self._goals: dict[str, int] = {}
         """The number of the place that a task leads to."""
 
@@ -62,7 +62,7 @@ class Deploying:
     def tasks(self, casting: Casting) -> Sequence[Task]:
         """Return the stages that are left for the robots that are left; for the first time, as they were planned."""
         self._man(casting)
-        stager = Stager(self.act.places_m, self.strategy, self.act.augmented, self._crew, self._ways, self._parameters)
+        stager = self._stager
         self._number += 1
         if self._number == 1 and self.strategy == self.act.strategy and tuple(self.posts) == self.act.robots:
             planned = expanded(self._task).subtasks
@@ -71,6 +71,26 @@ class Deploying:
         tasks = stager.tasks(f"{self._task.name}~{self._number}", self.posts, self._passed())
         self._note(tasks, exact=False)
         return tasks
+
+    def once_more(self, lost: Collection[Address]) -> list[Task]:
+        """Return what those have still to drive who are not at their places though all stages have ended.
+
+        First to their own places, which were in others' way perhaps; then, if there are any, to other empty ones.
+        """
+        away = [robot for robot in self.posts if self._off(robot) and robot not in lost]
+        if not away or self._rounds == self._parameters.rounds:
+            return []
+        if self._rounds:
+            empty = sorted(set(range(len(self.act.places_m))) - set(self.posts.values()))
+            self.posts |= dict(zip(away, empty, strict=False))
+        self._rounds, self._number = self._rounds + 1, self._number + 1
+        task = self._stager.directly(f"{self._task.name}~{self._number}", self.posts, away)
+        self._note([task], exact=False)
+        return [task]
+
+    @property
+    def _stager(self) -> Stager:
+        return Stager(self.act.places_m, self.strategy, self.act.augmented, self._crew, self._ways, self._parameters)
 
     def _man(self, casting: Casting) -> None:
         """Give the places to the robots that are left, and to spare ones for as long as there are any."""

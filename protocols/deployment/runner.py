@@ -4,6 +4,8 @@ The rooms know nothing of each other but what passes here: what the courier brin
 the executive orders this robot goes to the member, and what the member has ended goes to all.
 """
 
+from dataclasses import replace
+
 from cosim.errors import WireError
 from cosim.machine import (
     OPERATOR,
@@ -21,14 +23,16 @@ from protocols.deployment import member_letters, member_news
 from protocols.deployment.console import Console
 from protocols.deployment.console_planning import Planning
 from protocols.deployment.courier import Courier
+from protocols.deployment.exploring import Exploring
+from protocols.deployment.exploring_mover import ExploringMover
 from protocols.deployment.host import Host
 from protocols.deployment.host_calls import Calls
 from protocols.deployment.journal import BadBytes
 from protocols.deployment.knowledge import Knowledge
+from protocols.deployment.learned import floor_of
 from protocols.deployment.member import Member
 from protocols.deployment.member_letters import Aside, Letter, Look, Picture
 from protocols.deployment.member_news import News
-from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.orders import Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.records import Records
@@ -40,6 +44,9 @@ class Runner:
     def __init__(self, parameters: Parameters, knowledge: Knowledge, me: Address, start: Time) -> None:
         self.me = me
         self.records = Records()
+        floor = floor_of(knowledge.floors[me], parameters.map == "learned")
+        if floor is not knowledge.floors[me]:
+            knowledge = replace(knowledge, floor=floor, floors=(floor,) * knowledge.size)
         self._knowledge = knowledge
         self._events: list[Event] = []
         self._commands: list[Command] = []
@@ -48,9 +55,11 @@ class Runner:
         self._next_news = start + self._period * me // knowledge.size
         body = knowledge.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
-        mover = PacedMover(knowledge.floor, me, *limits, parameters.driving, knowledge.tick)
         note = self._events.append
         self.courier = Courier(me, knowledge.size, parameters.carried, start)
+        known = knowledge.ground, me, self.courier.news_octets, floor
+        self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
+        mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, knowledge.tick)
         self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
         self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
         planning = Planning(parameters, knowledge, self.member, self._silent)
@@ -92,7 +101,9 @@ class Runner:
             self._commands.append(drive)
         for other, request in self.member.requests():
             self.post(other, request, now)
-        for picture in self.member.pictures(observation):
+        for topic, payload in self.exploring.frames():
+            self.courier.tell(topic, payload, now)
+        for picture in self.member.camera.pictures(self.me, observation):
             self._show(picture, now)
         self.courier.tick(self.member.here, observation.visible, now)
         self.host.tick(self._heard, self._whereabouts(), now)
@@ -174,9 +185,10 @@ class Runner:
 
     def _read(self, now: Time) -> None:
         for source, topic, payload, _ in self.courier.news():
+            if topic != member_news.TOPIC:
+                self.exploring.receive(source, payload, now)
+                continue
             try:
-                if topic != member_news.TOPIC:
-                    raise WireError(f"there is no topic {topic}")
                 news = member_news.decode(payload, self._knowledge.size)
             except WireError:
                 self._events.append(BadBytes(source, len(payload)))
@@ -197,7 +209,7 @@ class Runner:
             case Aside():
                 self.member.step_aside(letter, now)
             case Look(request=request):
-                self.member.look(request, source)
+                self.member.camera.ask(source, request)
             case Picture():
                 self.console.picture(letter)
             case _:
@@ -251,4 +263,5 @@ class Runner:
             speed_mps=member.speed_mps,
             goal_m=member.goal_m,
             task=member.task,
+            over=host.play is not None and host.play.over,
         )

@@ -11,6 +11,7 @@ from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.deployment import positioning
+from protocols.deployment.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.floor import Floor
 from protocols.deployment.journal import EVENTS
 from protocols.deployment.knowledge import Knowledge, knowledge_of
@@ -135,7 +136,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
-    events=(*EVENTS, *positioning.EVENTS),
+    events=(*EVENTS, *positioning.EVENTS, *EXPLORING_EVENTS),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
     needs_sight=True,

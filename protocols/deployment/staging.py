@@ -109,6 +109,12 @@ class Stager(NamedTuple):
             for number, legs in enumerate(remaining(self.strategy, posts, reached), start=1)
         ]
 
+    def directly(self, name: str, posts: Posts, robots: Sequence[Address]) -> Task:
+        """Return a last stage in which *robots* drive to their posts, whatever lies between."""
+        return self._replace(augmented=False)._stage(
+            f"{name}/stage-1", "stage-1", [Leg(robot, posts[robot]) for robot in robots], posts
+        )
+
     def _stage(self, name: str, label: str, legs: Sequence[Leg], posts: Posts) -> Task:
         goes = {
             f"robot-{leg.robot}-to-{leg.place + 1}": Go(

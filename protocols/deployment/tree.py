@@ -151,6 +151,9 @@ class Director(Protocol):
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
         """Return the subtasks of a deployment that begins."""
 
+    def once_more(self, node: Node) -> Sequence[Task]:
+        """Return the subtasks that a task still needs that has reached its end; none: it ends."""
+
     def verdict(self, node: Node) -> tuple[str, bool]:
         """Return why a task that has reached its end has failed (empty: it has not), and if for want of robots."""
 
@@ -337,7 +340,11 @@ class TaskTree:
         return True
 
     def _conclude(self, node: Node, now: Time) -> None:
-        """End a task that has reached its end: done, unless its subtasks say otherwise."""
+        """End a task that has reached its end and lacks nothing more: done, unless its subtasks say otherwise."""
+        more = self._director.once_more(node)
+        if more:
+            self.graft(node, more, now)
+            return
         why, lost = self._director.verdict(node)
         if node.children and all(child.lost for child in node.children):
             why, lost = "nobody is left to do it", True

@@ -1,32 +1,74 @@
 """What is noted of a robot that drives among others is what it took longer than alone on the same floor."""
 
+from typing import Any
+
+import numpy as np
 import pytest
 
+from cosim.robots.senses import SenseSettings
+from cosim.scenario import Scenario
+from cosim.simulation import Simulation
 from protocols.deployment.driving_parameters import DrivingParameters
+from protocols.deployment.floor import Floor
+from tests.deployment.crew_scene import STARTS_M, call, scenario
 from tests.deployment.driving_scene import body, box, line
-from tests.deployment.hindrance_scene import Hindered
+from tests.deployment.hindrance_scene import Hindered, Watched
 
 CORRIDOR = box(30.0, 2.4)
 BEND = [*box(14.0, 14.0), *line((2.4, 14.0), (2.4, 2.4), (14.0, 2.4))]
 ROOMS = [*box(12.0, 6.0), *line((6.0, 0.0), (6.0, 2.4)), *line((6.0, 3.6), (6.0, 6.0))]
-OPEN_EYES = DrivingParameters(blind_corners=False)
 ALONE = [
-    pytest.param(CORRIDOR, (1.2, 1.2), (28.0, 1.2), id="corridor"),
-    pytest.param(BEND, (1.2, 12.0), (12.0, 1.2), id="bend"),
-    pytest.param(ROOMS, (2.0, 1.0), (10.0, 5.0), id="door"),
+    pytest.param(CORRIDOR, (1.2, 1.2), (28.0, 1.2), (), 0.0, id="corridor"),
+    pytest.param(BEND, (1.2, 12.0), (12.0, 1.2), (), 2.5, id="bend"),
+    pytest.param(ROOMS, (2.0, 1.0), (10.0, 5.0), (), 2.5, id="door"),
+    pytest.param(ROOMS, (2.0, 1.0), (10.0, 5.0), ((4.5, 5.0), (1.5, 5.0)), 0.0, id="way points"),
+    pytest.param(ROOMS, (2.0, 1.0), (1.8, 1.3), (), 0.0, id="a goal near by, behind it"),
+    pytest.param(ROOMS, (0.28, 1.0), (10.0, 5.0), (), 3.1, id="from too near to a wall"),
+    pytest.param(ROOMS, (5.65, 1.0), (6.35, 1.0), (), 0.0, id="round the end of a wall"),
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("walls", "start", "goal"), ALONE)
-@pytest.mark.parametrize("heading_rad", [0.0, 2.5])
-def test_a_robot_alone_orders_what_its_double_does(walls, start, goal, heading_rad) -> None:  # type: ignore[no-untyped-def]
-    scene = Hindered(walls, [start], headings=heading_rad)
-    scene.time_to(0, goal)
-    mover = scene.movers[0]
-    assert len(mover.orders) > 50
-    assert all(abs(speed - free) < 1e-12 for speed, free in mover.orders)
-    assert mover.shortfall.lost_s < 1e-9
+@pytest.mark.parametrize(("walls", "start", "goal", "via", "heading_rad"), ALONE)
+def test_a_robot_alone_orders_what_its_double_does(walls, start, goal, via, heading_rad) -> None:  # type: ignore[no-untyped-def]
+    scene = Hindered(walls, [start], [body(radius_m=0.26)], headings=heading_rad)
+    scene.time_to(0, goal, via_m=via)
+    goes_as_its_double(scene.movers[0])
+
+
+@pytest.mark.slow
+def test_what_is_not_on_the_map_and_no_robot_is_in_the_doubles_way_too() -> None:
+    parameters = DrivingParameters()
+    known = Floor(np.array(box(12.0, 6.0), np.float64), (0.0, 0.0, 12.0, 6.0), None, parameters)
+    pillar = line((5.0, 3.25), (5.5, 3.25), (5.5, 4.0), (5.0, 4.0), (5.0, 3.25))
+    senses = SenseSettings(beams=90, beam_range_m=5.0)
+    scene = Hindered([*box(12.0, 6.0), *pillar], [(1.0, 3.0)], parameters=parameters, senses=senses, floor=known)
+    scene.time_to(0, (10.0, 3.0))
+    goes_as_its_double(scene.movers[0])
+    assert not scene.touched
+
+
+def goes_as_its_double(mover: Watched) -> None:
+    assert len(mover.orders) > 20
+    assert any(speed > 0.0 for speed, _ in mover.orders)
+    assert all(speed == free for speed, free in mover.orders)
+    assert mover.shortfall.lost_s == mover.shortfall.hindered_s == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("senses", "own"),
+    [({}, {}), ({"odometry_slip": 0.05, "odometry_turn_rad": 0.1}, {"positioning": {"kind": "mcl"}})],
+    ids=["told where it is", "localised"],
+)
+def test_a_robot_alone_in_a_run_loses_nothing(senses: dict[str, float], own: dict[str, Any]) -> None:
+    """Also where its heading is corrected now and then, and its scanner meets what it takes for no wall."""
+    told = scenario(starts=STARTS_M[:1], calls=[call(places=[(9.0, 4.5)])], **own).model_dump()
+    told["team"]["senses"] |= {"beams": 180, **senses}
+    metrics = Simulation(Scenario.model_validate(told), 1).run().metrics
+    assert metrics["deployed"] == 1.0
+    assert metrics["under_way_s"] > 10.0
+    assert metrics["interference_s"] == metrics["hindered_s"] == 0.0
 
 
 @pytest.mark.slow

@@ -138,7 +138,7 @@ def test_news_that_make_no_sense_are_refused(change: str) -> None:
         case "host":
             data[0] = 8
         case "flags":
-            data[16] = 4
+            data[16] = 8
         case "nan":
             data[17:21] = struct.pack(">f", math.nan)
         case "short":

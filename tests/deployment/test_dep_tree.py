@@ -33,6 +33,9 @@ class Open:
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
         return ()
 
+    def once_more(self, node: Node) -> Sequence[Task]:
+        return ()
+
     def verdict(self, node: Node) -> tuple[str, bool]:
         return "", False
 

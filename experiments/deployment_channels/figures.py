@@ -1,0 +1,31 @@
+"""What paper 004 says that does not depend on how messages travel, as tests; ``deploys_adhoc`` is ``deploys``."""
+
+from functools import partial
+from typing import Final
+
+import pandas as pd
+
+from experiments.aggregation_search.comparison import completes
+from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
+from experiments.reflection_tables.comparison import Answer
+
+__all__ = ["touches_nothing"]
+
+NETWORKS: Final = ("ideal", "lossy", "adhoc", "adhoc_near", "bluetooth")
+EXECUTIVES: Final = ("central", "distributed")
+KILLED: Final = ("none", "robot", "host")
+
+
+def deploys(network: str, killed: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer whether with every executive that was run the runs end deployed, so many of them being *killed*."""
+    if not {"deployed", "executive"} <= set(runs):
+        return completes(pd.DataFrame(), [], IN_TIME)
+    made = [each for each in EXECUTIVES if each in set(runs["executive"])]
+    arms = [(each, {"network": network, "executive": each, "killed": killed}) for each in made]
+    return completes(runs.assign(completed=runs["deployed"]), arms, IN_TIME)
+
+
+# ---------------------------------------------------------------- the tests that published.csv names
+
+globals().update({f"deploys_{n}": partial(deploys, n, "none") for n in NETWORKS})
+globals().update({f"deploys_{n}_{k}": partial(deploys, n, k) for n in NETWORKS for k in KILLED[1:]})

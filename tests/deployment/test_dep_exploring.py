@@ -1,0 +1,251 @@
+"""Robots explore when they are ordered to, over whatever channel, and deploy by the map that they have made."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cosim.errors import UserError
+from cosim.machine import Event
+from cosim.observation import Observation
+from cosim.testing import check_machine
+from cosim.units import S
+from protocols.deployment.crew import Body, Crew
+from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
+from protocols.deployment.exploring_parameters import ExploringParameters
+from protocols.deployment.floor import Floor
+from protocols.deployment.journal import BadBytes
+from protocols.deployment.knowledge import knowledge_of
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.plan import Explore, Plan, Task
+from protocols.deployment.planner import Refusal
+from tests.deployment.crew_scene import CHANNELS, PLACES_M, STARTS_M, TICK, Box, call, maker, rows, run, surroundings
+
+EXPLORE = {"call": {"play": "explore", "parameters": {"robots": 3}}}
+RETURN = {"call": {"play": "return", "parameters": {"robots": 3}}}
+LEARNED: dict[str, Any] = {"map": "learned", "exploring": {"protocol": {"algorithm": "schemas"}}}
+QUICK = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}
+FLOOR_CELLS = 120 * 60
+"""The small floor's, of 0.1 m; nothing stands on it."""
+WALL_CELLS = 2 * 120 + 2 * 60
+
+
+def explore(robots: Any = 3) -> dict[str, Any]:
+    return {"call": {"play": "explore", "parameters": {"robots": robots}}}
+
+
+def maps(outcome: Any) -> set[tuple[int, int]]:
+    return {(row["empty"], row["occupied"]) for row in rows(outcome, "MapLearned")}
+
+
+def results(outcome: Any) -> list[tuple[int, str]]:
+    return [(row["plan"], row["result"]) for row in rows(outcome, "PlanEnded")]
+
+
+# ---------------------------------------------------------------- whole runs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_over_every_channel_robots_explore_return_and_deploy_by_the_map_just_made(channel: str) -> None:
+    outcome = run(channel, calls=[call(), EXPLORE, RETURN, call()], **LEARNED)
+    (refused,) = rows(outcome, "PlanRefused")
+    assert refused["play"] == "deploy/group"
+    assert refused["why"].startswith("no robot can get to")
+    assert refused["mend"].startswith("explore first")
+    assert results(outcome) == [(1, "done"), (2, "done"), (3, "done")]
+    assert maps(outcome) == {(FLOOR_CELLS, WALL_CELLS)}
+    metrics = outcome.metrics
+    assert metrics["deployed"] == metrics["places_held"] == 1.0
+    assert metrics["collisions"] == metrics["wall_contacts"] == metrics["orders_failed"] == 0.0
+
+
+@pytest.mark.slow
+def test_robots_that_have_not_explored_have_the_map_too() -> None:
+    """The host plans, and the team deploys, by what robot 2 alone has seen, and what others saw from where they are."""
+    outcome = run("lossy", calls=[explore([2]), call()], **LEARNED)
+    assert [row["source"] for row in rows(outcome, "MapLearned")] == [2]
+    assert maps(outcome) == {(FLOOR_CELLS, WALL_CELLS)}
+    assert results(outcome) == [(1, "done"), (2, "done")]
+    assert outcome.metrics["deployed"] == outcome.metrics["places_held"] == 1.0
+
+
+@pytest.mark.slow
+def test_who_boots_again_is_told_the_map_again() -> None:
+    crash = {"kind": "crash", "robot": 1, "at_s": 60.0, "for_s": 2.0}
+    calls = [explore(), call() | {"at_s": 90.0}]
+    outcome = run("ideal", [crash], calls=calls, **LEARNED)
+    assert all(row["time_ns"] < 60 * S for row in rows(outcome, "MapLearned"))
+    drives = [row for row in rows(outcome, "TaskEnded") if row["plan"] == 2 and row["source"] == 1]
+    assert drives
+    assert {row["result"] for row in drives} == {"done"}
+    assert outcome.metrics["places_held"] == 1.0
+
+
+@pytest.mark.slow
+def test_a_team_whose_host_dies_while_it_explores_goes_on_exploring_and_deploys() -> None:
+    kill = {"kind": "kill", "robot": 0, "at_s": 12.0}
+    outcome = run("ideal", [kill], calls=[EXPLORE, call(places=PLACES_M[:2])], **LEARNED, **QUICK)
+    assert {row["host"] for row in rows(outcome, "HostChanged")} == {1}
+    assert {row["source"] for row in rows(outcome, "MapLearned")} == {1, 2}
+    assert [result for _, result in results(outcome)] == ["done", "done"]
+    assert outcome.metrics["places_held"] == outcome.metrics["deployed"] == 1.0
+
+
+@pytest.mark.slow
+def test_on_a_given_map_robots_explore_all_the_same_and_plan_by_what_was_given() -> None:
+    outcome = run("ideal", calls=[explore([1, 2]), call()], exploring=LEARNED["exploring"])
+    assert maps(outcome) == {(FLOOR_CELLS, WALL_CELLS)}
+    assert outcome.metrics["refused"] == 0.0
+    assert outcome.metrics["deployed"] == 1.0
+
+
+@pytest.mark.slow
+def test_exploring_ends_in_time_whatever_is_left() -> None:
+    own = LEARNED["exploring"] | {"most_s": 5.0}
+    outcome = run("ideal", calls=[EXPLORE], map="learned", exploring=own)
+    ends = rows(outcome, "TaskEnded")
+    assert [(row["result"], row["why"]) for row in ends] == [("done", "stopped after 5 s")] * 3
+    begun = {row["source"]: row["time_ns"] for row in rows(outcome, "TaskStarted")}
+    assert all(row["time_ns"] - begun[row["source"]] == pytest.approx(5 * S, abs=2 * TICK) for row in ends)
+    assert all(cells < FLOOR_CELLS for cells, _ in maps(outcome))
+
+
+@pytest.mark.slow
+def test_the_same_exploration_has_the_same_digest() -> None:
+    one, other = (run("lossy", calls=[EXPLORE], seed=3, **LEARNED) for _ in range(2))
+    assert one.digest == other.digest
+
+
+@pytest.mark.slow
+def test_robots_that_explore_keep_the_laws() -> None:
+    quick = {"listen_s": 0.5, "news_s": 0.5}
+    check_machine(maker(calls=[EXPLORE], **LEARNED, **quick), STARTS_M, 4 * S)
+
+
+# ---------------------------------------------------------------- one robot's part
+
+
+def exploring(me: int = 0, octets: int = 150, floor: Floor | None = None) -> tuple[Exploring, list[Event]]:
+    events: list[Event] = []
+    own, scene = ExploringParameters(), surroundings()
+    floor = floor or Floor.of(scene)
+    return Exploring(own, ground_of(own, scene), me, octets, floor, True, events.append), events
+
+
+def seen(x: float, y: float) -> Observation:
+    return Observation(x, y, 0.0, 0.0, True, False, (), (), Box(x, y))
+
+
+def test_pieces_of_maps_fit_into_news_and_go_by_topics_of_their_own() -> None:
+    one, _ = exploring(octets=60)
+    one.begin(0)
+    told = []
+    for tick in range(40):
+        one.step(seen(1.0 + 0.05 * tick, 1.0), tick * TICK)
+        told += one.frames()
+    topics = [topic for topic, _ in told]
+    assert len(told) > TOPICS // 4
+    assert max(len(payload) for _, payload in told) <= 60
+    assert topics == [FIRST_TOPIC + at % TOPICS for at in range(len(told))]
+    assert one.frames() == []
+
+
+def test_who_hears_of_a_map_asks_for_what_it_lacks_and_comes_to_have_it() -> None:
+    (one, _), (other, _) = exploring(0), exploring(1)
+    one.begin(0)
+    for tick in range(600):
+        now = tick * TICK
+        one.step(seen(3.0, 3.0), now)
+        other.listen(seen(9.0, 3.0), now)
+        if tick >= 100:  # all that was told before is lost
+            for _, payload in one.frames():
+                other.receive(0, payload, now)
+        one.frames()
+        for _, payload in other.frames():
+            one.receive(1, payload, now)
+    assert one._explorer is not None
+    assert other._explorer is not None
+    both = [each._explorer.belief.evidence for each in (one, other)]  # type: ignore[union-attr]
+    assert np.array_equal(np.sign(both[0]), np.sign(both[1]))
+    assert np.count_nonzero(both[1] < 0) > FLOOR_CELLS // 2
+
+
+def test_who_stands_and_does_not_explore_looks_about_where_it_stands() -> None:
+    """Others cannot see the floor that is under it."""
+    one, _ = exploring(0)
+    other, _ = exploring(1)
+    other.begin(0)
+    for tick in range(30):
+        other.step(seen(9.0, 3.0), tick * TICK)
+        for _, payload in other.frames():
+            one.receive(1, payload, tick * TICK)
+        one.listen(seen(2.0, 3.0), tick * TICK)
+    assert one._explorer is not None
+    belief = one._explorer.belief
+    assert belief.evidence.flat[belief.frame.cell_at((2.0, 3.0))] < 0
+
+
+def test_what_is_no_piece_of_a_map_is_traced() -> None:
+    one, events = exploring()
+    one.receive(2, b"\x45junk", 0)
+    assert events == [BadBytes(2, 5)]
+
+
+def test_nobody_can_explore_without_a_scanner() -> None:
+    ground = ground_of(ExploringParameters(), surroundings(beams=0, scan_range_m=math.inf))
+    assert ground.known is None
+    plan = Plan(number=1, play="explore", robots=(0,), root=Task(name="explore", act=Explore(robots=(0,))))
+    found = explorable(plan, ground, Crew((Body(),)))
+    assert isinstance(found, Refusal)
+    assert "range scanner" in found.conflicts[0]
+    with pytest.raises(UserError, match="learned"):
+        knowledge_of(Parameters(map="learned"), surroundings(beams=0, scan_range_m=math.inf))
+
+
+def test_robots_with_sonar_are_not_sent_to_explore() -> None:
+    ground = ground_of(ExploringParameters(), surroundings())
+    crew = Crew((Body(), Body(sensor="sonar"), Body()))
+    plans = [
+        Plan(number=1, play="explore", robots=robots, root=Task(name="explore", act=Explore(robots=robots)))
+        for robots in ((0, 2), (0, 1))
+    ]
+    assert explorable(plans[0], ground, crew) is plans[0]
+    found = explorable(plans[1], ground, crew)
+    assert isinstance(found, Refusal)
+    assert found.conflicts == ("robot 1 has sonar, and cannot explore",)
+    assert found.mend == ("exploring by some of the robots [0, 2]",)
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        {"map": "shared"},
+        {"positioning": {"kind": "slam"}},
+        {"beacons": {"pattern": "visibility"}, "algorithm": "schemas"},
+        {"sharing": {"links": {}}},
+    ],
+)
+def test_what_does_not_go_with_deployments_is_refused(protocol: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="the only one that goes with deployments"):
+        ExploringParameters.model_validate({"protocol": protocol})
+
+
+@pytest.mark.parametrize("wrong", [{"executive": "distributed"}, {"positioning": {"kind": "mcl"}}])
+def test_a_learned_map_goes_with_one_planner_and_given_positions(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="map learned"):
+        Parameters.model_validate({"map": "learned"} | wrong)
+
+
+def test_frontiers_attract_from_beyond_the_reach_of_scans() -> None:
+    scene = surroundings(scan_range_m=8.0)
+    ground = ground_of(ExploringParameters(), scene)
+    assert ground.known is not None
+    assert ground.parameters.schemas.frontier_m > 8.0
+
+
+def test_places_are_still_held_after_exploring() -> None:
+    """The places of the tests are on the floor that is explored."""
+    assert all(0 < x < 12 and 0 < y < 6 for x, y in PLACES_M)
