@@ -70,7 +70,13 @@ def test_the_experiment_is_ready_to_run() -> None:
 
 @pytest.mark.slow
 def test_a_team_explores_returns_and_deploys_by_its_map() -> None:
-    found = measure(parameters(), 1)
+    """Two robots will do, and the nearer places: it takes a while as it is."""
+    plain = parameters()
+    plain["scenario"]["team"]["size"] = 2
+    explore, back, deploy = plain["scenario"]["protocol"]["parameters"]["calls"]
+    explore["call"]["parameters"]["robots"] = back["call"]["parameters"]["robots"] = 2
+    deploy["call"]["places"] = ["C", "E"]
+    found = measure(plain, 1)
     assert set(found) == {column.name for column in COLUMNS}
     assert (found["plans_done"], found["refused"], found["deployed"], found["places_held"]) == (3.0, 0.0, 1.0, 1.0)
     assert found["collisions"] == found["wall_contacts"] == found["orders_failed"] == 0.0

@@ -21,6 +21,8 @@ from protocols.deployment.progress_deploying import Deploying
 from protocols.deployment.tree import State
 from protocols.deployment.ways import Ways
 
+_CORNERS: Final = 16
+"""So much of its way who steps aside is told of a robot that passes."""
 _CLEAR: Final = 1.5
 """A robot comes back when a passing one's way is off by so many times what made it step aside: or it would dither."""
 
@@ -110,7 +112,7 @@ class Room:
         other = next((other for other in passing if self._hinders(robot, post_m, other, factor)), None)
         if other is not None and step is not _Step.ASIDE:
             self._steps[robot] = _Step.ASIDE
-            return Retreat(robot=robot, post_m=post_m, passing=other.robot)
+            return Retreat(robot=robot, post_m=post_m, passing=other.robot, way_m=tuple(other.way[:_CORNERS]))
         if other is None and step in {_Step.ASIDE, _Step.DOUBTED}:
             self._steps[robot] = _Step.COMING_BACK
             return Go(robot=robot, place_m=post_m)

@@ -72,8 +72,8 @@ class Member:
 
     @property
     def idle(self) -> bool:
-        """Whether it has nothing to do."""
-        return self._over
+        """Whether it has nothing to do, but perhaps to wait or to make room: nobody makes way for such a one."""
+        return self._over or self._aloof.away or self._waits_since is not None
 
     @property
     def order(self) -> Order | None:
@@ -174,9 +174,9 @@ class Member:
                 self._go(go, now)
             case Go():
                 self._waits_since = now
-            case Retreat(post_m=post_m, passing=passing):
-                at = self.others.place_m(passing)
-                self._withdraw(passing, post_m, [at, post_m], now, ordered=True)
+            case Retreat(post_m=post_m, passing=passing, way_m=way_m):
+                way = list(way_m) or [self.others.place_m(passing), post_m]
+                self._withdraw(passing, post_m, way, now, ordered=True)
             case Halt():
                 self._mover.halt()
                 self._end(Result.TERMINATED, "halted", now)
@@ -195,14 +195,18 @@ class Member:
         self._mover.go(go.place_m, go.via_m)
 
     def _set_off_behind(self, go: Go, now: Time) -> None:
-        """Set off once who is ahead is far enough ahead, or does not drive, or is heard no more."""
+        """Set off once who is ahead is far enough ahead, by the way, or has nothing to do, or does not get on."""
         if self._waits_since is None or go.behind is None:
             return
         ahead = go.behind
-        apart_m = math.dist(self.here, self.others.place_m(ahead))
+        floor, radius_m = self._knowledge.floor, self._knowledge.crew.radius_m(self.me)
+        mine_m = floor.length_m(radius_m, self.here, go.place_m)
+        its_m = floor.length_m(radius_m, self.others.place_m(ahead), go.place_m)
         waited = now - self._waits_since
-        begun = waited >= from_seconds(self._parameters.behind_s)
-        if apart_m >= go.behind_m or (begun and not self.others.moves(ahead)):
+        away = mine_m is None or its_m is None or mine_m - its_m >= go.behind_m
+        idle = waited >= from_seconds(self._parameters.behind_s) and not self.others.busy(ahead)
+        in_vain = waited >= from_seconds(self._parameters.behind_most_s) and not self.others.moves(ahead)
+        if away or idle or in_vain:
             self._go(go, now)
 
     def _photograph(self, observation: Observation, now: Time) -> Drive | None:

@@ -44,6 +44,10 @@ class Others:
         """Return whether *robot* drives, as far as its last news say."""
         return robot in self.news and self.news[robot][0].moves
 
+    def busy(self, robot: Address) -> bool:
+        """Return whether *robot* is at a task, if only to wait for its turn, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].task != ""
+
     def idle(self, robot: Address) -> bool:
         """Return whether *robot* has nothing to do, as far as its last news say."""
         return robot in self.news and self.news[robot][0].idle

@@ -70,8 +70,7 @@ class Mover:
         self._field: Field | None = None
         self._among: tuple[Blocker, ...] = ()
         self._planned: Time | None = None
-        self._best_m, self._progress, self._made_way = math.inf, 0, 0
-        self._held = False
+        self._best_m, self._progress, self._made_way, self._held = math.inf, 0, 0, False
 
     # ------------------------------------------------------------ what it is told
 
@@ -93,8 +92,7 @@ class Mover:
         stays. It has ``arrived`` when it is out of the way.
         """
         home = self._home or self.goal_m or self._here
-        passing = Blocker(*from_m, self._radius_m)
-        place = None
+        passing, place = Blocker(*from_m, self._radius_m), None
         for blockers in ([*self._traffic.standing(self._here), passing], [passing]):
             # who is shut in by others makes for where it would go without them, and asks them to make room in turn
             place = place or refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
@@ -153,11 +151,10 @@ class Mover:
             self._plan(target, now)
         self._held = now - self._progress > from_seconds(_HELD_S)
         aim = None if self._field is None else self._floor.aim(self._radius_m, self._field, here, self._held)
+        self.remaining_m = None if aim is None else aim.left_m
         if aim is None:
-            self.remaining_m = None
             self._judge(math.inf, now)
             return None
-        self.remaining_m = aim.left_m
         if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
             self._arrive()
             return None
@@ -205,11 +202,12 @@ class Mover:
 
     def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
         """Return all who stand near by, the nearest first, if one is in the way: the way round may meet the others."""
-        found = []
-        for track in self._traffic.tracks(self._here):
-            still_s = self._own.still_s if track.address < self.me or track.idle else _SLOW_TO_ROUND * self._own.still_s
-            if track.still_s(now) >= still_s:
-                found.append(track)
+        found = [
+            track
+            for track in self._traffic.tracks(self._here)
+            if track.still_s(now)
+            >= self._own.still_s * (1.0 if track.address < self.me or track.idle else _SLOW_TO_ROUND)
+        ]
         margin_m = self._own.margin_m + self._own.stray_m
         held = any(in_the_way(each.place_m, self._radius_m, way, each.radius_m, margin_m) for each in found)
         return found if held else []

@@ -18,6 +18,9 @@ class Retreat(Settings):
     robot: Address = Field(ge=0)
     post_m: Place = Field(description="m, where it stands, and comes back to")
     passing: Address = Field(ge=0, description="who passes")
+    way_m: tuple[Place, ...] = Field(
+        default=(), max_length=64, description="m, the corners of its way, to where it is to end up; empty: to the post"
+    )
 
 
 class Halt(Settings):

@@ -24,6 +24,9 @@ class MemberParameters(Settings):
     behind_s: float = Field(
         default=3.0, ge=0, description="s, who is to set off behind another waits so long for it to begin to drive"
     )
+    behind_most_s: float = Field(
+        default=60.0, ge=0, description="s, and so long at most for one that has begun, but does not get on"
+    )
     near_m: float = Field(default=2.0, gt=0, description="m, who has come as near to the post has come to pass it")
     away_m: float = Field(default=3.0, gt=0, description="m, and has passed once it is so far from it again")
     aside_s: float = Field(default=45.0, gt=0, description="s, after which who stepped aside comes back in any case")

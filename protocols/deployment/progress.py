@@ -80,8 +80,7 @@ class Progress:
 
     def _due(self, facts: Sequence[Fact]) -> Time | None:
         fact = facts[self._taken].at if self._taken < len(facts) else None
-        wake = self.wake_at()
-        return wake if fact is None else fact if wake is None else min(fact, wake)
+        return self._wake if fact is None else fact if self._wake is None else min(fact, self._wake)
 
     def wake_at(self) -> Time | None:
         """Return when something happens by itself."""
@@ -90,8 +89,8 @@ class Progress:
     def _next(self) -> Time | None:
         if self.tree.over:
             return None
-        times = [at for at in (self.tree.wake_at(self.time), self._windows.wake_at(self.time)) if at is not None]
-        return min(times, default=None)
+        times = self.tree.wake_at(self.time), self._windows.wake_at(self.time)
+        return min((at for at in times if at is not None), default=None)
 
     def breaches(self) -> list[Breach]:
         """Return all windows that have broken so far."""
@@ -174,9 +173,8 @@ class Progress:
 
     def robots(self, node: Node) -> frozenset[Address] | None:
         """Return who does a leaf; None: those who could are lost."""
-        named = claims(node.task)
-        living = frozenset(self._casting.role(robot) for robot in named) - self.lost
-        return living if living or not named else None
+        living = frozenset(self._casting.role(robot) for robot in claims(node.task)) - self.lost
+        return living if living or not claims(node.task) else None
 
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
         """Return the stages of a deployment that begins, or begins again."""
@@ -189,12 +187,12 @@ class Progress:
     def once_more(self, node: Node) -> Sequence[Task]:
         """Return what is still to be done for a deployment whose stages have ended."""
         deploying = self.deployments.get(node.task.name)
-        return () if deploying is None else deploying.once_more(self.lost)
+        return deploying.once_more(self.lost) if deploying else ()
 
     def verdict(self, node: Node) -> tuple[str, bool]:
         """Return why a deployment whose stages have ended has failed, if it has."""
         deploying = self.deployments.get(node.task.name)
-        return ("", False) if deploying is None else deploying.verdict(self.lost)
+        return deploying.verdict(self.lost) if deploying else ("", False)
 
     def began(self, node: Node, now: Time) -> None:
         """Note the start of a task."""
@@ -248,8 +246,7 @@ class Progress:
                 yield deploying, node
 
     def _deploy_again(self, deploying: Deploying, node: Node) -> None:
-        tasks = deploying.tasks(self._casting)
-        self.tree.graft(node, tasks, self.time)
+        self.tree.graft(node, deploying.tasks(self._casting), self.time)
 
     def _found(self, robot: Address) -> None:
         self._casting.find(robot)

@@ -128,6 +128,19 @@ def test_tasks_that_start_at_one_instant_may_wait_for_each_other():
         assert times_of(scene)["a", "start"] == times_of(scene)["b", "start"]
 
 
+def test_who_goes_first_of_those_that_may_be_at_once_breaks_no_window_that_held_nobody():
+    scene = run(wait("root", 0), between("root", "root.end", 0.0, 0.0), between("root.end", "root"))
+    assert not scene.breaches
+    assert times_of(scene)["root", "start"] == times_of(scene)["root", "end"]
+
+
+def test_who_goes_first_of_those_that_may_be_at_once_waits_until_the_other_can_follow():
+    """The part may not end before the whole, and the whole not before 1 s."""
+    scene = run(parallel("root", wait("a", 0)), between("", "root.end", 1.0), between("root.end", "a.end"))
+    assert not scene.breaches
+    assert times_of(scene)["a", "end"] == times_of(scene)["root", "end"] == 1.0
+
+
 def test_only_what_holds_a_task_up_is_given_up():
     """The windows of the whole play's end are not to blame."""
     root = parallel("root", serial("s", go("a"), go("c", 2)), go("b", 1))

@@ -79,7 +79,7 @@ def test_nothing_is_known_of_a_floor_before_anybody_has_explored() -> None:
 
 def test_ways_on_a_learned_floor_are_those_on_the_floor_with_walls_as_thick_as_cells() -> None:
     """The oracle is the floor as it would be given: the walls' outlines by hand."""
-    walls = [(0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 3), (0, 3, 0, 0)]
+    walls = [(0.0, 0.0, 4.0, 0.0), (4.0, 0.0, 4.0, 3.0), (4.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.0, 0.0)]
     for low, high in ((0.0, 1.1), (2.0, 3.0)):
         walls += [(2.0, low, 2.1, low), (2.1, low, 2.1, high), (2.1, high, 2.0, high), (2.0, high, 2.0, low)]
     given_floor = Floor(walls, BOUNDS_M, lambda p: (p[:, 0] < 0) | (p[:, 0] > 4) | (p[:, 1] < 0) | (p[:, 1] > 3))

@@ -8,12 +8,13 @@ import pytest
 from pydantic import ValidationError
 
 from cosim.errors import UserError
-from cosim.machine import Event
+from cosim.machine import Drive, Event
 from cosim.observation import Observation
 from cosim.testing import check_machine
 from cosim.units import S
 from protocols.deployment.crew import Body, Crew
 from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
+from protocols.deployment.exploring_mover import ExploringMover
 from protocols.deployment.exploring_parameters import ExploringParameters
 from protocols.deployment.floor import Floor
 from protocols.deployment.journal import BadBytes
@@ -26,7 +27,7 @@ from tests.deployment.crew_scene import CHANNELS, PLACES_M, STARTS_M, TICK, Box,
 EXPLORE = {"call": {"play": "explore", "parameters": {"robots": 3}}}
 RETURN = {"call": {"play": "return", "parameters": {"robots": 3}}}
 LEARNED: dict[str, Any] = {"map": "learned", "exploring": {"protocol": {"algorithm": "schemas"}}}
-QUICK = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}
+QUICK: dict[str, Any] = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}
 FLOOR_CELLS = 120 * 60
 """The small floor's, of 0.1 m; nothing stands on it."""
 WALL_CELLS = 2 * 120 + 2 * 60
@@ -121,7 +122,7 @@ def test_the_same_exploration_has_the_same_digest() -> None:
 
 @pytest.mark.slow
 def test_robots_that_explore_keep_the_laws() -> None:
-    quick = {"listen_s": 0.5, "news_s": 0.5}
+    quick: dict[str, Any] = {"listen_s": 0.5, "news_s": 0.5}
     check_machine(maker(calls=[EXPLORE], **LEARNED, **quick), STARTS_M, 4 * S)
 
 
@@ -186,6 +187,35 @@ def test_who_stands_and_does_not_explore_looks_about_where_it_stands() -> None:
     assert one._explorer is not None
     belief = one._explorer.belief
     assert belief.evidence.flat[belief.frame.cell_at((2.0, 3.0))] < 0
+
+
+@pytest.mark.parametrize("told", ["halt", "go", "retreat"])
+def test_whatever_else_a_robot_is_told_ends_exploring(told: str) -> None:
+    one, _ = exploring()
+    floor = Floor.of(surroundings())
+    mover = ExploringMover(one, floor, 0, 0.25, 0.5, 0.5, floor.parameters, TICK)
+    mover.explore(0)
+    speeds_mps, turns = [], []
+    for tick in range(30):
+        drive = mover.step(seen(6.0, 3.0), (), tick * TICK)
+        assert (one.on, mover.state, mover.explored) == (True, "driving", None)
+        if drive is not None:
+            speeds_mps.append(drive.speed_mps)
+            turns.append(drive.turn_radps)
+    assert max(speeds_mps) <= one.speed_mps == 0.3
+    assert any(speeds_mps) or any(turns)
+    match told:
+        case "halt":
+            mover.halt()
+        case "go":
+            mover.go((9.0, 3.0))
+        case "retreat":
+            mover.retreat((5.0, 3.0), [(9.0, 3.0)])
+    assert not one.on
+    assert mover.state == ("idle" if told == "halt" else "driving")
+    if told == "halt":
+        assert mover.step(seen(6.0, 3.0), (), 30 * TICK) == Drive(0.0, 0.0)
+    assert mover.explored is None
 
 
 def test_what_is_no_piece_of_a_map_is_traced() -> None:
