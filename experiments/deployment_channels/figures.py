@@ -5,7 +5,7 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes
+from experiments.aggregation_search.comparison import Arm, completes
 from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
 from experiments.reflection_tables.comparison import Answer
 
@@ -21,7 +21,7 @@ def deploys(network: str, killed: str, runs: pd.DataFrame, observations: pd.Data
     if not {"deployed", "executive"} <= set(runs):
         return completes(pd.DataFrame(), [], IN_TIME)
     made = [each for each in EXECUTIVES if each in set(runs["executive"])]
-    arms = [(each, {"network": network, "executive": each, "killed": killed}) for each in made]
+    arms: list[tuple[str, Arm]] = [(each, {"network": network, "executive": each, "killed": killed}) for each in made]
     return completes(runs.assign(completed=runs["deployed"]), arms, IN_TIME)
 
 

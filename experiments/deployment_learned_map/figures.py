@@ -5,7 +5,7 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes
+from experiments.aggregation_search.comparison import Arm, completes
 from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
 from experiments.reflection_tables.comparison import Answer
 
@@ -20,7 +20,9 @@ def _share(metric: str, network: str, runs: pd.DataFrame) -> Answer:
     if not {metric, "explorers"} <= set(runs):
         return completes(pd.DataFrame(), [], IN_TIME)
     sizes = [size for size in EXPLORERS if size in set(runs["explorers"])]
-    arms = [(f"{size} exploring", {"map": "learned", "network": network, "explorers": size}) for size in sizes]
+    arms: list[tuple[str, Arm]] = [
+        (f"{size} exploring", {"map": "learned", "network": network, "explorers": size}) for size in sizes
+    ]
     return completes(runs.assign(completed=runs[metric]), arms, IN_TIME)
 
 

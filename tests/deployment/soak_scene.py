@@ -98,9 +98,7 @@ def _box(x_min: float, y_min: float, x_max: float, y_max: float) -> list[tuple[f
     return [(*a, *b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
 
 
-def _places(
-    room: "Room", stream: np.random.Generator, wanted: int, apart_m: float, near: Place | None
-) -> list[Place]:
+def _places(room: "Room", stream: np.random.Generator, wanted: int, apart_m: float, near: Place | None) -> list[Place]:
     """Draw places so far from each other that all belong to one room; there is always some."""
     for _ in range(200):
         found: list[Place] = []
@@ -186,9 +184,7 @@ class Room:
 
     def __init__(self, floor: Floor, radius_m: float, bodies: list[tuple[Place, float]], squeeze_m: float) -> None:
         self.width_m, self.height_m = floor.width_m, floor.height_m
-        x, y = np.meshgrid(
-            np.arange(CELL_M / 2, floor.width_m, CELL_M), np.arange(CELL_M / 2, floor.height_m, CELL_M)
-        )
+        x, y = np.meshgrid(np.arange(CELL_M / 2, floor.width_m, CELL_M), np.arange(CELL_M / 2, floor.height_m, CELL_M))
         free = shapely.distance(floor.lines, shapely.points(x, y)) >= radius_m + (squeeze_m if bodies else 0.0)
         for place, body_m in bodies:
             free &= np.hypot(x - place[0], y - place[1]) >= radius_m + body_m + squeeze_m

@@ -64,7 +64,7 @@ class Bench:
         return drives
 
     def tell(self, robot: int, x_m: float, y_m: float, speed_mps: float = 0.0, idle: bool = True) -> None:
-        news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, None, "")
+        news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, None, "" if idle else "task")
         self.member.others.tell(robot, news, self.now)
 
     def results(self) -> list[Result]:
@@ -115,8 +115,18 @@ def test_a_robot_sets_off_behind_another_once_that_is_far_enough_ahead() -> None
     bench.tell(1, 2.4, 1.0, speed_mps=0.5, idle=False)
     bench.tick()
     assert bench.wheels.told == []
-    bench.tell(1, 2.6, 1.0, speed_mps=0.5, idle=False)
+    bench.tell(1, 3.0, 1.0, speed_mps=0.5, idle=False)  # 1.6 m nearer to the place, by the way
     bench.tick()
+    assert bench.wheels.told == [("go", (5.0, 3.0))]
+
+
+def test_who_waits_for_its_turn_is_waited_for_and_one_behind_is_not_ahead_however_far() -> None:
+    bench = Bench(member={"behind_s": 3.0, "behind_most_s": 20.0})
+    bench.tell(1, 1.0, 4.5, idle=False)
+    bench.order(Go(robot=0, place_m=(5.0, 3.0), behind=1, behind_m=1.5))
+    bench.tick(199)
+    assert bench.wheels.told == []
+    bench.tick(2)
     assert bench.wheels.told == [("go", (5.0, 3.0))]
 
 
