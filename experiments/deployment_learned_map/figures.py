@@ -5,9 +5,9 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import Arm, completes
+from experiments.aggregation_search.comparison import completes
 from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
-from experiments.reflection_tables.comparison import Answer
+from experiments.reflection_tables.comparison import Answer, Arm
 
 __all__ = ["touches_nothing"]
 

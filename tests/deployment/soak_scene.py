@@ -79,7 +79,7 @@ def _floor(stream: np.random.Generator) -> Floor:
         return Floor(kind, [tuple(map(float, wall)) for wall in office_walls(settings)], width, depth)
     inner: dict[str, list[tuple[float, ...]]] = {
         "hall": [],
-        "pillars": [wall for x in (4, 8, 12) for wall in _box(x - 0.4, 4.1, x + 0.4, 4.9)],
+        "pillars": [wall for x in (4, 8, 12) for wall in box(x - 0.4, 4.1, x + 0.4, 4.9)],
         "rooms": [(5, 0, 5, 3), (5, 4.6, 5, 9), (11, 0, 11, 5), (11, 6.6, 11, 9)],
         # a base room, a corridor with a bend
         "corridor": [(5, 3, 5, 9), (5, 1.8, 5, 0), (5, 3, 13, 3), (13, 3, 13, 9), (5, 0.6, 16, 0.6)],
@@ -90,10 +90,10 @@ def _floor(stream: np.random.Generator) -> Floor:
             *[(6.8, 0, 6.8, 5.5), (9.2, 0, 9.2, 5.5)],
         ],
     }
-    return Floor(kind, [*_box(0, 0, 16, 9), *inner[kind]], 16.0, 9.0)
+    return Floor(kind, [*box(0, 0, 16, 9), *inner[kind]], 16.0, 9.0)
 
 
-def _box(x_min: float, y_min: float, x_max: float, y_max: float) -> list[tuple[float, ...]]:
+def box(x_min: float, y_min: float, x_max: float, y_max: float) -> list[tuple[float, ...]]:
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
     return [(*a, *b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
 
@@ -122,15 +122,15 @@ def drawn(seed: int) -> Case:
     size = int(stream.integers(2, 7))
     mixed = bool(stream.integers(2))
     kinds = stream.integers(len(BODIES), size=size).tolist() if mixed else [int(stream.integers(len(BODIES)))] * size
-    bodies = [BODIES[kind] | {"drive": "differential"} for kind in kinds]
-    radii = [body["radius_m"] for body in bodies]
+    bodies: list[dict[str, Any]] = [{**BODIES[kind], "drive": "differential"} for kind in kinds]
+    radii = [float(body["radius_m"]) for body in bodies]
     room = Room(floor, 2.0 * max(radii), [], 0.0)
     base = _places(room, stream, 1, 0.0, None)[0]
     starts = _places(room, stream, size, 2.0 * max(radii) + 0.3, base)
     ends = _places(room, stream, size, 4.0 * max(radii) + 0.3, None)
-    faults, words = _faults(stream, size), []
+    faults = _faults(stream, size)
     call = {"play": str(stream.choice(PLAYS)), "places": ends, "augmented": bool(stream.integers(2))}
-    words += [call["play"], "augmented" if call["augmented"] else "plain"]
+    words = [str(call["play"]), "augmented" if call["augmented"] else "plain"]
     switches = []
     if stream.random() < 0.15:
         strategy = str(stream.choice(["group", "wave", "leap_frog"]))
@@ -222,16 +222,16 @@ def judged(case: Case, seed: int) -> Verdict:
     places = np.stack((poses["x_m"], poses["y_m"]), axis=1).reshape(-1, size, 2).astype(float)
     events = outcome.trace.arrow("events").to_pylist()
     dead = {row["source"] for row in events if row["event"] == "Killed"}
-    complaints = _touched(case, places)
+    complaints = touched(case, places)
     if outcome.metrics["simulated_s"] >= DURATION_S:
         complaints.append("the run does not end")
     if outcome.metrics["plans_ended"] < 1.0:
         complaints.append("no play was played to its end")
-    complaints += _deserted(case, [(float(x), float(y)) for x, y in places[-1]], dead)
+    complaints += deserted(case, [(float(x), float(y)) for x, y in places[-1]], dead)
     return Verdict(complaints, dict(outcome.metrics))
 
 
-def _touched(case: Case, places: Any) -> list[str]:
+def touched(case: Case, places: Any) -> list[str]:
     """Return which bodies touch each other or a wall at any tick; *places* has the shape (ticks, robots, 2)."""
     complaints = []
     for a, radius_m in enumerate(case.radii_m):
@@ -245,11 +245,11 @@ def _touched(case: Case, places: Any) -> list[str]:
     return complaints
 
 
-def _deserted(case: Case, places: list[Place], dead: set[int]) -> list[str]:
+def deserted(case: Case, places: list[Place], dead: set[int]) -> list[str]:
     """Return a complaint if the living robots hold fewer places than they could, one each."""
     living = [robot for robot in range(len(places)) if robot not in dead]
     bodies = [(places[robot], case.radii_m[robot]) for robot in sorted(dead)]
-    graph = nx.Graph()
+    graph: Any = nx.Graph()
     graph.add_nodes_from(living)
     for robot in living:
         room = Room(case.floor, case.radii_m[robot], bodies, SQUEEZE_M)

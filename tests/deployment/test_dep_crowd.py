@@ -57,7 +57,7 @@ def test_a_place_that_a_dead_body_covers_is_the_last_to_be_occupied() -> None:
         casting.lose(2, body)
         for strategy in ("group", "wave", "leap_frog"):
             posts = reassigned(
-                strategy,  # type: ignore[arg-type]
+                strategy,
                 [0, 1],
                 {0: -1, 1: -1},
                 {0: (0.0, 0.0), 1: (0.0, 0.0)},
