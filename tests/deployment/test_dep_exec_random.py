@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from protocols.deployment.executive import Executive
-from protocols.deployment.executive_facts import Record
+from protocols.deployment.executive_facts import Heard, Record
 from protocols.deployment.plan import Deployment, Plan, Task
 from tests.deployment.plan_strategies import deployments, plans
 from tests.deployment.play_scene import Scene, Troubles, crew_of
@@ -64,15 +64,21 @@ def depends_on_facts_alone(plan: Plan, trouble: Troubles, seed: int) -> None:
 
 
 def ends_deployed(plan: Plan, trouble: Troubles, seed: int) -> None:
-    """Run a deployment, and see that who lives stands where it ends up, the first places taken."""
+    """Run a deployment, and see that who lives stands where it ends up, the first places taken that no body covers."""
     scene = Scene(plan, crew_of(4), troubles=trouble, seed=seed).run()
     assert scene.executive is not None
     act = plan.root.act
     assert isinstance(act, Deployment)
     team = [scene.robots[robot] for robot in scene.executive.progress.posts_m()]
-    assert sorted(act.places_m.index(place) for place in scene.executive.progress.posts_m().values()) == list(
-        range(len(team))
-    )
+    over = next(end.at for end in reversed(scene.ends) if end.task == "play")
+    heard = [fact for fact in scene.executive.record.facts if isinstance(fact, Heard) and fact.at < over]
+    last = {fact.robot: fact for fact in heard}
+    bodies = [fact.place_m for fact in last.values() if not fact.again and fact.place_m is not None]
+    open_first = sorted(act.places_m, key=lambda place: any(math.dist(place, body) < 0.5 for body in bodies))
+    posts = scene.executive.progress.posts_m().values()
+    assert len(set(posts)) == len(team)
+    if not trouble.failing:  # who cannot come to its place tries another
+        assert set(posts) == set(open_first[: len(team)])
     for robot in team:
         if robot.alive and not trouble.failing:
             assert math.dist(robot.at_m, scene.executive.progress.posts_m()[robot.address]) < 1e-9
