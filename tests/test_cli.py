@@ -246,7 +246,7 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
         (("sweep", "sweep.yaml", "--set", "sise=3"), "--set sise=3: there is no sise, did you mean size?"),
         (("sweep", "depot.yaml"), "depot.yaml: duration_s: 10 is not expected here: there is no such key"),
         (("view", "nowhere.yaml"), "nowhere.yaml: is neither a file nor an experiment"),
-        (("view", "depot.yaml", "--set", "team.sise=3"), "team.sise=3: there is no team.sise, did you mean size?"),
+        (("view", "depot.yaml", "--set", "team.sise=3"), "--set team.sise=3: there is no team.sise, did you mean"),
         (("view", "depot.yaml", "--port", "99999"), "Invalid value for '--port': 99999 is not in the range"),
         (("report", "nowhere"), "nowhere: holds no results, expected a folder that cosim sweep has written"),
         (("validate", "nowhere.yaml"), "nowhere.yaml: cannot be read, expected a file: no such file or directory"),
