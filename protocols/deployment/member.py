@@ -195,7 +195,7 @@ class Member:
         self._mover.go(go.place_m, go.via_m)
 
     def _set_off_behind(self, go: Go, now: Time) -> None:
-        """Set off once who is ahead is far enough ahead, by the way, or has nothing to do, or does not get on."""
+        """Set off once who is ahead has, and is far enough, by the way; or has nothing to do, or does not get on."""
         if self._waits_since is None or go.behind is None:
             return
         ahead = go.behind
@@ -203,7 +203,7 @@ class Member:
         mine_m = floor.length_m(radius_m, self.here, go.place_m)
         its_m = floor.length_m(radius_m, self.others.place_m(ahead), go.place_m)
         waited = now - self._waits_since
-        away = mine_m is None or its_m is None or mine_m - its_m >= go.behind_m
+        away = mine_m is None or its_m is None or (self.others.bound(ahead) and mine_m - its_m >= go.behind_m)
         idle = waited >= from_seconds(self._parameters.behind_s) and not self.others.busy(ahead)
         in_vain = waited >= from_seconds(self._parameters.behind_most_s) and not self.others.moves(ahead)
         if away or idle or in_vain:

@@ -44,6 +44,10 @@ class Others:
         """Return whether *robot* drives, as far as its last news say."""
         return robot in self.news and self.news[robot][0].moves
 
+    def bound(self, robot: Address) -> bool:
+        """Return whether *robot* has set off to some place, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].goal_m is not None
+
     def busy(self, robot: Address) -> bool:
         """Return whether *robot* is at a task, if only to wait for its turn, as far as its last news say."""
         return robot in self.news and self.news[robot][0].task != ""

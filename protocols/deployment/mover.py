@@ -71,6 +71,7 @@ class Mover:
         self._among: tuple[Blocker, ...] = ()
         self._planned: Time | None = None
         self._best_m, self._progress, self._made_way, self._held = math.inf, 0, 0, False
+        self._started: Time = 0  # when, alone, it would have made its first progress
 
     # ------------------------------------------------------------ what it is told
 
@@ -158,6 +159,8 @@ class Mover:
         if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
             self._arrive()
             return None
+        if self._best_m == math.inf:
+            self._started = now + from_seconds(self._wheel.start_s(aim.place_m, _PROGRESS_M))
         self._judge(aim.left_m, now)
         return aim
 
@@ -222,7 +225,7 @@ class Mover:
         held_s = to_seconds(now - self._progress)
         if held_s >= self._own.patience_s:
             self.state = "stuck"
-        if self._aside is not None or held_s < self._own.yield_s:
+        if self._aside is not None or now - max(self._progress, self._started) < from_seconds(self._own.yield_s):
             return
         for track in self._traffic.tracks(self._here):
             near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
@@ -236,7 +239,7 @@ class Mover:
 
         Of two to whom it is about as easy the one with the lower address goes first.
         """
-        way = self._way_of(track)
+        way = _way_of(track, self._here, self._floor)
         margin_m = self._own.margin_m + self._own.stray_m
         if not in_the_way(self._here, self._radius_m, way, track.radius_m, margin_m):
             return False
@@ -269,10 +272,6 @@ class Mover:
         then = self._floor.field_among(radius_m, goal, [Blocker(*end, other_m)])
         return found if then.cost_m(found.place_m) < math.inf else found._replace(cost_m=found.cost_m + _CORNERED_M)
 
-    def _way_of(self, track: Track) -> list[Place]:
-        goal = track.goal_m or self._here
-        return self._floor.way(track.radius_m, track.place_m, goal) or [track.place_m, goal]
-
     def _give_way(self, now: Time) -> None:
         """End having made way when the other has passed, stands, or takes too long."""
         if self._aside is None:
@@ -289,6 +288,12 @@ class Mover:
             self._aside, self.yielding_to = None, None
             self._forget_progress()
             self._progress = now
+
+
+def _way_of(track: Track, here: Place, floor: Floor) -> list[Place]:
+    """Return the way of another robot; to where one is oneself, if it has not said where it goes."""
+    goal = track.goal_m or here
+    return floor.way(track.radius_m, track.place_m, goal) or [track.place_m, goal]
 
 
 def _alike(some: Sequence[Blocker], others: Sequence[Blocker]) -> bool:

@@ -90,6 +90,16 @@ class Wheel:
         """Return how fast it is that goes so far in a tick."""
         return way / self._seconds
 
+    def start_s(self, aim_m: Place, way_m: float) -> float:
+        """Return how long it takes at most, alone, to turn to an aim and then to get on by so little, seconds."""
+        _, _, change, turn_most, turn_change, *_ = self._limits.tolist()
+        off = abs(
+            math.remainder(math.atan2(aim_m[1] - self.here[1], aim_m[0] - self.here[0]) - self._motion[2], math.tau)
+        )
+        peak = min(turn_most, math.sqrt(off * turn_change))
+        turning = off / peak + peak / turn_change if peak > 0.0 else 0.0
+        return float(turning + math.sqrt(2.0 * way_m / change)) * self._seconds
+
     def order(self, way: float, turn: float) -> Drive | None:
         """Return the order for a way and a turn; None if it is the last one still."""
         if (way, turn) == self._wanted:

@@ -12,7 +12,7 @@ from protocols.deployment.member import Member
 from protocols.deployment.member_letters import Aside
 from protocols.deployment.member_news import News
 from protocols.deployment.orders import Errand, Halt, Order, Result, Retreat
-from protocols.deployment.plan import Go, Photo
+from protocols.deployment.plan import Go, Photo, Place
 from protocols.deployment.records import Records
 from tests.deployment.crew_scene import STARTS_M, TICK, knowledge
 
@@ -63,8 +63,16 @@ class Bench:
             drives.append(self.member.step(Observation(*self.at, heading, 0.0, True, False), self.now))
         return drives
 
-    def tell(self, robot: int, x_m: float, y_m: float, speed_mps: float = 0.0, idle: bool = True) -> None:
-        news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, None, "" if idle else "task")
+    def tell(
+        self,
+        robot: int,
+        x_m: float,
+        y_m: float,
+        speed_mps: float = 0.0,
+        idle: bool = True,
+        goal_m: Place | None = None,
+    ) -> None:
+        news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, goal_m, "" if idle else "task")
         self.member.others.tell(robot, news, self.now)
 
     def results(self) -> list[Result]:
@@ -112,10 +120,13 @@ def test_a_robot_sets_off_behind_another_once_that_is_far_enough_ahead() -> None
     bench.order(Go(robot=0, place_m=(5.0, 3.0), behind=1, behind_m=1.5))
     bench.tick(50)
     assert bench.wheels.told == []
-    bench.tell(1, 2.4, 1.0, speed_mps=0.5, idle=False)
+    bench.tell(1, 2.4, 1.0, speed_mps=0.5, idle=False, goal_m=(5.0, 3.5))
     bench.tick()
     assert bench.wheels.told == []
-    bench.tell(1, 3.0, 1.0, speed_mps=0.5, idle=False)  # 1.6 m nearer to the place, by the way
+    bench.tell(1, 3.0, 1.0, idle=False)  # 1.6 m nearer to the place, by the way; but it waits for its own turn
+    bench.tick()
+    assert bench.wheels.told == []
+    bench.tell(1, 3.0, 1.0, speed_mps=0.5, idle=False, goal_m=(5.0, 3.5))
     bench.tick()
     assert bench.wheels.told == [("go", (5.0, 3.0))]
 

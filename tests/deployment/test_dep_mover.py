@@ -56,6 +56,21 @@ def test_it_turns_on_the_spot_when_it_starts():
     assert math.dist(scene.place(0), (5.0, 0.5)) < 0.05
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.5 * math.pi, math.pi])
+def test_who_turns_and_picks_up_speed_is_not_held_by_one_that_waits_to_follow(turned):
+    slow = body(acceleration_mps2=0.3, turn_radps=1.571, turn_acceleration_radps2=1.05)
+    limits = DrivingParameters(turn_radps=1.571, turn_acceleration_radps2=1.05)
+    scene = Scene(box(12, 2), [(2.5, 1.0), (4.5, 1.0)], [slow] * 2, limits, headings=[0.0, turned])
+    scene.movers[0].go((8.0, 1.0))
+    scene.movers[1].go((10.0, 1.0))
+    yielded = set()
+    for _ in range(60):
+        scene.tick()
+        yielded |= {mover.yielding_to for mover in scene.movers}
+    assert yielded == {None}
+    assert scene.place(1)[0] > 5.0
+
+
 def test_way_points_are_passed_in_their_order():
     scene = Scene(box(10, 10), [(1.0, 1.0)])
     scene.movers[0].go((9.0, 1.0), [(1.0, 8.0), (9.0, 8.0)])
