@@ -10,12 +10,10 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import BeforeValidator, Field
 
 from cosim.settings import Settings
-from protocols.deployment.plan import Between, Instant, Place
+from protocols.deployment.plan import MOST, Between, Instant, Place
 
 BASE: Final = "base"
 """The place where robots return to."""
-MOST: Final = 1e9
-"""No number in a play is greater: not every float of seconds is a time in ns."""
 
 
 def _finite(value: Any) -> bool:

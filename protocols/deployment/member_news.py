@@ -22,6 +22,8 @@ NONE: Final = 0xFFFFFFFF
 FAST_MPS: Final = 0.02
 """Whoever is slower stands."""
 _HEAD: Final = Struct(">BHIBIIBffffff")
+MOST_BYTES: Final = _HEAD.size + TASK_BYTES
+"""The longest news."""
 _IDLE: Final = 1
 _BOUND: Final = 2
 _OVER: Final = 4
@@ -85,7 +87,7 @@ def encode(news: News) -> bytes:
 
 def decode(data: bytes, size: int) -> News:
     """Return the news that *data* are, in a team of *size*; raise WireError if they are none."""
-    if not _HEAD.size <= len(data) <= _HEAD.size + TASK_BYTES:
+    if not _HEAD.size <= len(data) <= MOST_BYTES:
         raise WireError(f"{len(data)} bytes are no news")
     host, term, plan, calls, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
     if host >= size or flags > _IDLE | _BOUND | _OVER or not all(map(math.isfinite, numbers)):

@@ -1,9 +1,9 @@
 """What an executive says to robots, and what they say to it: one file for both sides."""
 
 from enum import StrEnum
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cosim.machine import Address
 from cosim.settings import Settings
@@ -21,6 +21,12 @@ class Retreat(Settings):
     way_m: tuple[Place, ...] = Field(
         default=(), max_length=64, description="m, the corners of its way, to where it is to end up; empty: to the post"
     )
+
+    @model_validator(mode="after")
+    def _for_another(self) -> Self:
+        if self.passing == self.robot:
+            raise ValueError(f"robot {self.robot} is to make room for itself")
+        return self
 
 
 class Halt(Settings):

@@ -10,6 +10,8 @@ from protocols.deployment.courier_parameters import CourierParameters
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.exploring_parameters import ExploringParameters
+from protocols.deployment.letters import NEWS_OVERHEAD
+from protocols.deployment.member_news import MOST_BYTES
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.planner import Call, PlannerParameters
 from protocols.deployment.positioning_parameters import PositioningParameters, SonarParameters
@@ -112,7 +114,7 @@ class Parameters(Settings):
         return self.courier.model_copy(update={"links": links.model_copy(update={"first": self.host})})
 
     @model_validator(mode="after")
-    def _silence_is_longer_than_news(self) -> Self:
+    def _agrees_with_itself(self) -> Self:
         if not 2.0 * self.news_s <= self.silence_s:
             raise ValueError(f"silence_s {self.silence_s} is not >= 2 news_s, {2.0 * self.news_s}")
         if not self.silence_s <= self.alone_s:
@@ -121,6 +123,10 @@ class Parameters(Settings):
             raise ValueError("map learned: each has its own, and one plans for all: expected executive central")
         if self.map == "learned" and self.positioning.kind != "given":
             raise ValueError("map learned: nothing to localise on: expected positioning.kind given")
+        if not self.courier.octets >= NEWS_OVERHEAD + MOST_BYTES:
+            raise ValueError(
+                f"courier.octets {self.courier.octets} is not >= {NEWS_OVERHEAD + MOST_BYTES}, the longest news"
+            )
         times = [call.at_s for call in self.calls]
         if times != sorted(times):
             raise ValueError(f"calls are not in the order of their times: {times}")

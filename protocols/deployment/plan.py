@@ -14,7 +14,10 @@ from pydantic import Field, model_validator
 from cosim.machine import Address
 from cosim.settings import Settings
 
-Place: TypeAlias = tuple[float, float]
+MOST: Final = 1e9
+"""No place in a play or a plan is farther off, m, and no time longer, s: what robots tell has room for no more."""
+Coordinate: TypeAlias = Annotated[float, Field(ge=-MOST, le=MOST)]
+Place: TypeAlias = tuple[Coordinate, Coordinate]
 Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
 
 ORIGIN: Final = ""
@@ -37,6 +40,12 @@ class Go(Settings):
     behind_m: float = Field(default=0.0, ge=0, description="m, is so far from it")
     final: bool = Field(default=True, description="whether the robot is to end up there, or passes a stage")
 
+    @model_validator(mode="after")
+    def _behind_another(self) -> Self:
+        if self.behind == self.robot:
+            raise ValueError(f"robot {self.robot} is to set off behind itself")
+        return self
+
 
 class Photo(Settings):
     """One robot takes a picture of what is in front of it, or in a direction, where it stands. Needs a camera."""
@@ -50,7 +59,7 @@ class Wait(Settings):
     """Time passes."""
 
     act: Literal["wait"] = "wait"
-    seconds: float = Field(ge=0)
+    seconds: float = Field(ge=0, le=MOST)
 
 
 class Explore(Settings):
@@ -90,7 +99,9 @@ class Task(Settings):
     act: Act | None = None
     order: Literal["serial", "parallel"] = Field(default="serial", description="of the subtasks")
     subtasks: tuple["Task", ...] = ()
-    time_out_s: float | None = Field(default=None, gt=0, description="s after its start: fails if it has not ended")
+    time_out_s: float | None = Field(
+        default=None, gt=0, le=MOST, description="s after its start: fails if it has not ended"
+    )
     on_failure: Literal["fail", "skip", "retry"] = Field(
         default="fail", description="what its parent makes of its failure; a retry that fails fails"
     )
@@ -120,8 +131,8 @@ class Between(Settings):
 
     earlier: Instant = Field(default_factory=Instant)
     later: Instant
-    at_least_s: float = 0.0
-    at_most_s: float | None = Field(default=None, description="s; None: any time later")
+    at_least_s: float = Field(default=0.0, ge=-MOST, le=MOST)
+    at_most_s: float | None = Field(default=None, ge=-MOST, le=MOST, description="s; None: any time later")
     why: str = Field(default="", description="in words, for a person: who asked for it")
 
 

@@ -80,6 +80,27 @@ def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: member_l
         member_letters.decode(member_letters.encode(letter), size=size)
 
 
+@pytest.mark.parametrize(
+    ("letter", "was", "now"),
+    [
+        pytest.param(LETTERS[2], b'"behind":2', b'"behind":1', id="behind itself"),
+        pytest.param(LETTERS[5], b'"passing":2', b'"passing":1', id="makes room for itself"),
+        pytest.param(LETTERS[2], b"[3.0,4.5]", b"[3.0,-2e9]", id="a place too far"),
+        pytest.param(LETTERS[6], b"[1.0,2.0]", b"[1.0,1e39]", id="asked from too far"),
+        pytest.param(LETTERS[0], b'"0":[1.0,2.0]', b'"0":[1e300,2.0]', id="a start too far"),
+        pytest.param(LETTERS[0], b'"at_most_s":5.0', b'"at_most_s":2e9', id="a bound too late"),
+        pytest.param(LETTERS[0], b'"label":""', b'"label":"","time_out_s":1e300', id="a time-out too late"),
+        pytest.param(LETTERS[0], b'{"act":"photo","robot":0}', b'{"act":"wait","seconds":2e9}', id="a long wait"),
+    ],
+)
+def test_a_letter_that_nobody_could_act_on_is_refused(letter: member_letters.Letter, was: bytes, now: bytes) -> None:
+    data = member_letters.encode(letter)
+    assert data.count(was) >= 1
+    assert member_letters.decode(data, size=3) == letter
+    with pytest.raises(WireError):
+        member_letters.decode(data.replace(was, now, 1), size=3)
+
+
 @given(st.binary(max_size=80))
 def test_any_bytes_are_a_letter_or_refused(data: bytes) -> None:
     try:
