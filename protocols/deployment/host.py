@@ -49,11 +49,9 @@ class Host:
         self._note = note
         self._records = records
         self._silence = from_seconds(parameters.silence_s)
-        self._alone = from_seconds(parameters.alone_s)
-        self.succession = Succession(me, knowledge.size, parameters.host, self._silence, self._alone)
+        alone = from_seconds(parameters.alone_s)
+        self.succession = Succession(me, knowledge.size, parameters.host, self._silence, alone, start)
         self._team = [robot for robot in range(knowledge.size) if robot != me]
-        self._since = start
-        """Since when it follows whom it follows."""
         self._gossip = Gossip(from_seconds(parameters.again_s))
         central = parameters.executive == "central"
         self.dispatch = Dispatch(me, central, mail, self._gossip, note, records)
@@ -61,6 +59,8 @@ class Host:
         """Whether the host has said that the play is over."""
         self._newest = 0
         """The greatest number of a plan that anybody knows of."""
+        self._early: list[Report] = []
+        """Of orders of a plan that it has not been told yet: it may have booted again."""
         self.changes = 0
         """How often it has followed another host; who counts sees that serials begin anew."""
 
@@ -148,12 +148,14 @@ class Host:
                 if source != self.succession.host and self.succession.claimed(source, term, order.plan, self.number):
                     self._followed(now)
                 if source == self.succession.host and order.robot == self.me:
-                    self.dispatch.mine.append(order)
+                    self.dispatch.take(order, self.play, source, now)
 
     def report(self, report: Report, now: Time) -> None:
         """Take how an order of this robot has ended, and tell all."""
         if report.plan == self.number:
             self._say(executive_facts.ended(report), now)
+        elif report.plan > self.number:
+            self._early.append(report)
 
     # ------------------------------------------------------------ time passes
 
@@ -180,23 +182,19 @@ class Host:
         """End what two hosts have led at once, and begin again together."""
         assert self.play is not None
         ledger = self.play.ledger
-        plan = reunited(ledger.plan, self.number + 1)
+        plan = reunited(ledger.plan, self.number + 1, ledger.done_tasks())
         if plan is not None:
             starts_m = {robot: self._others.place_m(robot) for robot in self._team}
-            self._since = now
+            self.succession.since = now
             self.execute(plan, starts_m, ledger.calls, now)
 
     # ------------------------------------------------------------ who is there
 
     def _judge(self, robot: Address, heard: Time, alone: bool, now: Time) -> None:
-        """Take a robot for lost, or for found, by when it was *heard* last.
-
-        Who is *alone*, since nobody is heard, waits longer: it may be the one that is out of reach.
-        """
+        """Take a robot for lost, or for found, by when it was *heard* last; nobody else is, if this one is *alone*."""
         assert self.play is not None
         lost = robot in self.play.ledger.lost
-        patience = self._alone if alone else self._silence
-        if not lost and now - max(heard, self._since) > patience:
+        if not lost and self.succession.missed(robot, heard, alone, now):
             self._lose(robot, now)
         elif lost and now - heard < self._silence:
             self._note(journal.RobotFound(robot))
@@ -211,7 +209,7 @@ class Host:
     def _followed(self, now: Time) -> None:
         """Be led by another host than before, or be it."""
         succession = self.succession
-        self._since = now
+        succession.since = now
         self._told_over = False
         self._gossip.clear()
         self.dispatch.mine.clear()
@@ -248,6 +246,9 @@ class Host:
             self._knowledge.board.begins(plan, now)
         if self.leads or self._parameters.executive == "distributed":
             self._run(play, now)
+        early, self._early = self._early, []
+        for report in early:
+            self.report(report, now)
 
     def _run(self, play: Play, now: Time) -> None:
         if play.executive is None:

@@ -8,7 +8,7 @@ from cosim.units import Time
 from protocols.deployment import journal
 from protocols.deployment.host_gossip import Gossip
 from protocols.deployment.host_play import Play
-from protocols.deployment.member_letters import Letter, Ordered
+from protocols.deployment.member_letters import Facts, Letter, Ordered
 from protocols.deployment.orders import Order
 from protocols.deployment.records import Records
 
@@ -65,6 +65,14 @@ class Dispatch:
             self._note(journal.PlanEnded(play.number, result))
         self.breaches += breaches
         self.ends += [(play.number, result) for result in ends]
+
+    def take(self, order: Order, play: Play | None, host: Address, now: Time) -> None:
+        """Take an order of the *host*; what has been done is not done again, but the host told: it has not heard so."""
+        done = None if play is None else play.ledger.done(order)
+        if play is None or done is None:
+            self.mine.append(order)
+        else:
+            self._mail.post(host, Facts(plan=play.number, facts=(done,)), now)
 
     def _pass_on(self, order: Order, term: int, now: Time) -> None:
         self._records.ordered += 1

@@ -12,7 +12,7 @@ from cosim.units import Time
 from protocols.deployment import executive_facts
 from protocols.deployment.executive_facts import Ended, Fact, Heard, Record
 from protocols.deployment.member_letters import Facts, Told
-from protocols.deployment.orders import Order
+from protocols.deployment.orders import Halt, Order, Result
 from protocols.deployment.plan import Plan
 
 
@@ -25,7 +25,7 @@ class Ledger:
         self._record = told.record
         self._facts: dict[tuple[Time, int, str], Fact] = {}
         self._lost: set[Address] = set()
-        self._ended: set[tuple[str, Address]] = set()
+        self._ended: dict[tuple[str, Address], Ended] = {}
         self._digest: int | None = None
         self.add(told.record.facts)
 
@@ -62,6 +62,16 @@ class Ledger:
         """Return whether *order* has been reported to have ended."""
         return (order.task, order.robot) in self._ended
 
+    def done(self, order: Order) -> Ended | None:
+        """Return the report that what is *order*-ed has been done, if there is one; nobody is halted beforehand."""
+        end = self._ended.get((order.task, order.robot))
+        alike = order.plan == self.number and not isinstance(order.errand, Halt)
+        return end if alike and end is not None and end.result is Result.DONE else None
+
+    def done_tasks(self) -> set[str]:
+        """Return the names, in the plan, of what robots have reported to be done, be it at another attempt."""
+        return {task.partition("~")[0] for (task, _), end in self._ended.items() if end.result is Result.DONE}
+
     def add(self, facts: Iterable[Fact]) -> list[Fact]:
         """Take *facts*, and return those that are new."""
         new = {executive_facts.order(fact): fact for fact in facts}
@@ -69,7 +79,10 @@ class Ledger:
         if new:
             self._facts |= new
             self._digest = None
-            self._ended |= {(fact.task, fact.robot) for fact in new.values() if isinstance(fact, Ended)}
+            for fact in new.values():
+                if isinstance(fact, Ended):
+                    known = self._ended.setdefault((fact.task, fact.robot), fact)
+                    self._ended[fact.task, fact.robot] = min(known, fact, key=lambda end: end.surer)
             heard = [self._facts[key] for key in sorted(self._facts)]
             last = {fact.robot: fact.again for fact in heard if isinstance(fact, Heard)}
             self._lost = {robot for robot, again in last.items() if not again}

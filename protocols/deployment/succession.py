@@ -21,7 +21,7 @@ WhenHeard: TypeAlias = Callable[[Address], Time]
 class Succession:
     """One robot's view of it."""
 
-    def __init__(self, me: Address, size: int, first: Address, silence: Time, alone: Time) -> None:
+    def __init__(self, me: Address, size: int, first: Address, silence: Time, alone: Time, start: Time = 0) -> None:
         """Follow *first*; take who was silent for *silence* for dead, and for *alone* if everybody was."""
         self.me = me
         self.host = first
@@ -29,11 +29,15 @@ class Succession:
         """How often the team's host has changed, as far as is known here."""
         self.why = ""
         """Why the host has changed the last time."""
+        self.since = start
+        """Since when a host gives others time to be heard."""
         self._others = [other for other in range(size) if other != me]
         self._silence = silence
         self._alone = alone
         self._confirmed = first == me
         """Whether the host has said itself that it is."""
+        self._fallen: dict[Address, Time] = {}
+        """Hosts whose silence has made it follow another, and when that was."""
 
     @property
     def leads(self) -> bool:
@@ -52,6 +56,16 @@ class Succession:
         """Return whether nobody at all has been heard lately: so it may be oneself who is out of reach."""
         return all(2 * (now - heard(other)) > self._silence for other in self._others)
 
+    def missed(self, other: Address, heard: Time, alone: bool, now: Time) -> bool:
+        """Return whether *other*, which was *heard* last then, is to be taken for lost by a host.
+
+        Who is *alone* waits longer: it may be the one that is out of reach. A new host gives all others time to be
+        heard, as with a host that dies all links of its radio may; but not those hosts whose silence has made it one.
+        """
+        fell = heard <= self._fallen.get(other, heard - 1)
+        since = heard if fell else max(heard, self.since)
+        return now - since > (self._alone if alone else self._silence)
+
     def judge(self, heard: WhenHeard, now: Time) -> bool:
         """Follow the lowest living address if the host has fallen silent; return whether that is another."""
         if self.leads or not self.silent(self.host, heard, now):
@@ -59,6 +73,7 @@ class Succession:
         if self.alone(heard, now) and now - heard(self.host) <= self._alone:
             return False
         living = self.living(heard, now)
+        self._fallen[self.host] = now
         self._follow(living[0], self.term + 1, f"nothing heard of robot {self.host}")
         return True
 

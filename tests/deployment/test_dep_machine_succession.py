@@ -1,6 +1,7 @@
 """Who is host: who takes over, who yields, and what a ledger of facts and the gossip about it make of that."""
 
 from itertools import permutations
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -16,8 +17,10 @@ from protocols.deployment.member_news import News
 from protocols.deployment.orders import Order, Result
 from protocols.deployment.plan import Deployment, Go, Photo, Plan, Task
 from protocols.deployment.succession import Succession
+from tests.deployment.crew_scene import TICK, call, rows, run
 
 SILENCE, ALONE = 10 * S, 30 * S
+SILENCE_OF_RUNS = 4 * S
 
 
 def team(size: int = 4, first: int = 0) -> list[Succession]:
@@ -197,3 +200,20 @@ def test_a_reunited_team_goes_straight_to_where_the_play_ends() -> None:
 def test_nothing_is_begun_again_that_leads_nowhere() -> None:
     plan = Plan(number=1, play="p", robots=(0,), root=Task(name="p", act=Photo(robot=0)))
     assert reunited(plan, 2) is None
+
+
+# ---------------------------------------------------------------- with whole machines
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executive", ["central", "distributed"])
+def test_a_dead_host_is_lost_at_the_instant_at_which_another_leads(executive: str) -> None:
+    quick: Any = {"silence_s": SILENCE_OF_RUNS / S, "alone_s": 12.0, "again_s": 2.0}
+    kill = {"kind": "kill", "robot": 0, "at_s": 14.0}
+    outcome = run("ideal", [kill], executive=executive, calls=[call("deploy/wave")], **quick)
+    (lost,) = rows(outcome, "RobotLost")
+    changed = [row["time_ns"] for row in rows(outcome, "HostChanged") if row["source"] == 1]
+    assert (lost["source"], lost["robot"]) == (1, 0)
+    assert changed == [lost["time_ns"]]
+    assert lost["time_ns"] <= 14 * S + SILENCE_OF_RUNS + 2 * TICK
+    assert outcome.metrics["deployed"] == 1.0

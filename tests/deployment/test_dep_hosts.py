@@ -1,0 +1,396 @@
+"""Hosts of one team, without robots that drive: who is lost when, what a new host knows, what is not done twice."""
+
+from typing import Any
+
+import pytest
+
+from cosim.machine import Address, Event
+from cosim.units import S, Time
+from protocols.deployment import member_news
+from protocols.deployment.executive_facts import Ended
+from protocols.deployment.host import Host
+from protocols.deployment.journal import HostChanged, PlanTaken, RobotLost
+from protocols.deployment.member_letters import Letter, Ordered
+from protocols.deployment.member_news import News
+from protocols.deployment.member_others import Others
+from protocols.deployment.orders import Halt, Order, Report, Result, Whereabouts
+from protocols.deployment.plan import Go, Photo, Plan, Task
+from protocols.deployment.records import Records
+from tests.deployment.crew_scene import PLACES_M, STARTS_M, TICK, knowledge
+
+SILENCE, AGAIN = 4 * S, 2 * S
+MANY_M = (*STARTS_M, (2.0, 2.0), (3.0, 1.0))
+
+
+class Robot:
+    """A host, and a member that does nothing but to keep its orders."""
+
+    def __init__(self, team: "Team", me: Address, start: Time) -> None:
+        self.team, self.me, self.start = team, me, start
+        known = team.knowledge
+        self.events: list[tuple[Time, Event]] = []
+        self.heard: dict[Address, Time] = {}
+        self.orders: list[Order] = []
+        self.others = Others(me, known.crew.bodies, known.starts_m)
+        self.host = Host(team.parameters, known, me, self.others, self, self.note, Records(), start)
+
+    def note(self, event: Event) -> None:
+        self.events.append((self.team.now, event))
+
+    def post(self, destination: Address, letter: Letter, now: Time) -> None:
+        self.team.letters.append((self.me, destination, letter))
+
+    def forget(self, other: Address, now: Time) -> None:
+        self.team.letters = [each for each in self.team.letters if each[:2] != (self.me, other)]
+
+    def when(self, other: Address) -> Time:
+        return self.heard.get(other, self.start)
+
+    def where(self) -> Whereabouts:
+        x_m, y_m = self.team.knowledge.starts_m[self.me]
+        return Whereabouts(robot=self.me, x_m=x_m, y_m=y_m, heading_rad=0.0, plan=self.host.number)
+
+    def news(self) -> News:
+        host, at = self.host, self.where()
+        serial = self.orders[-1].serial if self.orders and self.orders[-1].plan == host.number else None
+        known = host.succession.host, host.succession.term, host.number, host.calls, host.digest
+        over = host.play is not None and host.play.over
+        return News(*known, serial, True, at.x_m, at.y_m, 0.0, 0.0, None, "", over)
+
+    def settle(self) -> None:
+        self.host.advance(self.team.now)
+        self.orders += self.host.dispatch.mine
+        self.host.dispatch.mine.clear()
+
+    def reports(self, task: str, result: Result = Result.DONE, plan: int = 1) -> None:
+        self.host.report(
+            Report(plan=plan, serial=0, task=task, robot=self.me, result=result, at=self.team.now), self.team.now
+        )
+        self.settle()
+
+    def times(self, kind: type[Event], **fields: Any) -> list[Time]:
+        """Return when events of a kind have happened, those with such fields."""
+        return [
+            at
+            for at, event in self.events
+            if isinstance(event, kind) and all(getattr(event, name) == value for name, value in fields.items())
+        ]
+
+
+class Team:
+    """Robots that hear each other's news once a second, each at a tick of its own, and letters a tick later."""
+
+    def __init__(self, size: int = 3, executive: str = "central") -> None:
+        times = {"silence_s": SILENCE / S, "alone_s": 12.0, "again_s": AGAIN / S}
+        self.parameters, self.knowledge = knowledge(MANY_M[:size], executive=executive, **times)
+        self.now: Time = 0
+        self.letters: list[tuple[Address, Address, Letter]] = []
+        self.dead: set[Address] = set()
+        self.cut: set[tuple[Address, Address]] = set()
+        """Who is not heard by whom."""
+        self.spoilt: set[tuple[Address, Address]] = set()
+        """Whose letters do not come to whom."""
+        self.robots = [Robot(self, me, 0) for me in range(size)]
+
+    @property
+    def living(self) -> list[Robot]:
+        return [robot for robot in self.robots if robot.me not in self.dead]
+
+    def reaches(self, source: Address, other: Address) -> bool:
+        return not ({source, other} & self.dead or (source, other) in self.cut or source == other)
+
+    def boot(self, me: Address) -> None:
+        self.robots[me] = Robot(self, me, self.now)
+        self.letters = [each for each in self.letters if me not in each[:2]]
+
+    def tick(self) -> None:
+        self.now += TICK
+        letters, self.letters = self.letters, []
+        for source, other, letter in letters:
+            if self.reaches(source, other) and (source, other) not in self.spoilt:
+                self.robots[other].heard[source] = self.now
+                self.robots[other].host.letter(source, letter, self.now)
+        for robot in self.living:
+            if self.now % S == TICK * robot.me:
+                self.tell(robot)
+        for robot in self.living:
+            robot.host.tick(robot.when, robot.where(), self.now)
+            robot.settle()
+
+    def tell(self, robot: Robot) -> None:
+        news = robot.news()
+        for other in self.living:
+            if self.reaches(robot.me, other.me):
+                other.heard[robot.me] = self.now
+                other.others.tell(robot.me, news, self.now)
+                other.host.hear(robot.me, news, self.now)
+
+    def until(self, at_s: float) -> None:
+        while self.now < at_s * S:
+            self.tick()
+
+    def play(self, root: Task, number: int = 1) -> None:
+        robots = tuple(robot.me for robot in self.robots)
+        starts_m = dict(enumerate(self.knowledge.starts_m))
+        self.robots[0].host.execute(Plan(number=number, play="p", robots=robots, root=root), starts_m, 1, self.now)
+        self.robots[0].settle()
+
+
+def drives(size: int, order: Any = "parallel") -> Task:
+    """Return a play in which each robot drives to a place."""
+    places_m = (*PLACES_M, (6.0, 1.0), (7.0, 2.0))
+    subtasks = tuple(
+        Task(name=f"p/{robot}", act=Go(robot=robot, place_m=places_m[robot]), on_failure="skip")
+        for robot in range(size)
+    )
+    return Task(name="p", order=order, subtasks=subtasks)
+
+
+# ---------------------------------------------------------------- who is lost when
+
+
+@pytest.mark.parametrize("executive", ["central", "distributed"])
+def test_a_host_that_fell_silent_is_lost_as_soon_as_another_leads(executive: str) -> None:
+    team = Team(4, executive)
+    team.until(1)
+    team.play(drives(4))
+    team.until(5.0)
+    team.dead.add(0)
+    team.until(20.0)
+    new = team.robots[1]
+    last = new.when(0)
+    assert last == 5 * S
+    assert new.times(HostChanged) == [last + SILENCE + TICK]
+    assert new.times(RobotLost, robot=0) == [last + SILENCE + TICK]
+    for robot in team.living:
+        assert robot.host.play is not None
+        assert robot.host.play.ledger.lost == {0}
+        assert robot.times(RobotLost, robot=robot.me) == []
+
+
+@pytest.mark.parametrize("executive", ["central", "distributed"])
+def test_hosts_that_die_one_after_the_other_are_lost_as_soon_as_the_last_one_leads(executive: str) -> None:
+    team = Team(4, executive)
+    team.until(1)
+    team.play(drives(4))
+    team.until(5.0)
+    team.dead.add(0)
+    team.until(7.0)
+    team.dead.add(1)
+    team.until(20.0)
+    new = team.robots[2]
+    assert new.when(1) == 6 * S + TICK
+    assert [host for _, host in _hosts(new)] == [1, 2]
+    lost = new.when(1) + SILENCE + TICK
+    assert new.times(RobotLost) == [lost, lost]
+    assert new.host.play is not None
+    assert new.host.play.ledger.lost == {0, 1}
+
+
+def _hosts(robot: Robot) -> list[tuple[Time, Address]]:
+    return [(at, event.host) for at, event in robot.events if isinstance(event, HostChanged)]
+
+
+def test_a_new_host_gives_those_time_that_were_out_of_touch_with_the_old_one() -> None:
+    """Where radios need links, their slaves hear each other by their master, and nobody once that has died."""
+    team = Team(4)
+    team.until(1)
+    team.play(drives(4))
+    team.until(5.0)
+    team.dead.add(0)
+    pairs = {(a, b) for a in (1, 2, 3) for b in (1, 2, 3)}
+    team.cut |= pairs
+    team.until(8.0)
+    team.cut -= {(1, 2), (2, 1)}  # robot 2 has a link with its new master, robot 3 not yet
+    team.until(12.0)
+    new = team.robots[1]
+    (changed,) = new.times(HostChanged)
+    assert new.times(RobotLost, robot=0) == [changed]
+    assert now_silent(new, 3, changed)
+    team.until((changed + SILENCE) / S)
+    assert new.times(RobotLost, robot=3) == []
+    team.tick()
+    assert new.times(RobotLost, robot=3) == [changed + SILENCE + TICK]
+    assert new.times(RobotLost, robot=2) == []
+
+
+def now_silent(robot: Robot, other: Address, now: Time) -> bool:
+    return now - robot.when(other) > SILENCE
+
+
+def test_a_former_host_that_was_heard_again_is_given_time_like_the_others() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.until(5.0)
+    succession = team.robots[2].host.succession
+    assert succession.judge({0: 5 * S, 1: 9 * S}.__getitem__, 10 * S)
+    succession.since = 20 * S
+    assert succession.missed(0, 5 * S, False, 10 * S)
+    assert not succession.missed(0, 10 * S + 1, False, 24 * S), "it was heard since, and there is another host"
+    assert succession.missed(0, 10 * S + 1, False, 24 * S + 1)
+    assert not succession.missed(1, 9 * S, False, 24 * S)
+    assert succession.missed(1, 9 * S, False, 24 * S + 1)
+
+
+def test_a_host_that_hears_nobody_takes_its_predecessor_for_lost_by_the_longer_patience() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.until(5.0)
+    team.dead |= {0, 2}
+    team.until(30.0)
+    new = team.robots[1]
+    assert new.times(RobotLost, robot=0) == new.times(HostChanged) == [5 * S + 12 * S + TICK]
+    assert new.times(RobotLost, robot=2) == [5 * S + 2 * 12 * S + 2 * TICK]
+
+
+# ---------------------------------------------------------------- reports that a dead host has taken with it
+
+
+def test_a_robot_does_not_do_again_what_only_a_dead_host_has_heard_that_it_has_done() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3, "serial"))
+    team.robots[0].reports("p/0")
+    team.until(2.0)
+    assert [order.task for order in team.robots[1].orders] == ["p/1"]
+    team.robots[1].reports("p/1")
+    team.until(4.0)
+    assert [order.task for order in team.robots[2].orders] == ["p/2"]
+    team.spoilt.add((2, 1))
+    team.robots[2].reports("p/2")
+    team.tick()
+    assert team.robots[0].host.play is not None
+    assert team.robots[0].host.play.over
+    team.dead.add(0)
+    team.letters.clear()
+    team.until(5.0)
+    team.spoilt.clear()
+    while not team.robots[1].host.leads:
+        team.tick()
+    led = team.now
+    assert not over(team.robots[1])
+    while not over(team.robots[1]):
+        team.tick()
+    assert team.now <= led + 2 * TICK, "one letter to and fro"
+    assert [order.task for order in team.robots[2].orders] == ["p/2"], "nothing is done twice"
+
+
+def over(robot: Robot) -> bool:
+    assert robot.host.play is not None
+    return robot.host.play.over
+
+
+def test_what_has_failed_or_was_halted_is_done_again_when_it_is_ordered_again() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.until(2.0)
+    robot = team.robots[2]
+    (order,) = robot.orders
+    robot.reports("p/2", Result.TERMINATED)
+    assert robot.host.play is not None
+    assert robot.host.play.ledger.done(order) is None
+    robot.reports("p/2")
+    done = robot.host.play.ledger.done(order)
+    assert done == Ended(task="p/2", robot=2, result=Result.DONE, at=team.now)
+    assert robot.host.play.ledger.done(order.model_copy(update={"plan": 2})) is None
+    assert robot.host.play.ledger.done(order.model_copy(update={"robot": 1})) is None
+
+
+def test_what_a_robot_ends_before_it_has_been_told_the_plan_again_is_not_forgotten() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.robots[0].reports("p/0")
+    team.until(2.0)
+    team.robots[1].reports("p/1")
+    team.until(4.0)
+    team.boot(2)
+    host = team.robots[0].host
+    assert host.play is not None
+    order = host.play.order_to(2)
+    assert order is not None
+    team.robots[2].orders.append(order)  # a letter that was on its way when it booted: it is where it is to be
+    team.robots[2].reports("p/2")
+    assert team.robots[2].host.play is None
+    team.until(10.0)
+    assert team.robots[2].times(PlanTaken, plan=1) != []
+    assert over(team.robots[0])
+
+
+def test_a_halt_is_obeyed_whatever_has_been_done() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.until(2.0)
+    robot = team.robots[2]
+    robot.reports("p/2")
+    halt = robot.orders[0].model_copy(update={"serial": 9, "errand": Halt(robot=2)})
+    robot.host.letter(0, Ordered(term=0, order=halt), team.now)
+    robot.settle()
+    assert robot.orders[-1] == halt
+
+
+# ---------------------------------------------------------------- when a play is over
+
+
+def test_those_who_do_not_run_a_play_are_busy_until_the_host_says_that_it_is_over() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3))
+    team.until(2.5)
+    for robot in team.robots:
+        robot.reports(f"p/{robot.me}")
+    team.tick()
+    assert over(team.robots[0])
+    assert [robot.host.busy for robot in team.robots] == [False, True, True]
+    team.until(2.9)
+    assert team.robots[1].host.busy, "the host's next news are told at 3.0 s"
+    team.until(3.0)
+    assert [robot.host.busy for robot in team.robots] == [False, False, False]
+    team.play(drives(3), number=2)
+    team.tick()
+    assert [robot.host.busy for robot in team.robots] == [True, True, True]
+    team.until(5.0)
+    assert [robot.host.busy for robot in team.robots] == [True, True, True]
+
+
+@pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True), (True, True)])
+def test_news_say_whether_the_play_is_over_beside_whether_the_robot_is_idle(flags: tuple[bool, bool]) -> None:
+    idle, done = flags
+    news = News(0, 0, 3, 0, 7, None, idle, 1.0, 2.0, 0.0, 0.0, None, "", done)
+    assert member_news.decode(member_news.encode(news), 3) == news
+
+
+# ---------------------------------------------------------------- reunion
+
+
+def test_a_team_that_was_parted_still_takes_the_pictures_of_which_the_host_has_not_heard() -> None:
+    team = Team(3)
+    team.until(1)
+    seen = Task(name="p/seen", act=Photo(robot=0), on_failure="skip")
+    last = Task(name="p/look", act=Photo(robot=2, heading_rad=1.0), on_failure="skip")
+    team.play(Task(name="p", subtasks=(seen, drives(3).model_copy(update={"name": "p/go"}), last)))
+    team.until(2.0)
+    team.robots[0].reports("p/seen")
+    away = {(a, 2) for a in (0, 1)} | {(2, a) for a in (0, 1)}
+    team.until(3.0)
+    team.cut |= away
+    team.until(20.0)
+    assert team.robots[0].times(RobotLost, robot=2) != []
+    assert team.robots[2].host.leads
+    team.cut -= away
+    team.until(24.0)
+    orders = [order for order in team.robots[2].orders if order.plan == 2]
+    assert [order.errand for order in orders] == [Go(robot=2, place_m=PLACES_M[2], final=False)]
+    team.robots[2].reports(orders[-1].task, plan=2)
+    team.until(25.0)
+    last_order = team.robots[2].orders[-1]
+    assert last_order.errand == Photo(robot=2, heading_rad=1.0)
+    team.robots[2].reports(last_order.task, plan=2)
+    team.until(26.0)
+    assert team.robots[2].orders[-1].errand == Go(robot=2, place_m=PLACES_M[2])
+    mine = [order for order in team.robots[0].orders if order.plan == 2]
+    assert [order.errand.act for order in mine] == ["go"], "its picture was taken"
