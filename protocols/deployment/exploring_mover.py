@@ -78,7 +78,7 @@ class ExploringMover(PacedMover):
         if self._exploring.over is not None:
             self.state = "idle"
         self._led.follow(observation, now)
-        self._traffic.look(observation, others, now)
+        self._traffic.look(observation, others, now, self._led.carried)
         if wish_rad is None:
             return self._led.order(0.0, 0.0)
         x, y = self._led.here

@@ -121,7 +121,7 @@ class Mover:
         The observation's pose is taken for its own; *others* are the robots it has heard of, and where they are.
         """
         self._wheel.follow(observation, now)
-        self._traffic.look(observation, others, now)
+        self._traffic.look(observation, others, now, self._wheel.carried)
         if self._progress < 0:
             self._progress = now
         way, turn = 0.0, 0.0

@@ -3,14 +3,14 @@
 The team of paper 004 localises itself "using Markov localization" on its map; so does a robot here whose frame is an
 odometry that drifts (:mod:`cosim.navigation.localization`). It begins where it knows that it starts. What it senses is
 then told in the map's frame: its pose, whom it sees, and how far its beams go; all by one shift of frames, so that what
-it sees stays where it is seen from it. Corrections of the filter come little by little, as a jump of one's own place is
-no speed, and a jump of what one sees is nobody's.
+it sees stays where it is seen from it. Corrections of the filter come little by little, but they are no motion: how
+robots move is not read off places in that frame (:class:`protocols.deployment.positioning_frames.Located`).
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from cosim.randomness import Draws
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.parameters import Parameters
+from protocols.deployment.positioning_frames import Located, Shift
 from protocols.deployment.positioning_parameters import PositioningParameters
 from protocols.deployment.positioning_scan import Scan, Sensor
 
@@ -49,36 +50,6 @@ class Positioned:
 
 EVENTS: Final = (Positioned,)
 Tell: TypeAlias = Callable[[Event], None]
-
-
-class Shift(NamedTuple):
-    """From one frame to another: turned counter-clockwise, then moved."""
-
-    x_m: float = 0.0
-    y_m: float = 0.0
-    turned_rad: float = 0.0
-
-    @classmethod
-    def between(cls, before: Pose, after: Pose) -> Self:
-        """Return the shift by which a pose in one frame is another one in the other."""
-        turned = math.remainder(after[2] - before[2], math.tau)
-        cos, sin = math.cos(turned), math.sin(turned)
-        return cls(after[0] - cos * before[0] + sin * before[1], after[1] - sin * before[0] - cos * before[1], turned)
-
-    def pose(self, pose: Pose) -> Pose:
-        """Return a pose in the other frame."""
-        return *self.point(pose[0], pose[1]), math.remainder(pose[2] + self.turned_rad, math.tau)
-
-    def point(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point in the other frame."""
-        cos, sin = math.cos(self.turned_rad), math.sin(self.turned_rad)
-        return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
-
-    def back(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point of the other frame in this one."""
-        cos, sin = math.cos(self.turned_rad), math.sin(self.turned_rad)
-        dx, dy = x_m - self.x_m, y_m - self.y_m
-        return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 class Positioning(Protocol):
@@ -173,7 +144,7 @@ class Localised:
             if self._ticks % self._told_ticks == 0:
                 self._tell(Positioned(*self.shift.pose(odometry), found.spread_m, found.share))
         self._ticks += 1
-        return shifted(observation, self.shift, scan)
+        return Located.told(shifted(observation, self.shift, scan), odometry)
 
     def _settle(self, odometry: Pose, found: Pose) -> None:
         """Come nearer to the shift that makes the pose of odometry what was *found*."""

@@ -13,6 +13,7 @@ from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.deployment.floor import Blocker
 from protocols.deployment.plan import Place
+from protocols.deployment.positioning_frames import Shift
 
 _MOVED_M: Final = 0.02
 """Who is as near as that to where it was stands still."""
@@ -62,6 +63,11 @@ class Track:
         if math.dist(place_m, self._stood_m) > _MOVED_M:
             self._stood_m, self._since = place_m, now
 
+    def carry(self, carried: Shift) -> None:
+        """Tell where it was in a frame that has been corrected since."""
+        self.place_m = carried.point(*self.place_m)
+        self._stood_m = carried.point(*self._stood_m)
+
     def still_s(self, now: Time) -> float:
         """Return for how long it has not moved, seconds."""
         return to_seconds(now - self._since)
@@ -82,8 +88,11 @@ class Traffic:
         self._now: Time = 0
         self._blind = False
 
-    def look(self, observation: Observation, others: Sequence[Other], now: Time) -> None:
-        """Take what is seen now, and what has been heard of those who are not seen."""
+    def look(self, observation: Observation, others: Sequence[Other], now: Time, carried: Shift | None = None) -> None:
+        """Take what is seen now, and what has been heard of those who are not seen.
+
+        *carried*: from the robot's frame at the last tick to that of this one, if it was corrected.
+        """
         self._now, self._blind = now, observation.view is None
         seen = {sighting.address: (sighting.x_m, sighting.y_m) for sighting in observation.sightings}
         for other in others:
@@ -94,7 +103,10 @@ class Traffic:
             if track is None:
                 track = self._tracks[address] = Track(address)
                 track.radius_m, track.change = self._radius_m, self._change
-            was, before = track.place_m, now - round(self._seconds * 1e9)
+            before = now - round(self._seconds * 1e9)
+            if carried is not None and track.seen == before:
+                track.carry(carried)
+            was = track.place_m
             track.gone_m = (place[0] - was[0], place[1] - was[1]) if track.seen == before else None
             track.seen = now
             track.at(place, now)

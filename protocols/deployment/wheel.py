@@ -19,16 +19,21 @@ from cosim.navigation.dwa import (
     unseen_gap,
     walls_near,
 )
+from cosim.navigation.localization_motion import Pose
 from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.floor import Aim, Floor
 from protocols.deployment.plan import Place
+from protocols.deployment.positioning_frames import Located, Shift, start, step
 from protocols.deployment.traffic import Traffic
 
 _TURN_SEEN_RAD: Final = 0.02
 """By so much the turn of a tick may differ from what was commanded before what was seen counts instead."""
+_TURN_ERROR_RAD: Final = 0.1
+_WAY_ERROR_M: Final = 0.02
+"""By so much odometry that drifts may differ in a tick from what was commanded before it is believed instead."""
 _KEPT_SHARE: Final = 0.5
 """This share of the margin by which ways are planned is kept in any case: ways are cells, and their corners are cut."""
 _CIRCLE_M: Final = 0.5
@@ -57,6 +62,9 @@ class Wheel:
         self._limits = _limits(radius_m, speed_mps, acceleration_mps2, parameters, self._seconds)
         self._stop_m = float(self._limits[1]) + stopping_m(self._limits[1] + self._limits[2], self._limits[2])
         self._motion = np.zeros(STATE)
+        self.carried: Shift | None = None
+        """From the frame of the last tick to that of this one, if it was corrected; what stands still is there now."""
+        self._odometry: Pose = (0.0, 0.0, 0.0)
         self._wanted = (math.nan, math.nan)
         self._asked: Time = -1
 
@@ -112,10 +120,13 @@ class Wheel:
         x, y, heading, speed = observation[:4]
         motion, own = self._motion, self._limits
         way = speed * self._seconds
+        self.carried = None
         if self._asked != now - self._tick:  # somebody else may have driven it since
             gone_x, gone_y = way * math.cos(heading), way * math.sin(heading)
             motion[:] = x, y, heading, way, 0.0, gone_x, gone_y
             self._wanted = math.nan, math.nan
+        elif isinstance(observation, Located) and observation.odometry is not None:
+            self._carry(observation, observation.odometry)
         else:
             was_x, was_y, was_heading, _, turn, _, _ = motion.tolist()
             seen = math.remainder(heading - was_heading, math.tau)
@@ -123,8 +134,28 @@ class Wheel:
                 turn = min(max(seen, -own[3]), own[3])
             way, turn = self.reached(self._wanted, (way, turn))
             motion[:] = x, y, heading, way, turn, x - was_x, y - was_y
+        if isinstance(observation, Located) and observation.odometry is not None:
+            self._odometry = observation.odometry
         self._asked = now
         self.points = np.zeros(_NOTHING)
+
+    def _carry(self, seen: Located, odometry: Pose) -> None:
+        """Do what :meth:`follow` does where places are corrected: how it has moved is what it was told to, or odometry.
+
+        What it was told counts where both agree: odometry errs in heading at every tick, and by 0.02 rad in a tick a
+        body that stands 2 m off would seem to go 0.4 m/s.
+        """
+        was_x, was_y, was_heading, way, turn, _, _ = self._motion.tolist()
+        told = *chord(0.0, way, turn), turn
+        felt = step(self._odometry, odometry)
+        off_m, off_rad = math.dist(told[:2], felt[:2]), abs(math.remainder(felt[2] - turn, math.tau))
+        obeyed = not seen.blocked and off_m <= _WAY_ERROR_M and off_rad <= _TURN_ERROR_RAD
+        gone = told if obeyed else felt
+        before = start(seen[:3], gone)
+        self.carried = Shift.between((was_x, was_y, was_heading), before)
+        most = self._limits[3]
+        way, turn = self.reached(self._wanted, (way, turn if obeyed else min(max(gone[2], -most), most)))
+        self._motion[:] = *seen[:3], way, turn, seen.x_m - before[0], seen.y_m - before[1]
 
     # ------------------------------------------------------------ what it does next
 
