@@ -22,7 +22,6 @@ from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
 from cosim.export.capture import captured_tables, write_capture
-from cosim.report import report as make_report
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
 from cosim.simulation import Outcome, Simulation
@@ -313,6 +312,8 @@ def _keeping() -> Iterator[None]:
 @_JSON
 def report(results: Path, as_json: bool) -> None:
     """Print tables and write figures of RESULTS, ours beside the published ones."""
+    from cosim.report import report as make_report  # it loads what draws figures, which takes a second
+
     with _waiting(f"reading {results}"):
         found = make_report(results)
     if as_json:

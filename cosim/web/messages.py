@@ -5,8 +5,10 @@ A message is one JSON object in one WebSocket text frame; its ``say`` tells its 
     {"say": "play"}  {"say": "pause"}  {"say": "step", "ticks": 1}  {"say": "speed", "speed": 2.5}
     {"say": "seek", "time_s": 12.0}  {"say": "operator", "robot": 0, "data": {...}}
 
-To the page: ``scene`` (what does not change), ``now`` (where everything is, and what has happened since the last one),
-``operator`` (what a robot says to its operator), ``ended`` (the metrics), ``missed`` and ``error`` (with ``why``).
+To the page: ``scene`` (what does not change; and ``page``, a number that no other connection to the server has: all
+pages are told what robots answer, and tell by it whom), ``now`` (where everything is, and what has happened since the
+last one), ``operator`` (what a robot says to its operator), ``ended`` (the metrics), ``missed`` and ``error`` (with
+``why``).
 """
 
 import json

@@ -9,6 +9,7 @@ import socket
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, closing, suppress
+from itertools import count
 from typing import Final
 
 import uvicorn
@@ -45,6 +46,7 @@ class Server:
         self.open = 0
         """How many pages are connected."""
         self._page = page_path(page)
+        self._numbers = count()
 
     def app(self, port: int, token: str | None = None) -> ASGIApp:
         """Return the application, as it answers at *port*."""
@@ -87,7 +89,7 @@ class Server:
 
     async def _tell(self, page: WebSocket, faults: deque[str]) -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
-        await page.send_text(written({"say": "scene"} | self.session.scene))
+        await page.send_text(written({"say": "scene"} | self.session.scene | {"page": next(self._numbers)}))
         cursor: Cursor | None = None
         while True:
             messages: list[Plain] = [error(faults.popleft()) for _ in range(len(faults))]

@@ -4,11 +4,41 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
 
-from tests.web.served import Served
+
+class Addressed(Protocol):
+    """What a browser can open."""
+
+    @property
+    def address(self) -> str: ...
+
+
+class Browser:
+    """A browser that runs, and the tabs of it that are free: one that is used again costs half of what a new one does.
+
+    No page stores anything that another one could find.
+    """
+
+    def __init__(self, program: Any) -> None:
+        self._program = program
+        self._free: list[Any] = []
+
+    def open(self) -> Any:
+        """Open a tab in a profile of its own."""
+        page = self._program.new_context(viewport={"width": 1366, "height": 768}).new_page()
+        page.set_default_timeout(60_000)
+        return page
+
+    def take(self) -> Any:
+        return self._free.pop() if self._free else self.open()
+
+    def give_back(self, page: Any) -> None:
+        page.mouse.move(0, 0)
+        page.goto("about:blank")
+        self._free.append(page)
 
 
 def find_chromium() -> str:
@@ -22,7 +52,7 @@ def find_chromium() -> str:
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium() -> Iterator[Browser]:
     """Run the browser, without a window."""
     program = find_chromium()
     sync_api = (
@@ -33,26 +63,46 @@ def chromium() -> Iterator[Any]:
     flags = ["--no-sandbox"] if os.geteuid() == 0 else []  # it refuses to run as root inside of one
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=flags)
-        yield browser
+        yield Browser(browser)
         browser.close()
 
 
 @contextmanager
-def tab(browser: Any, served: Served, **more: Any) -> Iterator[Any]:
-    """Open a page of *served* in a profile of its own; afterwards nothing may have gone wrong in it."""
-    context = browser.new_context(**({"viewport": {"width": 1366, "height": 768}} | more))
-    page = context.new_page()
-    page.set_default_timeout(60_000)
+def tab(
+    browser: Browser, served: Addressed, own: bool = False, clock: bool = False, scheme: Any = "light"
+) -> Iterator[Any]:
+    """Open the page of *served*; afterwards nothing may have gone wrong in it.
+
+    *own*: in a tab of its own, which is closed afterwards. *clock*: so too, with a clock that a test can put forward.
+    """
+    own = own or clock
+    page = browser.open() if own else browser.take()
     faults: list[str] = []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.on("console", lambda told: faults.append(told.text) if told.type == "error" else None)
-    page.on("request", lambda asked: faults.append(asked.url) if not asked.url.startswith(own) else None)
-    own = (served.address, "data:")
+    listeners = {
+        "pageerror": lambda error: faults.append(str(error)),
+        "console": lambda told: faults.append(told.text) if told.type == "error" else None,
+        "request": lambda asked: faults.append(asked.url) if not asked.url.startswith(allowed) else None,
+    }
+    for event, listener in listeners.items():
+        page.on(event, listener)
+    allowed = (served.address, "data:", "about:")
+    page.emulate_media(color_scheme=scheme)
+    if clock:
+        page.clock.install()
     page.goto(served.address)
-    page.wait_for_function("() => document.title !== 'cosim'")
+    page.wait_for_function("() => document.querySelector('#about')?.textContent")  # the scene has come
     page.faults = faults
-    yield page
-    context.close()
+    try:
+        yield page
+    except BaseException:
+        page.context.close()
+        raise
+    if own:
+        page.context.close()
+    else:
+        browser.give_back(page)
+    for event, listener in listeners.items():
+        page.remove_listener(event, listener)
     assert not faults, faults
 
 

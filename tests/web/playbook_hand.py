@@ -5,6 +5,12 @@ from typing import Any
 PAGE = "playbook.html"
 
 
+def ready(page: Any) -> None:
+    """Wait until the page knows plays and team."""
+    page.wait_for_selector("#plays li")
+    page.wait_for_selector("#team button >> nth=2")
+
+
 def choose(page: Any, path: str) -> None:
     """Choose a play in the tree, opening what it is in."""
     page.wait_for_selector("#plays li")

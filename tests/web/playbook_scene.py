@@ -42,6 +42,6 @@ def written(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def begun(folder: Path, playing: bool = True, speed: float = 20.0, **changes: Any) -> Live:
+def begun(folder: Path, playing: bool = True, speed: float = 60.0, **changes: Any) -> Live:
     """Begin a run of it; *changes* as in :func:`written`."""
     return attended(load(written(folder, **changes)), 1, playing, speed)

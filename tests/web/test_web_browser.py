@@ -14,17 +14,11 @@ from cosim.web.live import Live
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
 from cosim.web.session import Session
-from tests.web.browser import chromium, pixels, tab
+from tests.web.browser import Browser, pixels, tab
 from tests.web.console import PLAIN
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +71,7 @@ def seconds(page: Any) -> float:
 # ---------------------------------------------------------------- recorded
 
 
-def test_a_recorded_run_is_played_by_the_keyboard(browser: Any, serve: Any, folder: Path):
+def test_a_recorded_run_is_played_by_the_keyboard(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         assert page.inner_text("#name") == "consoles"
         assert page.inner_text("#about").endswith("recorded")
@@ -102,7 +96,7 @@ def test_a_recorded_run_is_played_by_the_keyboard(browser: Any, serve: Any, fold
         page.wait_for_function("() => document.getElementById('speed').value === '2'")
 
 
-def test_every_control_is_reached_by_the_tabulator(browser: Any, serve: Any, folder: Path):
+def test_every_control_is_reached_by_the_tabulator(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         page.keyboard.press("End")
         state(page, "ended")
@@ -113,7 +107,7 @@ def test_every_control_is_reached_by_the_tabulator(browser: Any, serve: Any, fol
         assert {"floor", "robots", "filter", "events", "start", "back", "play", "step", "scrub", "speed"} <= reached
 
 
-def test_every_control_has_a_name_for_those_who_do_not_see_it(browser: Any, serve: Any, folder: Path):
+def test_every_control_has_a_name_for_those_who_do_not_see_it(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         for name in ("Play", "A tick on", "A tick back", "To the beginning", "To the end"):
             assert page.get_by_role("button", name=name, exact=True).count() == 1
@@ -123,7 +117,7 @@ def test_every_control_has_a_name_for_those_who_do_not_see_it(browser: Any, serv
         assert "robot 0 at 2.0, 2.0" in page.get_attribute("#floor", "aria-label")
 
 
-def test_one_can_scrub_to_any_time_and_sees_what_was_then(browser: Any, serve: Any, folder: Path):
+def test_one_can_scrub_to_any_time_and_sees_what_was_then(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         page.locator("#scrub").fill("5.95")
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('5.95')")
@@ -136,7 +130,7 @@ def test_one_can_scrub_to_any_time_and_sees_what_was_then(browser: Any, serve: A
         assert page.locator("#events li").count() < 8
 
 
-def test_an_event_leads_to_its_time(browser: Any, serve: Any, folder: Path):
+def test_an_event_leads_to_its_time(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         page.keyboard.press("End")
         page.fill("#filter", "killed")
@@ -145,7 +139,7 @@ def test_an_event_leads_to_its_time(browser: Any, serve: Any, folder: Path):
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('4.00')")
 
 
-def test_a_robot_can_be_selected_in_the_list_and_on_the_floor(browser: Any, serve: Any, folder: Path):
+def test_a_robot_can_be_selected_in_the_list_and_on_the_floor(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         page.keyboard.press("End")
         state(page, "ended")
@@ -167,8 +161,8 @@ def test_a_robot_can_be_selected_in_the_list_and_on_the_floor(browser: Any, serv
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_floor_shows_walls_base_robots_and_their_trails(browser: Any, serve: Any, folder: Path, scheme: str):
-    with tab(browser, serve(Recorded(folder, playing=False)), color_scheme=scheme) as page:
+def test_the_floor_shows_walls_base_robots_and_their_trails(browser: Browser, serve: Any, folder: Path, scheme: str):
+    with tab(browser, serve(Recorded(folder, playing=False)), scheme=scheme) as page:
         page.locator("#scrub").fill("7.5")
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('7.50')")
         page.wait_for_timeout(200)
@@ -177,7 +171,7 @@ def test_the_floor_shows_walls_base_robots_and_their_trails(browser: Any, serve:
         assert pixels(page, "robot-2") < 100  # it is dead: only an outline is left
 
 
-def test_frames_fly_and_fade(browser: Any, serve: Any, folder: Path):
+def test_frames_fly_and_fade(browser: Browser, serve: Any, folder: Path):
     with tab(browser, serve(Recorded(folder, playing=False))) as page:
         page.locator("#scrub").fill("0.95")
         page.wait_for_function("() => document.getElementById('time').textContent.startsWith('0.95')")
@@ -189,7 +183,7 @@ def test_frames_fly_and_fade(browser: Any, serve: Any, folder: Path):
 # ---------------------------------------------------------------- under way
 
 
-def test_a_run_under_way_is_paused_stepped_and_played_to_its_end(browser: Any, serve: Any):
+def test_a_run_under_way_is_paused_stepped_and_played_to_its_end(browser: Browser, serve: Any):
     with tab(browser, serve(live(playing=False))) as page:
         state(page, "paused")
         assert page.is_disabled("#scrub")
@@ -206,10 +200,10 @@ def test_a_run_under_way_is_paused_stepped_and_played_to_its_end(browser: Any, s
         assert page.locator("#events li").count() == 9
 
 
-def test_a_second_page_sees_the_same_and_a_closed_one_leaves_nothing(browser: Any, serve: Any):
+def test_a_second_page_sees_the_same_and_a_closed_one_leaves_nothing(browser: Browser, serve: Any):
     served = serve(live(patient=True, duration_s=1000))
     with tab(browser, served) as one:
-        with tab(browser, served) as two:
+        with tab(browser, served, own=True) as two:
             served.wait_for(2)
             one.keyboard.press("Space")
             for page in (one, two):
@@ -222,12 +216,12 @@ def test_a_second_page_sees_the_same_and_a_closed_one_leaves_nothing(browser: An
     served.wait_for(0)
 
 
-def test_a_run_that_breaks_says_why(browser: Any, serve: Any):
+def test_a_run_that_breaks_says_why(browser: Browser, serve: Any):
     with tab(browser, serve(live(break_at_s=0.5))) as page:
         state(page, "failed: RuntimeError: the console has broken")
 
 
-def test_what_cannot_be_done_is_told(browser: Any, serve: Any):
+def test_what_cannot_be_done_is_told(browser: Browser, serve: Any):
     served = serve(live(patient=True, duration_s=1000))
     with tab(browser, served) as page:
         page.evaluate(
@@ -241,7 +235,7 @@ def test_what_cannot_be_done_is_told(browser: Any, serve: Any):
 # ---------------------------------------------------------------- what goes wrong
 
 
-def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Any, serve: Any):
+def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, serve: Any):
     served = serve(live(patient=True, duration_s=1000))
     with tab(browser, served) as page:
         state(page, "playing")
@@ -258,16 +252,15 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Any, serve
         page.faults.clear()
 
 
-def test_a_page_from_elsewhere_cannot_talk_to_the_run(browser: Any, serve: Any, folder: Path):
+def test_a_page_from_elsewhere_cannot_talk_to_the_run(browser: Browser, serve: Any, folder: Path):
     served, elsewhere = serve(live(patient=True, duration_s=1000)), serve(Recorded(folder))
-    context = browser.new_context()
-    page = context.new_page()
+    page = browser.open()
     page.goto(elsewhere.address + "static/view.css")  # another origin of this computer, whose policy has no script
     talked = page.evaluate(
         "address => new Promise((done) => { const s = new WebSocket(address);"
         " s.onmessage = () => done('answered'); s.onerror = () => done('refused'); })",
         f"ws://127.0.0.1:{served.port}/socket",
     )
-    context.close()
+    page.context.close()
     assert talked == "refused"
     assert served.server.open == 0

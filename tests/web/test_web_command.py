@@ -1,14 +1,10 @@
-"""The command ``cosim view``: it prints the address of its page, and ends as it is told, with nothing left."""
+"""The commands that show a page: each prints the address of it, and ends as it is told, with nothing left."""
 
 import json
-import os
 import signal
-import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -20,10 +16,9 @@ from websockets.sync.client import connect
 
 from cosim.cli import main
 from cosim.web.pages import STATIC
+from tests.web.commanded import ROOT, Commanded, commanded
 from tests.web.console import PLAIN
-from tests.web.served import until_closed
-
-ROOT = Path(__file__).parents[2]
+from tests.web.served import next_of, until_closed
 
 
 @pytest.fixture
@@ -34,67 +29,71 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-@contextmanager
-def viewing(*words: str | Path) -> Iterator[tuple[Any, str]]:
-    """Run the command in a process of its own, and give that and the address that it has printed."""
-    command = [sys.executable, "-m", "cosim.cli", "view", *map(str, words)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
-    try:
-        assert process.stdout is not None
-        address = process.stdout.readline().strip()
-        assert address.startswith("http://127.0.0.1:"), process.communicate(timeout=60)
-        assert process.stdout.readline() == "Ctrl-C ends it\n"
-        yield process, address
-    finally:
-        process.kill()
-        process.communicate()
+LAZY = "import sys, cosim.cli; print(*({'starlette', 'uvicorn', 'websockets'} & sys.modules.keys())); cosim.cli.main()"
+"""The command, which first prints what it has loaded of the server already."""
 
 
-def scene(address: str) -> Any:
-    base, _, query = address.partition("?")
-    with connect(base.replace("http:", "ws:") + "socket" + (f"?{query}" if query else ""), proxy=None) as page:
+def scene(shown: Commanded) -> Any:
+    with connect(shown.socket, proxy=None) as page:
         return json.loads(page.recv(timeout=30))
+
+
+def interrupted(shown: Commanded) -> None:
+    """Interrupt the command: it tells its page, and ends soon, in silence, and well."""
+    with connect(shown.socket, proxy=None) as page:
+        begun_s = time.monotonic()
+        shown.process.send_signal(signal.SIGINT)
+        assert until_closed(page) == 1012
+    out, err = shown.process.communicate(timeout=30)
+    assert (shown.process.returncode, out, err) == (0, "", "")
+    assert time.monotonic() - begun_s < 15
 
 
 @pytest.mark.slow
 def test_a_scenario_is_shown_live_until_it_is_interrupted(scenario: Path):
-    with viewing(scenario, "--seed", "7", "--paused", "--token") as (process, address):
-        assert "?token=" in address
-        assert (scene(address)["live"], scene(address)["seed"]) == (True, 7)
-        with urlopen(address, timeout=30) as answer:
+    with commanded("view", scenario, "--seed", "7", "--paused", "--token") as shown:
+        assert "?token=" in shown.address
+        told = scene(shown)
+        assert (told["live"], told["attended"], told["seed"]) == (True, False, 7)
+        with urlopen(shown.address, timeout=30) as answer:
             assert b"<canvas" in answer.read()
-        with connect(address.replace("http:", "ws:").replace("/?", "/socket?"), proxy=None) as page:
-            begun_s = time.monotonic()
-            process.send_signal(signal.SIGINT)
-            assert until_closed(page) == 1012
-        out, err = process.communicate(timeout=30)
-        assert (process.returncode, out, err) == (0, "", "")
-        assert time.monotonic() - begun_s < 15
+        interrupted(shown)
 
 
 @pytest.mark.slow
-def test_a_server_that_is_killed_takes_everything_with_it(scenario: Path):
-    with viewing(scenario) as (process, address):
-        with connect(address.replace("http:", "ws:") + "socket", proxy=None) as page:
-            page.recv(timeout=30)
-            process.kill()
-            assert until_closed(page) is None  # without a word
-        assert process.wait(30) == -signal.SIGKILL
+def test_a_playbook_is_shown_live_until_it_is_interrupted(scenario: Path):
+    with commanded("playbook", scenario, "--speed", "5", "--seed", "3", "--paused") as shown:
+        told = scene(shown)
+        assert (told["live"], told["attended"], told["seed"]) == (True, True, 3)
+        with urlopen(shown.address, timeout=30) as answer:
+            assert b'id="plays"' in answer.read()
+        with connect(shown.socket, proxy=None) as page:
+            now = next_of(page, "now")
+        assert (now["speed"], now["state"]) == (5, "paused")
+        interrupted(shown)
 
 
 @pytest.mark.slow
 def test_a_recorded_run_is_shown_from_its_tables(scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Until then the command line has done without the server: who has not installed the extra can do all else."""
     trace = tmp_path / "tables"
     with pytest.raises(SystemExit):
         main(["run", str(scenario), "--trace", str(trace)])
     assert "tables in" in capsys.readouterr().out
-    with viewing(trace) as (_, address):
-        found = scene(address)
+    with commanded("view", trace, command=(sys.executable, "-c", LAZY)) as shown:
+        found = scene(shown)
+    assert shown.before == [""]
     assert (found["live"], found["name"], found["duration_s"]) == (False, "consoles", 9.9)
     with pytest.raises(SystemExit) as ended:
         main(["view", str(trace), "--seed", "3"])
     assert ended.value.code == 2
     assert "is a recorded run" in capsys.readouterr().err
+
+
+def test_a_command_that_says_nothing_is_not_waited_for():
+    silent = (sys.executable, "-S", "-c", "input()")
+    with pytest.raises(AssertionError), commanded(command=silent, long_s=0.2):
+        pass
 
 
 def test_what_is_not_installed_is_named_in_one_line(
@@ -106,14 +105,6 @@ def test_what_is_not_installed_is_named_in_one_line(
     told = capsys.readouterr()
     assert (ended.value.code, told.out) == (2, "")
     assert told.err == "pages need uvicorn, not installed here: pip install 'cosim[web]'\n"
-
-
-@pytest.mark.slow
-def test_the_command_line_does_without_the_server_until_it_is_asked_for():
-    """Who has not installed the extra can do everything else."""
-    code = "import sys, cosim.cli; print(*sorted({'starlette', 'uvicorn', 'websockets'} & sys.modules.keys()))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.strip() == ""
 
 
 def test_what_a_browser_loads_is_part_of_the_package():

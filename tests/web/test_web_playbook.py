@@ -1,48 +1,14 @@
 """The playbook page in a real browser: plays are called, tailored and refused, by consoles that a test commands."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from tests.web.browser import chromium, pixels, tab
-from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, add_place, choose, focused, tailoring, until
-from tests.web.served import Served
+from tests.web.browser import pixels
+from tests.web.playbook_double import Consoles
+from tests.web.playbook_hand import add_place, choose, focused, tailoring, until
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def consoles() -> Consoles:
-    return Consoles()
-
-
-@pytest.fixture
-def still(consoles: Consoles) -> Still:
-    return Still(consoles)
-
-
-@pytest.fixture
-def served(still: Still) -> Iterator[Served]:
-    made = Served(still, page=PAGE)
-    yield made
-    if made.thread.is_alive():
-        made.stop()
-
-
-@pytest.fixture
-def page(browser: Any, served: Served) -> Iterator[Any]:
-    with tab(browser, served) as page:
-        page.wait_for_selector("#plays li")
-        page.wait_for_selector("#team button >> nth=2")
-        yield page
 
 
 # ---------------------------------------------------------------- the tree

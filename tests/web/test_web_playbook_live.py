@@ -1,34 +1,24 @@
 """The playbook page before a real team: plays are called, tailored, refused and played to their end."""
 
 import math
+import os
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
 
 import pytest
-from websockets.sync.client import connect
 
 from cosim.web.live import Live
-from tests.web.browser import chromium, tab
+from tests.web.browser import Browser, tab
+from tests.web.commanded import commanded
 from tests.web.playbook_hand import PAGE, choose, until
 from tests.web.playbook_scene import FLOOR, begun, written
-from tests.web.served import Served, next_of, until_closed
+from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 POSTS: list[list[float]] = FLOOR["places"]["posts"]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture
@@ -47,6 +37,14 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., tuple[Served, Live]]]:
             served.stop()
         session.close()
         assert not session.running
+
+
+SAID_OF_THE_HOST = """() => {
+  window.said = [];
+  const host = document.getElementById("host");
+  new MutationObserver(() => window.said.push(host.textContent)).observe(host, { childList: true });
+}"""
+"""Keeps all that a page says of its host, however soon something else is said."""
 
 
 def choose_posts(page: Any, path: str) -> None:
@@ -70,10 +68,21 @@ def held(session: Live, posts: list[list[float]]) -> bool:
     return all(min(math.dist(post, place) for place in places(session)) < 0.3 for post in posts)
 
 
+def told_s(session: Live, task: str, state: str) -> float:
+    """Return when the operator was told that *task* was in *state*."""
+    told = [message for message in session.look(None)[0] if message["say"] == "operator"]
+    (at_s,) = [
+        message["time_s"]
+        for message in told
+        if (message["data"].get("task"), message["data"].get("state")) == (task, state)
+    ]
+    return float(at_s)
+
+
 # ---------------------------------------------------------------- a person plays
 
 
-def test_plays_are_called_at_two_levels_of_the_tree_and_watched_to_their_end(browser: Any, serve: Any):
+def test_plays_are_called_at_two_levels_of_the_tree_and_watched_to_their_end(browser: Browser, serve: Any):
     served, session = serve()
     with tab(browser, served) as page, tab(browser, served) as other:
         choose_posts(page, "deploy")  # whichever of the plays in it is the quickest
@@ -89,7 +98,7 @@ def test_plays_are_called_at_two_levels_of_the_tree_and_watched_to_their_end(bro
         assert other.inner_text("#tasks") == page.inner_text("#tasks")
 
 
-def test_an_infeasible_play_is_refused_and_what_mends_it_does(browser: Any, serve: Any):
+def test_an_infeasible_play_is_refused_and_what_mends_it_does(browser: Browser, serve: Any):
     served, session = serve()
     with tab(browser, served) as page:
         choose_posts(page, "deploy/wave")
@@ -121,8 +130,8 @@ def test_an_infeasible_play_is_refused_and_what_mends_it_does(browser: Any, serv
         assert page.locator("#breaches li").count() == 0
 
 
-def test_a_constraint_that_was_added_is_kept(browser: Any, serve: Any):
-    served, _ = serve()
+def test_a_constraint_that_was_added_is_kept(browser: Browser, serve: Any):
+    served, session = serve()
     with tab(browser, served) as page:
         choose(page, "photo")
         page.select_option("#form .places select", label="corner")
@@ -134,14 +143,14 @@ def test_a_constraint_that_was_added_is_kept(browser: Any, serve: Any):
         page.fill("#constraint [name=at_least_s]", "20")
         page.click("#constraint button")
         page.click("#execute-tailored")
-        stands = "[...document.querySelectorAll('#tasks .sign')].map((sign) => sign.title).join()"
-        until(page, f"{stands} === 'running,done,waiting'")
-        from_s = float(page.inner_text("#time").split()[0])
-        until(page, f"{stands} === 'done,done,done'")
-        assert float(page.inner_text("#time").split()[0]) - from_s > 15
+        until(
+            page, "[...document.querySelectorAll('#tasks .sign')].map(({ title }) => title).join() === 'done,done,done'"
+        )
+    gone_s = told_s(session, "photo/go", "done")
+    assert told_s(session, "photo/photo", "running") >= gone_s + 20
 
 
-def test_while_time_stands_still_plans_are_made(browser: Any, serve: Any):
+def test_while_time_stands_still_plans_are_made(browser: Browser, serve: Any):
     served, session = serve(playing=False)
     with tab(browser, served) as page:
         choose_posts(page, "deploy/group")
@@ -156,8 +165,8 @@ def test_while_time_stands_still_plans_are_made(browser: Any, serve: Any):
         until(page, "document.getElementById('state').textContent === 'playing'")
 
 
-def test_strategy_and_end_are_in_the_hands_of_the_operator(browser: Any, serve: Any):
-    served, _ = serve()
+def test_strategy_and_end_are_in_the_hands_of_the_operator(browser: Browser, serve: Any):
+    served, _ = serve(speed=10.0)
     with tab(browser, served) as page:
         choose_posts(page, "deploy/leap-frog")
         page.click("#execute")
@@ -170,16 +179,18 @@ def test_strategy_and_end_are_in_the_hands_of_the_operator(browser: Any, serve: 
         until(page, "document.getElementById('played-state').textContent.startsWith('terminated')")
 
 
-def test_a_host_that_dies_in_mid_play_is_succeeded_and_the_page_goes_along(browser: Any, serve: Any):
-    faults = [{"kind": "kill", "robot": 0, "at_s": 20.0}]
+def test_a_host_that_dies_in_mid_play_is_succeeded_and_the_page_goes_along(browser: Browser, serve: Any):
+    faults = [{"kind": "kill", "robot": 0, "at_s": 12.0}]
     parameters = {"silence_s": 4.0, "alone_s": 8.0}
-    served, session = serve(faults=faults, parameters=parameters, speed=4.0)
+    served, session = serve(faults=faults, parameters=parameters, playing=False, speed=20.0)
     with tab(browser, served) as page:
+        page.evaluate(SAID_OF_THE_HOST)
         choose_posts(page, "deploy/leap-frog")
         page.click("#execute")
-        until(page, "document.getElementById('host').textContent.includes('does not answer')")
+        page.wait_for_selector("#tasks .sign.running")
+        page.click("#play")
         until(page, "document.getElementById('host').textContent.includes('robot 1 is host now')")
-        page.select_option("#speed", "20")
+        assert page.evaluate("window.said[0]") == "robot 0, the host, does not answer: waiting for its successor"
         until(page, "/^(done|failed)/.test(document.getElementById('played-state').textContent)")
         page.get_by_role("button", name="robot 2", exact=True).click()
         page.click("#look")
@@ -187,7 +198,7 @@ def test_a_host_that_dies_in_mid_play_is_succeeded_and_the_page_goes_along(brows
         assert held(session, POSTS[:1])
 
 
-def test_pictures_and_ways_come_from_the_robots(browser: Any, serve: Any):
+def test_pictures_and_ways_come_from_the_robots(browser: Browser, serve: Any):
     served, _ = serve(parameters={"cameras": [0, 1]})
     with tab(browser, served) as page:
         page.get_by_role("button", name="robot 1", exact=True).click()
@@ -208,27 +219,22 @@ def test_pictures_and_ways_come_from_the_robots(browser: Any, serve: Any):
 # ---------------------------------------------------------------- the command
 
 
-def test_the_command_shows_the_page_until_it_is_interrupted(tmp_path: Path):
-    words = ["playbook", str(written(tmp_path)), "--speed", "5", "--seed", "3", "--paused"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cosim.cli", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
-    )
-    try:
-        assert process.stdout is not None
-        address = process.stdout.readline().strip()
-        assert address.startswith("http://127.0.0.1:"), process.communicate(timeout=60)
-        with urlopen(address, timeout=30) as answer:
-            assert b'id="plays"' in answer.read()
-        with connect(address.replace("http:", "ws:") + "socket", proxy=None) as page:
-            scene = next_of(page, "scene")
-            assert (scene["attended"], scene["seed"]) == (True, 3)
-            assert next_of(page, "now")["speed"] == 5
-            begun_s = time.monotonic()
-            process.send_signal(signal.SIGINT)
-            assert until_closed(page) == 1012
-        _, err = process.communicate(timeout=30)
-        assert (process.returncode, err) == (0, "")
-        assert time.monotonic() - begun_s < 15
-    finally:
-        process.kill()
-        process.communicate()
+def test_a_command_that_is_killed_in_mid_play_leaves_a_page_that_says_so_and_nothing_else(
+    browser: Browser, tmp_path: Path
+):
+    with commanded("playbook", written(tmp_path)) as shown, tab(browser, shown) as page:
+        choose_posts(page, "deploy/group")
+        page.click("#execute")
+        page.wait_for_selector("#tasks .sign.running")
+        shown.process.kill()
+        page.wait_for_selector("#trouble:not([hidden])")
+        assert page.inner_text("#trouble-text") == "The server is gone."
+        assert page.inner_text("#state") == "not connected"
+        _, err = shown.process.communicate(timeout=30)  # both at their end: nobody else can write to them
+        assert (shown.process.returncode, err) == (-signal.SIGKILL, "")
+        with pytest.raises(ProcessLookupError):
+            os.killpg(shown.process.pid, 0)  # no process that it has begun
+        page.click("#reconnect")
+        until(page, "document.getElementById('trouble-text').textContent.includes('does not answer')")
+        assert all("WebSocket connection" in fault for fault in page.faults), page.faults
+        page.faults.clear()

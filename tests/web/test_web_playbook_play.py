@@ -5,47 +5,20 @@ from typing import Any
 
 import pytest
 
-from tests.web.browser import chromium, pixels, tab
+from tests.web.browser import Browser, pixels, tab
 from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, choose, playing, tailoring, until
+from tests.web.playbook_hand import PAGE, choose, playing, ready, tailoring, until
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def consoles() -> Consoles:
-    return Consoles()
-
-
-@pytest.fixture
-def still(consoles: Consoles) -> Still:
-    return Still(consoles)
-
-
-@pytest.fixture
-def served(still: Still) -> Iterator[Served]:
-    made = Served(still, page=PAGE)
-    yield made
-    if made.thread.is_alive():
-        made.stop()
-
-
-@pytest.fixture
-def page(browser: Any, served: Served) -> Iterator[Any]:
-    with tab(browser, served) as page:
-        page.wait_for_selector("#plays li")
-        page.wait_for_selector("#team button >> nth=2")
-        yield page
-
-
 # ---------------------------------------------------------------- in play
+
+
+def shown(page: Any, time_s: float) -> None:
+    """Wait until the page has been told that it is *time_s*."""
+    until(page, f"parseFloat(document.getElementById('time').textContent) === {time_s}")
 
 
 def news(still: Still, task: str, state: str, **more: Any) -> None:
@@ -116,7 +89,9 @@ def test_a_deployment_that_is_played_can_go_on_by_another_strategy(page: Any, st
     assert pixels(page, "robot-2") - before > 45  # its place is two rings; one of them has about 30
 
 
-def test_a_second_page_sees_the_same_however_late_it_comes(browser: Any, served: Served, page: Any, still: Still):
+def test_a_second_page_sees_the_same_however_late_it_comes(
+    browser: Browser, served: Served, page: Any, still: Still, consoles: Consoles
+):
     playing(page)
     news(still, "group/stage-1", "running")
     with tab(browser, served) as late:
@@ -130,10 +105,14 @@ def test_a_second_page_sees_the_same_however_late_it_comes(browser: Any, served:
         late.click("#execute")
         until(page, "document.getElementById('played-title').textContent.startsWith('Plan 2')")
     served.wait_for(1)
+    requests = [data["request"] for _, data in consoles.asked]
+    assert len(set(requests)) == len(requests)
+    first = min(requests) >> 32
+    assert {number >> 32 for number in requests} == {first, first + 1}  # each page has its own: no answer is for both
 
 
-def test_a_closed_page_leaves_nothing(browser: Any, served: Served):
-    with tab(browser, served) as one:
+def test_a_closed_page_leaves_nothing(browser: Browser, served: Served):
+    with tab(browser, served, own=True) as one:
         playing(one)
         served.wait_for(1)
     served.wait_for(0)
@@ -191,37 +170,53 @@ def test_the_page_goes_to_whom_it_is_told_to_go(page: Any, consoles: Consoles):
     assert asked == [(0, "call"), (2, "call")]
 
 
+@pytest.fixture
+def timed(browser: Browser, served: Served) -> Iterator[Any]:
+    """Open the page, with a clock that the test puts forward."""
+    with tab(browser, served, clock=True) as page:
+        ready(page)
+        yield page
+
+
 def test_a_host_that_falls_silent_is_succeeded_and_what_it_was_asked_is_asked_again(
-    page: Any, still: Still, consoles: Consoles
+    timed: Any, still: Still, consoles: Consoles
 ):
+    page = timed
     consoles.dead.add(0)
     choose(page, "deploy/group")
     page.click("#execute")
-    page.wait_for_timeout(5000)
+    page.clock.run_for(5000)
     assert page.inner_text("#host") == ""  # the simulation may be busy: its time has not gone on
     still.time_s = 6.0
     until(page, "document.getElementById('host').textContent.includes('does not answer')")
     still.time_s = 8.0
-    page.wait_for_timeout(2000)
+    shown(page, 8.0)
+    page.clock.run_for(2000)
+    page.wait_for_timeout(200)  # whatever is on its way arrives
     assert page.locator("#tasks li").count() == 0
     consoles.host = 1
     probes = len(consoles.said("state"))
-    page.wait_for_timeout(4000)
+    page.clock.run_for(4000)
+    page.wait_for_timeout(200)
     assert len(consoles.said("state")) <= probes + 3
     still.time_s = 10.0
+    shown(page, 10.0)
+    page.clock.run_for(2000)
     page.wait_for_selector("#tasks li")
     assert page.inner_text("#host") == "robot 1 is host now"
     assert [robot for robot, data in consoles.asked if data["say"] == "call"] == [0, 1]
 
 
-def test_while_time_stands_still_nobody_is_taken_for_silent(page: Any, still: Still, consoles: Consoles):
+def test_while_time_stands_still_nobody_is_taken_for_silent(timed: Any, still: Still, consoles: Consoles):
+    page = timed
     still.state = "paused"
     until(page, "document.getElementById('state').textContent === 'paused'")
     consoles.dead.add(0)
     still.down.add(0)
     choose(page, "deploy/group")
     page.click("#execute")
-    page.wait_for_timeout(5000)
+    page.clock.run_for(5000)
+    page.wait_for_timeout(200)
     assert page.inner_text("#host") == ""
     assert still.wishes == []
 
@@ -246,23 +241,26 @@ def test_what_nobody_understands_breaks_nothing(page: Any, still: Still):
     assert page.inner_text("#played-title") == "Plan 1: deploy/group"
 
 
-def test_a_page_whose_server_has_gone_says_so_and_comes_back(page: Any, still: Still, served: Served):
-    playing(page)
-    served.stop()
-    page.wait_for_selector("#trouble:not([hidden])")
-    assert page.inner_text("#state") == "not connected"
-    choose(page, "deploy/wave")
-    page.click("#execute")  # into the void
-    until(page, "document.getElementById('trouble-text').textContent === 'the server is gone'")
-    again = Served(still, port=served.port, page=PAGE)
-    page.click("#reconnect")
-    until(page, "document.getElementById('state').textContent === 'playing'")
-    page.wait_for_selector("#tasks li")
-    assert page.is_hidden("#trouble")
-    again.stop()
-    page.wait_for_selector("#trouble:not([hidden])")
-    assert all("WebSocket" in fault for fault in page.faults), page.faults
-    page.faults.clear()
+def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, consoles: Consoles):
+    served = Served(Still(consoles), page=PAGE)
+    with tab(browser, served) as page:
+        ready(page)
+        playing(page)
+        served.stop()
+        page.wait_for_selector("#trouble:not([hidden])")
+        assert page.inner_text("#state") == "not connected"
+        choose(page, "deploy/wave")
+        page.click("#execute")  # into the void
+        until(page, "document.getElementById('trouble-text').textContent === 'the server is gone'")
+        again = Served(Still(consoles), port=served.port, page=PAGE)
+        page.click("#reconnect")
+        until(page, "document.getElementById('state').textContent === 'playing'")
+        page.wait_for_selector("#tasks li")
+        assert page.is_hidden("#trouble")
+        again.stop()
+        page.wait_for_selector("#trouble:not([hidden])")
+        assert all("WebSocket" in fault for fault in page.faults), page.faults
+        page.faults.clear()
 
 
 # ---------------------------------------------------------------- for everybody
@@ -319,8 +317,8 @@ def test_every_control_has_a_name_and_is_reached_by_the_tabulator(page: Any):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_floor_shows_base_robots_and_goals(browser: Any, served: Served, still: Still, scheme: str):
-    with tab(browser, served, color_scheme=scheme) as page:
+def test_the_floor_shows_base_robots_and_goals(browser: Browser, served: Served, still: Still, scheme: str):
+    with tab(browser, served, scheme=scheme) as page:
         page.wait_for_selector("#plays li")
         playing(page)
         page.wait_for_timeout(200)

@@ -147,6 +147,17 @@ def test_a_second_page_sees_what_the_first_one_does(served: Served):
         assert seen[0] == seen[1]
 
 
+def test_each_connection_has_a_number_that_no_other_has_had(served: Served):
+    """All pages are told all that robots answer: by numbers made of it each knows what is for it."""
+    numbers = []
+    with served.connect() as first:
+        for _ in range(2):
+            with served.connect() as page:
+                numbers.append(next_of(page, "scene")["page"])
+        numbers.append(next_of(first, "scene")["page"])
+    assert len(set(numbers)) == 3
+
+
 def test_a_closed_page_leaves_nothing(served: Served):
     threads = threading.active_count()
     for _ in range(5):

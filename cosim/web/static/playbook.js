@@ -1,7 +1,6 @@
 // The page that commands a team as in a playbook: call a play, tailor it, execute it, watch it.
 
-import { Connection } from "./connection.js";
-import { Floor } from "./floor.js";
+import { Page, find } from "./page.js";
 import { Operator } from "./playbook_operator.js";
 import { Board } from "./playbook_board.js";
 import { Calling } from "./playbook_calling.js";
@@ -9,25 +8,19 @@ import { Played } from "./playbook_played.js";
 import { paint_places, paint_way } from "./playbook_drawing.js";
 import { Picker } from "./playbook_places.js";
 import { RobotPart } from "./playbook_robot.js";
-import { Run } from "./run.js";
-import { Transport } from "./transport.js";
 
-const find = (id) => document.getElementById(id);
-const run = new Run();
-const floor = new Floor(find("floor"), run, select);
+const page = new Page({ take, show });
+const { run, floor } = page;
+const trouble = (why) => page.trouble(why);
 const picker = new Picker(floor, find("hint"));
-const transport = new Transport(find("transport"), (message) => connection.send(message));
-const operator = new Operator((message) => connection.send(message), { heard, host });
+const operator = new Operator((message) => page.connection.send(message), { heard, host });
 const played = new Played(ask_state);
 const ask = (request) => operator.ask(request);
 const board = new Board(find, played, { ask, trouble });
 const calling = new Calling(find, { picker, ask, executed: () => board.show_tab("played"), tailored: () => board.show_tab("tailored"), trouble, changed: () => floor.draw() });
-const robots = new RobotPart(find, { floor, picker, select, ask });
-const connection = new Connection({ message: take, opened: () => trouble(""), lost });
-let fault_timer = 0;
+const robots = new RobotPart(find, { floor, picker, select: (robot) => page.select(robot), ask });
 let host_timer = 0;
 let host_robot = 0;
-let asked = false;
 let asking = false;
 let lost_robots = [];
 let operator_time_s = 0; // of the message that is being taken
@@ -36,11 +29,10 @@ floor.extras.push((pen) => paint_places(pen, floor, { chosen: calling.points(), 
 floor.extras.push((pen) => paint_way(pen, floor, robots.way));
 const all_marks = run.seen_marks.bind(run);
 run.seen_marks = () => all_marks().filter(({ kind, name }) => kind !== "mark" || name === "PictureTaken"); // where tasks began is no news here
-find("reconnect").addEventListener("click", () => connection.connect());
-connection.connect();
+page.connection.connect();
 
 function take(message) {
-  if (message.say === "error") return trouble(message.why, false);
+  if (message.say === "error") return trouble(message.why);
   if (message.say === "missed") return ask_state();
   if (message.say === "operator") {
     operator_time_s = message.time_s;
@@ -48,46 +40,40 @@ function take(message) {
       operator.take(message);
     } catch (error) {
       if (!(error instanceof TypeError)) throw error; // it lacks what this page looks for: another protocol's console?
-      trouble(`what robot ${message.robot} has said is not understood`, false);
+      trouble(`what robot ${message.robot} has said is not understood`);
     }
-    return show_soon();
+    return page.show_soon();
   }
   if (!run.take(message, performance.now())) return undefined;
   if (message.say === "scene") begin(message);
   else {
     operator.moment(message);
-    show_soon();
+    page.show_soon();
   }
   return undefined;
 }
 
-
-
-/** Take the scene: the connection is new, and perhaps the run. */
 function begin(scene) {
   document.title = `${scene.name} – playbook`;
-  find("name").textContent = scene.name;
-  find("about").textContent = [`over ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`].filter(Boolean).join(", ");
   operator.begin(scene);
   played.forget();
   robots.forget();
   lost_robots = [];
   host_robot = 0;
   host(0, "");
-  transport.begin(scene);
-  floor.fit();
-  legend();
+  const words = ["▲ base", "● robots", "○ goals", "◎ where they end up", "— frames and links, red if not received"];
+  page.begin(scene, [`over ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`], words);
   operator.ask({ say: "plays" }).then(({ tree }) => calling.know_plays(tree ?? []), () => {});
   operator.ask({ say: "map" }).then((map) => know(scene, map), () => {});
   ask_state();
 }
 
 function know(scene, map) {
-  if (map.say !== "map") return trouble(map.why, false);
+  if (map.say !== "map") return trouble(map.why);
   if (!scene.base_m && map.base) scene.base_m = map.base;
   calling.know_floor(map.places, scene.radii_m.length);
   robots.know([...map.robots].sort((one, other) => one.robot - other.robot));
-  return show_soon();
+  return page.show_soon();
 }
 
 /** Ask how everything stands: news have been missed, or told before this page was there. */
@@ -115,50 +101,7 @@ function host(robot, why) {
   ask_state();
 }
 
-function legend() {
-  const words = ["▲ base", "● robots", "○ goals", "◎ where they end up", "— frames and links, red if not received"];
-  find("legend").replaceChildren(...words.map((word) => Object.assign(document.createElement("li"), { textContent: word })));
-}
-
-function show_soon() {
-  floor.draw();
-  if (asked) return;
-  asked = true;
-  requestAnimationFrame(() => {
-    asked = false;
-    show();
-  });
-}
-
-function show() {
-  const { now } = run;
-  if (!now) return;
-  const state = find("state");
-  const words = now.state === "failed" ? `failed: ${now.why}` : now.state;
-  if (state.textContent !== words) state.textContent = words;
-  state.classList.toggle("failed", now.state === "failed");
-  transport.show(now);
+function show(now) {
   robots.show(now.robots.length, floor.selected, now.time_s, lost_robots, operator.host);
   board.show(now.time_s);
-  const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
-  find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(0)} s: ${places.join("; ")}`);
-}
-
-function select(robot) {
-  floor.selected = robot;
-  show_soon();
-}
-
-/** Say what is wrong; what is about the connection stays until it is there again, all else for a while. */
-function trouble(why, gone = false) {
-  clearTimeout(fault_timer);
-  find("trouble").hidden = !why;
-  find("trouble-text").textContent = why;
-  find("reconnect").hidden = !gone && connection.open;
-  if (why && !gone && connection.open) fault_timer = setTimeout(() => trouble(""), 8000);
-}
-
-function lost(why) {
-  trouble(why, true);
-  find("state").textContent = "not connected";
 }

@@ -16,15 +16,15 @@ export class Operator {
   constructor(send, told) {
     this.send = send;
     this.told = told;
-    this.first = crypto.getRandomValues(new Uint32Array(1))[0] * 2 ** 20; // other pages have numbers of their own
-    this.next = this.first;
-    this.begin({ radii_m: [] });
+    this.begin({ page: 0, radii_m: [] });
     setInterval(() => this.look(performance.now()), 500);
   }
 
   /** Forget everything: this is another run, or the connection is new. */
   begin(scene) {
     for (const each of this.waiting?.values() ?? []) each.reject(new Error("the connection was lost"));
+    this.first = scene.page * 2 ** 32; // what others ask has numbers of their own: all are told all answers
+    this.next = this.first;
     this.size = scene.radii_m.length;
     this.host = 0;
     this.silent = false;

@@ -1,0 +1,82 @@
+// What every page has: a run on a floor, time in the hands of whoever looks, and a connection that may be lost.
+
+import { Connection } from "./connection.js";
+import { Floor } from "./floor.js";
+import { Run } from "./run.js";
+import { Transport } from "./transport.js";
+
+const FAULT_MS = 8000;
+
+/** The element with an id. */
+export const find = (id) => document.getElementById(id);
+
+/** What the pages share; each adds its own to what is taken and shown. */
+export class Page {
+  /**
+   * @param {{take: (message: object) => void, show: (now: object) => void}} own take a message, show the latest moment
+   */
+  constructor({ take, show }) {
+    this.show_own = show;
+    this.run = new Run();
+    this.floor = new Floor(find("floor"), this.run, (robot) => this.select(robot));
+    this.connection = new Connection({ message: take, opened: () => this.trouble(""), lost: (why) => this.lost(why) });
+    this.transport = new Transport(find("transport"), (message) => this.connection.send(message));
+    this.fault_timer = 0;
+    this.asked = false;
+    find("reconnect").addEventListener("click", () => this.connection.connect());
+  }
+
+  /** Take the scene: the connection is new, and perhaps the run. */
+  begin(scene, about, legend) {
+    find("name").textContent = scene.name;
+    find("about").textContent = about.filter(Boolean).join(", ");
+    this.transport.begin(scene);
+    this.floor.fit();
+    find("legend").replaceChildren(
+      ...legend.map((words) => Object.assign(document.createElement("li"), { textContent: words })),
+    );
+  }
+
+  /** Show everything anew when the browser draws next. */
+  show_soon() {
+    this.floor.draw();
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => {
+      this.asked = false;
+      if (this.run.now) this.show(this.run.now);
+    });
+  }
+
+  show(now) {
+    const state = find("state");
+    const words = now.state === "failed" ? `failed: ${now.why}` : now.state;
+    if (state.textContent !== words) state.textContent = words;
+    state.classList.toggle("failed", now.state === "failed");
+    this.transport.show(now);
+    this.show_own(now);
+    const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
+    find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${places.join("; ")}`);
+  }
+
+  /** Select a robot; null: none. */
+  select(robot) {
+    this.floor.selected = robot;
+    this.show_soon();
+  }
+
+  /** Say what is wrong; what is about the connection stays until it is there again, all else for a while. */
+  trouble(why, gone = false) {
+    const { open } = this.connection;
+    clearTimeout(this.fault_timer);
+    find("trouble").hidden = !why;
+    find("trouble-text").textContent = why;
+    find("reconnect").hidden = !gone && open;
+    if (why && !gone && open) this.fault_timer = setTimeout(() => this.trouble(""), FAULT_MS);
+  }
+
+  lost(why) {
+    this.trouble(why, true);
+    find("state").textContent = "not connected";
+  }
+}
