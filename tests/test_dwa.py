@@ -4,6 +4,7 @@ The bodies are those of the simulator, whose own drive and contacts are the judg
 """
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -34,6 +35,8 @@ from cosim.robots.motion import Fleet
 from cosim.units import MS
 
 TICK = 100 * MS
+SHARE = float(os.environ.get("SOAK_SHARE", "1"))
+LONG = settings(max_examples=max(round(200 * SHARE), 1))
 T = 0.1
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (6, 6, 0, 6), (0, 6, 0, 0), (2, 2, 4, 2.5), (3, 4, 3, 6)], float)
 MARGIN = 0.02
@@ -126,7 +129,7 @@ def test_the_arithmetic_is_that_of_the_drive(wanted, last, change, heading):
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(bodies, st.floats(-3, 3), st.lists(places, min_size=40, max_size=40))
 def test_one_robot_touches_no_wall_whatever_it_aims_at(body, heading, aims):
     scene = Drivers([body], [(1.0, 1.0)], headings=heading)
@@ -172,10 +175,7 @@ def test_the_textbooks_law_holds_on_a_straight_way(speed, acceleration, room):
         assert chosen * T / 2 + chosen**2 / (2 * acceleration) <= free + 1e-6
 
 
-@pytest.mark.slow
-@settings(max_examples=80)
-@given(bodies, bodies, st.floats(-3, 3), st.lists(st.tuples(places, places), min_size=25, max_size=25))
-def test_two_robots_that_both_obey_never_touch(one, other, heading, aims):
+def two_robots_never_touch(one, other, heading, aims):
     scene = Drivers([one, other], [(1.0, 1.0), (4.9, 1.0)], headings=[heading, heading + 3.0])
     for aim in aims:
         for _ in range(5):
@@ -183,20 +183,14 @@ def test_two_robots_that_both_obey_never_touch(one, other, heading, aims):
             assert scene.gap() >= -1e-9
 
 
-@pytest.mark.slow
-@settings(max_examples=40)
-@given(bodies, bodies, st.floats(-0.3, 0.3))
-def test_head_on_both_stop_short_of_each_other(one, other, aside):
+def head_on_both_stop_short(one, other, aside):
     scene = Drivers([one, other], [(0.5, 1.0), (5.5, 1.0 + aside)], headings=[0.0, math.pi])
-    for _ in range(300):
+    for _ in range(200):
         scene.tick([(5.5, 1.0), (0.5, 1.0)])
         assert scene.gap() > 0.0
 
 
-@pytest.mark.slow
-@settings(max_examples=60)
-@given(bodies, bodies, st.integers(0, 60), st.lists(st.tuples(places, places), min_size=15, max_size=15))
-def test_one_that_dies_among_others_is_not_touched_either(one, other, moment, aims):
+def one_that_dies_is_not_touched(one, other, moment, aims):
     scene = Drivers([one, other], [(1.0, 1.0), (4.9, 1.0)], headings=[0.0, 3.0])
     for tick in range(15 * 8):
         if tick == moment:
@@ -205,15 +199,36 @@ def test_one_that_dies_among_others_is_not_touched_either(one, other, moment, ai
         assert scene.gap() >= -1e-9
 
 
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(st.lists(bodies, min_size=4, max_size=4), st.lists(st.lists(places, min_size=4, max_size=4), min_size=15))
-def test_four_robots_in_a_throng_never_touch(team, aims):
+def four_in_a_throng_never_touch(team, aims):
     scene = Drivers(team, [(1.0, 1.0), (5.0, 1.0), (1.0, 5.0), (5.0, 5.0)], headings=[0.7, 2.3, -0.7, -2.3])
     for aim in aims:
         for _ in range(6):
             scene.tick(aim)
             assert scene.gap() >= -1e-9
+
+
+AIMS = st.lists(st.tuples(places, places), min_size=25, max_size=25)
+FEW_AIMS = st.lists(st.tuples(places, places), min_size=15, max_size=15)
+THRONG = st.lists(st.lists(places, min_size=4, max_size=4), min_size=15, max_size=15)
+CASES = {
+    two_robots_never_touch: (40, given(bodies, bodies, st.floats(-3, 3), AIMS)),
+    head_on_both_stop_short: (20, given(bodies, bodies, st.floats(-0.3, 0.3))),
+    one_that_dies_is_not_touched: (30, given(bodies, bodies, st.integers(0, 60), FEW_AIMS)),
+    four_in_a_throng_never_touch: (15, given(st.lists(bodies, min_size=4, max_size=4), THRONG)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", CASES, ids=lambda law: law.__name__)
+def test_among_others(law):
+    examples, cases = CASES[law]
+    settings(max_examples=examples)(cases(law))()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("law", CASES, ids=lambda law: law.__name__)
+def test_among_others_soak(law):
+    LONG(CASES[law][1](law))()
 
 
 segments = st.tuples(*[st.floats(-2, 2)] * 4)

@@ -41,10 +41,14 @@ def test_an_experiment_is_ready_to_run(name: str) -> None:
     assert found.settings.run is not None
 
 
-def test_the_alternatives_are_ready_to_run() -> None:
-    found = load_experiment(EXPERIMENTS / "deployment_wean" / "alternatives.yaml")
+@pytest.mark.parametrize("name", NAMES)
+def test_the_alternatives_are_ready_to_run(name: str) -> None:
+    found = load_experiment(EXPERIMENTS / name / "alternatives.yaml")
+    assert found.arms
     for arm in found.arms:
-        Parameters.model_validate(arm.parameters | {"scenario": parameters("deployment_wean")["scenario"]})
+        plain = deepcopy(arm.parameters)
+        plain["scenario"]["floorplan"] = parameters(name)["scenario"]["floorplan"]
+        Parameters.model_validate(plain)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -95,10 +99,15 @@ def test_a_team_gets_as_many_posts_as_it_has_robots(size: int) -> None:
 
 @pytest.mark.slow
 def test_the_typical_scenario_is_carried_out() -> None:
-    found = measure(parameters("deployment_wean"), 1)
+    """With coarser ticks and cells than the experiment's, which cost twice as much."""
+    plain = parameters("deployment_wean", tick_s=0.2)
+    plain["scenario"]["protocol"]["parameters"]["driving"]["cell_m"] = 0.2
+    found = measure(plain, 1)
     assert set(found) == {column.name for column in COLUMNS}
     assert found["deployed"] == found["places_held"] == 1.0
-    assert found["leap_ahead_s"] >= 5.0 - 1e-3
+    # ordered 5 s apart; of its first metre the slowest body makes 0.42 m in 1.67 s and the rest in 1.17 s, the quickest
+    # all in 2 s
+    assert found["leap_ahead_s"] >= 5.0 - (2.84 - 2.0)
     assert found["collisions"] == found["wall_contacts"] == 0
     assert 45.0 < found["way_m"] < 60.0
     assert found["until_deployed_s"] == found["deployment_s"] > 16.0 * 2 / 0.95
@@ -106,8 +115,8 @@ def test_the_typical_scenario_is_carried_out() -> None:
 
 @pytest.mark.slow
 def test_a_deployment_that_does_not_come_to_its_end_counts_with_the_longest_run() -> None:
-    found = measure(parameters("deployment_wean", duration_s=20), 1)
+    found = measure(parameters("deployment_wean", duration_s=5), 1)
     assert math.isnan(found["deployment_s"])
-    assert found["until_deployed_s"] == 20
+    assert found["until_deployed_s"] == 5
     assert found["deployed"] == 0.0
     assert math.isnan(found["leap_ahead_s"])

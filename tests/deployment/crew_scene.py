@@ -35,13 +35,15 @@ def call(play: str = "deploy/group", places: Any = PLACES_M, **more: Any) -> dic
     return {"call": {"play": play, "places": places, **more}}
 
 
-def scenario(channel: str = "ideal", faults: Any = (), starts: Any = STARTS_M, **parameters: Any) -> Scenario:
+def scenario(
+    channel: str = "ideal", faults: Any = (), starts: Any = STARTS_M, duration_s: float = 400.0, **parameters: Any
+) -> Scenario:
     """Return a scenario on the small floor; without calls of its own the team deploys as a group."""
     own = {"calls": [call()]} | parameters
     if channel == "bluetooth":
         own["courier"] = {"links": {"silence_s": 6.0, "alone_s": 4.0, "stagger_s": 4.0}}
     plain = {
-        "duration_s": 400.0,
+        "duration_s": duration_s,
         "floorplan": {"map": "walls", "walls": WALLS},
         "team": {
             "size": len(starts),
@@ -144,13 +146,11 @@ class OnWheels:
 
 
 def maker(wheels: bool = True, **changes: Any) -> Callable[[Address, Time], Machine]:
-    """Return what makes the machines of teams; a team begins with robot 0."""
-    known: list[tuple[Parameters, Knowledge]] = []
+    """Return what makes the machines of teams, which all have the same knowledge: nobody changes that."""
+    own, known = knowledge(**changes)
 
     def make(me: Address, start: Time) -> Machine:
-        if me == 0:
-            known[:] = [knowledge(**changes)]
-        runner = Runner(*known[0], me, start)
+        runner = Runner(own, known, me, start)
         return OnWheels(runner, STARTS_M[me]) if wheels else runner  # type: ignore[return-value]
 
     return make

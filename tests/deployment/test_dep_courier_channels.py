@@ -93,8 +93,8 @@ def test_when_masters_die_the_first_who_lives_takes_over(dead: tuple[int, ...]) 
     ],
 )
 def test_who_comes_back_is_in_one_piconet_with_all_in_the_end(fault: dict[str, Any]) -> None:
-    posts = [(170.0, 1, 2, PLAN), (170.0, 2, 1, 100)]
-    machines = run(4, BLUETOOTH, 190.0, posts, courier=LINKS, faults=[fault])
+    posts = [(130.0, 1, 2, PLAN), (130.0, 2, 1, 100)]
+    machines = run(4, BLUETOOTH, 145.0, posts, courier=LINKS, faults=[fault])
     assert one_piconet(machines, range(4), 0)
     assert all(payload_of(0, PLAN) in [got for _, _, got in machine.got] for machine in machines[2:3])
     assert all(machine.back == [] for machine in machines)

@@ -1,13 +1,13 @@
 """Windows: what can be kept is kept, and what breaks is named."""
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim.units import S, from_seconds
 from protocols.deployment.plan import Between, Go, Instant, Plan, Task, Wait
 from tests.deployment.plan_strategies import betweens
 from tests.deployment.play_scene import Scene, Troubles, crew_of
+from tests.deployment.tiers import tiers
 
 Times = dict[tuple[str, str], float]
 """When the instants of a plan are, in s."""
@@ -184,9 +184,7 @@ def witness(task: Task, start_s: int, draw: st.DrawFn, times: Times) -> int:
     return end_s
 
 
-@pytest.mark.slow
-@given(st.data(), waits())
-@settings(max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@tiers(40, 200, st.data(), waits())
 def test_a_plan_that_can_be_executed_within_its_windows_is(data: st.DataObject, root: Task):
     times: Times = {("", "start"): 0.0}
     witness(root, 0, data.draw, times)
@@ -213,9 +211,7 @@ def lively(draw: st.DrawFn, name: str = "root", depth: int = 2) -> Task:
     return (serial if draw(st.booleans()) else parallel)(name, *subtasks)
 
 
-@pytest.mark.slow
-@given(st.data(), lively())
-@settings(max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@tiers(40, 200, st.data(), lively())
 def test_what_broke_is_reported_and_nothing_else(data: st.DataObject, root: Task):
     names = [task.name for task in root.walk()]
     constraints = tuple(data.draw(st.lists(betweens(names), min_size=1, max_size=4)))

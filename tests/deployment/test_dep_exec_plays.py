@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from protocols.deployment.plan import Plan
 from tests.deployment.play_scene import Scene, Troubles
 from tests.deployment.plays_scene import Scene as Office
 from tests.deployment.random_plays import RandomCall, random_calls
+from tests.deployment.tiers import tiers
 
 WEAN = {"crossing": [9.0, 1.0], "leap_places": [[20.0, 9.0], [30.0, 9.0]], "group_places": [[20.0, -9.0], [30.0, -9.0]]}
 
@@ -21,9 +21,7 @@ def played(plan: Plan, office: Office, troubles: Troubles | None = None) -> Scen
     return scene
 
 
-@pytest.mark.slow
-@given(random_calls())
-@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@tiers(12, 100, random_calls())
 def test_a_random_play_is_executed_within_its_windows(call: RandomCall):
     plan, office = call.plan()
     scene = played(plan, office)
@@ -32,9 +30,7 @@ def test_a_random_play_is_executed_within_its_windows(call: RandomCall):
     assert not scene.breaches
 
 
-@pytest.mark.slow
-@given(random_calls(), st.dictionaries(st.integers(0, 3), st.floats(0, 200), max_size=2), st.integers(1, 200))
-@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@tiers(8, 100, random_calls(), st.dictionaries(st.integers(0, 3), st.floats(0, 200), max_size=2), st.integers(1, 200))
 def test_a_random_play_ends_though_robots_and_hosts_die(call: RandomCall, deaths: dict[int, float], at_s: int):
     plan, office = call.plan()
     played(plan, office, Troubles(deaths=deaths, hosts=(float(at_s),), delay_s=(0.0, 1.0), twice=0.2))

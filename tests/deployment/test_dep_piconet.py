@@ -13,21 +13,15 @@ from cosim.machine import (
     LinkCommand,
     LinkEvent,
     Lost,
-    Outgoing,
     Page,
     PageFailed,
-    Reception,
     Role,
     Scan,
 )
 from cosim.units import S, Time
-from protocols.deployment.courier import Courier
 from protocols.deployment.courier_parameters import CourierParameters, LinkParameters
-from protocols.deployment.letters import ALL, Ack, Bulletin, Frame, decode, encode
 from protocols.deployment.links import Links
-from tests.deployment.lossy_air import HERE
-
-TIMES = {"patience_s": 6.0, "page_s": 5.0, "page_most_s": 20.0, "silence_s": 15.0, "alone_s": 10.0, "stagger_s": 8.0}
+from tests.deployment.courier_alone import TIMES
 
 
 def part(me: Address, size: int = 4, **changes: Any) -> Links:
@@ -303,28 +297,6 @@ def test_a_master_that_one_behind_it_has_paged_pages_that() -> None:
     assert links.leading
 
 
-def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged_at_once() -> None:
-    second, first = linked(courier(1, 5), Role.MASTER, 2, 3), linked(courier(0, 5), Role.MASTER, 4)
-    second.links.leading = True  # type: ignore[union-attr]
-    linked(second, Role.MASTER, 2, 3)
-    first.forget(2, 0)
-    first.tick(HERE, (), 0)
-    first.link(PageFailed(1), 0)
-    first.tick(HERE, (), 0)
-    first.link(PageFailed(3), 5 * S)
-    first.drain()
-    second.link(Connected(0, Role.SLAVE), 6 * S)
-    ((to, frame),) = sent(second)
-    assert (to, frame.message) == (0, Bulletin(255, 1, bytes([2, 3])))
-    first.link(Connected(1, Role.MASTER), 6 * S)
-    first.receive(encode(frame), Reception(1, False), 6 * S)
-    first.tick(HERE, (), 6 * S)
-    assert Page(2) in first.drain()
-    first.link(Connected(2, Role.MASTER), 7 * S)
-    first.tick(HERE, (), 7 * S)
-    assert Page(3) in first.drain()
-
-
 def test_a_robot_without_a_master_follows_whoever_pages_it() -> None:
     links = part(1)
     assert with_master(links, 3).master == 3
@@ -363,9 +335,6 @@ def test_a_page_that_succeeds_when_its_robot_has_found_a_master_is_undone() -> N
     assert told(links, Connected(2, Role.MASTER)) == [Disconnect(2)]
 
 
-# ---------------------------------------------------------------- who hears whom
-
-
 def test_a_master_talks_to_its_slaves_and_they_to_all_by_way_of_it() -> None:
     first, second = part(0), part(2)
     assert first.audience is second.audience is first.hop(1) is second.hop(1) is None
@@ -375,109 +344,6 @@ def test_a_master_talks_to_its_slaves_and_they_to_all_by_way_of_it() -> None:
     assert (second.audience, second.hop(0), second.hop(1)) == (0, 0, 0)
     second.link(Lost(0), 0)
     assert second.audience is None
-
-
-def courier(me: Address, size: int = 4, **times: float) -> Courier:
-    robot = Courier(me, size, CourierParameters.model_validate({"links": TIMES | times}), 0)
-    robot.drain()
-    return robot
-
-
-def linked(robot: Courier, role: Role, *peers: Address) -> Courier:
-    for peer in peers:
-        robot.link(Connected(peer, role), 0)
-    robot.drain()
-    return robot
-
-
-def sent(robot: Courier) -> list[tuple[Address, Frame]]:
-    return [(item.destination, decode(item.payload)) for item in robot.drain() if isinstance(item, Outgoing)]
-
-
-def test_a_courier_without_a_link_keeps_what_it_has_to_say() -> None:
-    robot = courier(1)
-    robot.post(2, b"x", 0)
-    robot.tell(0, b"old", 0)
-    robot.tell(0, b"new", 0)
-    assert sent(robot) == []
-    robot.link(Connected(0, Role.SLAVE), S)
-    (to_all, frame), (to_one, letter) = sent(robot)
-    assert to_all == to_one == 0
-    assert frame == Frame(1, ALL, 0, Bulletin(0, 2, b"new"))
-    assert letter.destination == 2
-
-
-def test_a_master_passes_on_what_slaves_say_to_each_other_and_to_all() -> None:
-    master = linked(courier(0), Role.MASTER, 1, 2)
-    to_two, to_all = Frame(1, 2, 0, Ack(0, 0, 0)), Frame(1, ALL, 0, Bulletin(0, 1, b""))
-    for frame in (to_two, to_all):
-        master.receive(encode(frame), Reception(1, False), 0)
-    assert sent(master) == [(2, to_two), (BROADCAST, to_all)]
-    assert [news.source for news in master.news()] == [1]
-    assert master.letters() == []
-    assert master.counts.relayed == 2
-
-
-@pytest.mark.parametrize(
-    ("frame", "reception"),
-    [
-        (Frame(1, 3, 0, Ack(0, 0, 0)), Reception(1, False)),  # to whom it has no link
-        (Frame(1, 2, 0, Ack(0, 0, 0)), Reception(2, False)),  # was passed on already
-        (Frame(1, ALL, 0, Bulletin(0, 1, b"")), Reception(2, False)),
-        (Frame(1, ALL, 0, Bulletin(0, 1, b"")), Reception(1, True)),  # all have heard it
-    ],
-)
-def test_nothing_else_is_passed_on(frame: Frame, reception: Reception) -> None:
-    master = linked(courier(0), Role.MASTER, 1, 2)
-    master.receive(encode(frame), reception, 0)
-    assert sent(master) == []
-
-
-def test_news_of_the_only_slave_are_told_to_nobody() -> None:
-    master = linked(courier(0), Role.MASTER, 1)
-    master.receive(encode(Frame(1, ALL, 0, Bulletin(0, 1, b""))), Reception(1, False), 0)
-    assert sent(master) == []
-
-
-def test_a_slave_passes_nothing_on() -> None:
-    slave = linked(courier(3), Role.SLAVE, 0)
-    slave.receive(encode(Frame(1, 2, 0, Ack(0, 0, 0))), Reception(1, False), 0)
-    assert sent(slave) == []
-
-
-def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
-    master = linked(courier(0), Role.MASTER, 1, 2)
-    for number in range(6):
-        master.receive(encode(Frame(1, 2, 0, Ack(0, number, 0))), Reception(1, False), 0)
-    assert len(sent(master)) == 4  # the radio holds no more
-    master.link(Lost(2), S)
-    linked(master, Role.MASTER, 2)
-    master.wake(10 * S)
-    assert sent(master) == []
-
-
-def test_a_master_that_has_nothing_to_say_lets_itself_be_heard_and_nobody_takes_that_for_news() -> None:
-    master, slave = linked(courier(0), Role.MASTER, 1), linked(courier(1), Role.SLAVE, 0)
-    beats = []
-    for tick in range(100):
-        now = tick * S // 10
-        master.tick(HERE, (), now)
-        for destination, frame in sent(master):
-            beats.append(tick)
-            assert destination == BROADCAST
-            slave.receive(encode(frame), Reception(0, True), now)
-        if tick == 30:
-            master.tell(0, b"news", now)
-    assert beats[:2] == [20, 31]
-    assert [news.payload for news in slave.news()] == [b"news"]
-    assert slave.heard(0) == beats[-1] * S // 10
-
-
-def test_without_slaves_no_master_speaks() -> None:
-    master = courier(0)
-    for tick in range(100):
-        master.tick(HERE, (), tick * S)
-        assert sent(master) == []
 
 
 @pytest.mark.parametrize(

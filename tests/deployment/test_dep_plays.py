@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
 
 from cosim.errors import UserError
 from protocols.deployment.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
@@ -12,6 +11,7 @@ from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play, labels
 from tests.deployment.plays_scene import Scene, built_in, playbook_of, reader
 from tests.deployment.random_plays import RandomCall, random_calls
+from tests.deployment.tiers import tiers
 
 WEAN = {
     "crossing": [10, 0],
@@ -351,9 +351,7 @@ def test_numbers_that_a_task_cannot_have_are_told(tmp_path: Path, task: dict[str
 # ---------------------------------------------------------------- random ones
 
 
-@pytest.mark.slow
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
-@given(random_calls())
+@tiers(15, 100, random_calls())
 def test_a_random_valid_play_becomes_a_plan_that_says_all_that_the_play_says(case: RandomCall) -> None:
     playbook = case.playbook()
     plan, scene = case.plan()

@@ -1,39 +1,47 @@
 """Whole plays by robots whose odometry drifts: they end deployed if they localise, and do not if they do not."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import experiments
 from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine
-from cosim.units import S, Time
+from cosim.units import MS, Time
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.positioning_runner import LocatedRunner
 from protocols.deployment.spec import prepare
-from tests.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, scenario, surroundings
+from tests.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, surroundings
+from tests.deployment.driving_scene import box, line
 
-FLOORS = Path(next(iter(experiments.__path__))) / "floors"
-DRIFT = {"odometry_slip": 0.05, "odometry_turn_rad": 0.1}
+WALLS = [
+    *box(12.0, 6.0),
+    *line((4.0, 0.0), (4.0, 2.0)),
+    *line((4.0, 6.0), (4.0, 3.5), (5.5, 3.5)),
+    *line((8.0, 2.0), (8.0, 4.0)),
+]
+"""A room with a door, and a hall with a screen in it."""
+DRIFT = {"odometry_slip": 0.05, "odometry_turn_rad": 0.25}
+"""Of odometry that is worse than that of real robots, as the ways are shorter."""
 MCL: dict[str, Any] = {"positioning": {"kind": "mcl"}}
 
 
-def deployed(senses: dict[str, Any], faults: Any = (), seed: int = 1, **parameters: Any) -> Outcome:
-    """Return what becomes of two robots that go from the laboratory round the corner, 26 m and 10 or 14 m more."""
-    own = {"base_m": (3.0, 34.0), "calls": [call("deploy/group", [(29.0, 44.0), (29.0, 20.0)])], **parameters}
+def deployed(
+    senses: dict[str, Any], faults: Any = (), seed: int = 1, duration_s: float = 60.0, **parameters: Any
+) -> Outcome:
+    """Return what becomes of two robots that go from the room past the screen to the hall's far corners."""
+    own = {"base_m": (1.5, 1.5), "calls": [call("deploy/group", [(10.5, 1.5), (10.5, 4.5)])], **parameters}
     plain = {
-        "duration_s": 170.0,
-        "floorplan": {"map": str(FLOORS / "wean.yaml")},
+        "duration_s": duration_s,
+        "floorplan": {"map": "walls", "walls": WALLS},
         "team": {
             "size": 2,
-            "starts": [(3.0, 33.0), (3.0, 35.0)],
-            "senses": {"beams": 180, "beam_range_m": 8.0, **senses},
-            "body": {"radius_m": 0.3, "speed_mps": 0.6, "acceleration_mps2": 0.5, "drive": "differential"},
+            "starts": [(1.5, 1.0), (1.5, 2.0)],
+            "senses": {"beams": 90, "beam_range_m": 8.0, **senses},
+            "body": {"radius_m": 0.25, "speed_mps": 0.6, "acceleration_mps2": 0.5, "drive": "differential"},
         },
         "channel": {"kind": "ideal"},
         "protocol": {"use": "protocols.deployment.spec:SPEC", "parameters": own},
@@ -68,30 +76,27 @@ def test_robots_whose_frames_are_their_own_and_known_deploy_without_a_filter() -
 
 @pytest.mark.slow
 def test_who_boots_again_knows_where_it_was() -> None:
-    crash = {"kind": "crash", "robot": 1, "at_s": 45.0, "for_s": 3.0}
-    outcome = deployed(DRIFT, [crash], silence_s=8.0, alone_s=12.0, again_s=2.0, **MCL)
+    """As it does not if it begins anew where its odometry has it, which with this seed has gone astray by then."""
+    crash = {"kind": "crash", "robot": 1, "at_s": 16.0, "for_s": 3.0}
+    outcome = deployed(DRIFT, [crash], seed=2, silence_s=8.0, alone_s=12.0, again_s=2.0, **MCL)
     assert outcome.metrics["deployed"] == outcome.metrics["places_held"] == 1.0
 
 
 @pytest.mark.slow
 def test_the_same_seed_has_the_same_digest() -> None:
-    one, same = (Simulation(scenario(calls=[call()], **MCL), 1).run() for _ in range(2))
+    one, same = (deployed(DRIFT, duration_s=15.0, **MCL) for _ in range(2))
     assert one.digest == same.digest
-    assert len(rows(one, "Positioned")) >= 3 * int(one.metrics["simulated_s"])
-    assert one.metrics["deployed"] == 1.0
+    assert len(rows(one, "Positioned")) >= 2 * 15
 
 
 @pytest.mark.slow
 def test_robots_that_localise_keep_the_laws() -> None:
-    made: list[Any] = []
+    own, known = knowledge(calls=[call()], listen_s=0.2, news_s=0.3, sonars=[1], **MCL)
 
     def make(me: Address, start: Time) -> Any:
-        if me == 0:
-            made[:] = [knowledge(calls=[call()], listen_s=0.5, news_s=0.5, sonars=[1], **MCL)]
-        own, known = made[0]
         return OnWheels(LocatedRunner(own, known, me, start, np.random.default_rng(me)), STARTS_M[me])
 
-    check_machine(make, STARTS_M, 2 * S)
+    check_machine(make, STARTS_M, 800 * MS)
 
 
 def test_without_a_scanner_nobody_localises() -> None:

@@ -5,11 +5,11 @@ from itertools import combinations, pairwise
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.units import Time
 from protocols.deployment.stn import BEGINNING, Bound, Network, Point, conflict, consistent, graph_of
+from tests.deployment.tiers import tiers
 
 A, B, C, D = (("a", "start"), ("a", "end"), ("b", "start"), ("b", "end"))
 POINTS: list[Point] = [BEGINNING, *((name, edge) for name in "abcd" for edge in ("start", "end"))]
@@ -76,8 +76,7 @@ def assert_true_and_minimal(found: tuple[Bound, ...], bounds: list[Bound]) -> No
 # ---------------------------------------------------------------- consistency
 
 
-@pytest.mark.slow
-@given(witnessed())
+@tiers(40, 200, witnessed())
 def test_a_network_with_a_schedule_is_accepted(case: tuple[dict[Point, Time], list[Bound]]) -> None:
     _, bounds = case
     network = Network(bounds)
@@ -88,8 +87,7 @@ def test_a_network_with_a_schedule_is_accepted(case: tuple[dict[Point, Time], li
     assert all(meets(times, bound) for bound in bounds)
 
 
-@pytest.mark.slow
-@given(witnessed(), st.data())
+@tiers(40, 200, witnessed(), st.data())
 def test_a_bound_tightened_below_what_the_others_demand_is_refused_with_a_true_conflict(
     case: tuple[dict[Point, Time], list[Bound]], data: st.DataObject
 ) -> None:
@@ -109,8 +107,7 @@ def test_a_bound_tightened_below_what_the_others_demand_is_refused_with_a_true_c
     assert consistent([*bounds, just])
 
 
-@pytest.mark.slow
-@given(any_bounds())
+@tiers(40, 200, any_bounds())
 def test_adding_one_by_one_says_the_same_as_all_at_once_and_as_brute_force(bounds: list[Bound]) -> None:
     network = Network()
     for count, bound in enumerate(bounds, start=1):
@@ -123,8 +120,7 @@ def test_adding_one_by_one_says_the_same_as_all_at_once_and_as_brute_force(bound
         assert_true_and_minimal(conflict(bounds), bounds)
 
 
-@pytest.mark.slow
-@given(any_bounds())
+@tiers(40, 200, any_bounds())
 def test_windows_are_the_shortest_paths_from_and_to_the_beginning(bounds: list[Bound]) -> None:
     far = floyd_warshall(bounds)
     if not has_schedule(bounds):

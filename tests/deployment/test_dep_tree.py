@@ -5,7 +5,6 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import LocalProtocolError
@@ -14,6 +13,7 @@ from cosim.units import S, Time
 from protocols.deployment.orders import Result
 from protocols.deployment.plan import Go, Task, Wait
 from protocols.deployment.tree import TABLE, Edge, Input, Node, State, TaskTree, claims
+from tests.deployment.tiers import tiers
 
 
 class Open:
@@ -165,9 +165,7 @@ def trees(draw: st.DrawFn, name: str = "root", depth: int = 3, robots: "itertool
     return (serial if draw(st.booleans()) else parallel)(name, *subtasks, **changes)
 
 
-@pytest.mark.slow
-@given(trees())
-@settings(max_examples=150)
+@tiers(75, 300, trees())
 def test_a_tree_ends_when_and_how_the_closed_form_says(root: Task):
     play = Play(root)
     end_s, fails = outcome(root, 0.0) if root.on_failure != "retry" else passed(root, 0.0)
