@@ -18,6 +18,7 @@ from cosim.navigation.dwa import (
     OWN,
     STATE,
     braking_way,
+    choose,
     chord,
     nearest_points,
     stopping_m,
@@ -25,7 +26,6 @@ from cosim.navigation.dwa import (
     unknown_points,
     unseen_gap,
     walls_near,
-    window,
 )
 from cosim.robots.body import BodySettings
 from cosim.robots.drive import braking_way as drive_braking_way
@@ -96,7 +96,7 @@ class Drivers:
             walls = walls_near(self.grid, *self.state[i, :2], 3.0)
             others = np.delete(table, i, axis=0)
             limit = self.own[i][1] if most is None else most
-            way, turn, _ = window(self.own[i], self.state[i], walls, np.empty((0, 2)), others, aim, limit)
+            way, turn, _ = choose(self.own[i], self.state[i], walls, np.empty((0, 2)), others, *aim, limit)
             self.wanted[i] = way, turn
 
     def gap(self):
@@ -263,8 +263,8 @@ def test_what_the_scan_meets_is_known_or_not():
 def test_an_unknown_thing_is_stopped_for():
     own, state = row(differential()), np.array([1.0, 1.0, 0.0, 0.05, 0.0, 0.05, 0.0])
     nothing = np.empty((0, 4)), np.empty((0, 2)), np.empty((0, BODY_COLUMNS))
-    free = window(own, state, *nothing, (5.0, 1.0), 0.05)
-    held = window(own, state, nothing[0], np.array([(1.40, 1.0)]), nothing[2], (5.0, 1.0), 0.05)
+    free = choose(own, state, *nothing, 5.0, 1.0, 0.05)
+    held = choose(own, state, nothing[0], np.array([(1.40, 1.0)]), nothing[2], 5.0, 1.0, 0.05)
     assert free == (0.05, 0.0, True)
     assert held[0] <= 0.045
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from experiments.deployment_strategies import figures as strategies
+from experiments.deployment_strategies.deploying import lead_s, left
 from experiments.deployment_wean import figures as wean
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
@@ -21,7 +22,7 @@ NONE = pd.DataFrame()
 REPLICATES = 12
 MOST = 8
 EXACT = ("deployed", "stages", "collisions", "wall_contacts", *(f"moving_{n}" for n in range(1, MOST + 1)))
-DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "touches_nothing", "same_wave")
+DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "touches_nothing")
 """Where every single run decides, one is enough."""
 Row = dict[str, Any]
 
@@ -62,13 +63,12 @@ def deployed(sign: int, arm: Row) -> Row:
     strategy, robots, right = arm["strategy"], arm["robots"], sign == 1
     way_s, plain = 100.0 * robots, arm["augmentation"] == "without"
     lost = {"wave": 0.0005 if right else 0.05}.get(strategy, 0.3 if plain == right else 0.1)
-    if strategy == "wave" and plain and not right:
-        lost *= 1.1
     return {
         "until_deployed_s": 60.0 * robots,
         "way_m": 10.0,
         "interference_s": lost * way_s,
         "hindered_s": lost * way_s,
+        "waited_s": 0.0 if plain else 0.05 * way_s,
         "under_way_s": way_s,
         "deployed": 1.0 if right or plain else 0.0,
         "stages": float(robots),
@@ -142,10 +142,40 @@ def test_interference_that_is_as_high_with_the_augmentations_is_not_lowered() ->
         assert getattr(strategies, f"lowers_{strategy}")(runs, NONE)[1] is False
 
 
+def test_what_is_only_moved_from_interference_to_waiting_is_not_saved() -> None:
+    runs = runs_of("deployment_strategies", 1, 40)
+    waits = runs["augmentation"] == "with"
+    runs.loc[waits, "waited_s"] = 0.25 * runs["under_way_s"]
+    for strategy in strategies.AUGMENTED:
+        for size in ("", *(f"_{size}" for size in strategies.SIZES)):
+            assert getattr(strategies, f"lowers_{strategy}{size}")(runs, NONE)[1] is True
+            assert getattr(strategies, f"saves_{strategy}{size}")(runs, NONE)[1] is False
+    assert strategies.saves("group", 2, runs.drop(columns="waited_s"), NONE) == ("-", None)
+
+
 def test_a_wave_that_is_disturbed_with_one_size_of_team_is_disturbed() -> None:
     runs = runs_of("deployment_strategies", 1, 12)
     runs.loc[(runs["strategy"] == "wave") & (runs["robots"] == 6), "interference_s"] *= 100
     assert strategies.none_wave(runs, NONE)[1] is False
+
+
+def test_a_robot_has_left_once_its_body_has_whenever_it_was_ordered() -> None:
+    events = {
+        "event": ["Ordered", "TaskStarted", "TaskStarted", "TaskStarted", "TaskStarted"],
+        "time_ns": [0, 10, 10, 20, 30],
+        "source": [0, 0, 1, 2, 0],
+        "task": ["x/leap/1", "x/leap/1", "x/group/1", "x/group/2", "x/leap/2"],
+        "x_m": [0.0, 1.0, 5.0, 9.0, 3.0],
+        "y_m": [0.0] * 5,
+    }
+    ways = {0: [1.0, 1.0, 1.0, 1.9, 2.1, 9.0], 1: [9.0, 5.0, 5.0, 5.0, 5.0, 6.1], 2: [9.0, 9.0, 9.0, 9.0, 9.0, 9.0]}
+    rows = [(tick * 10, robot, way[tick], 0.0) for tick in range(6) for robot, way in ways.items()]
+    poses = dict(zip(("time_ns", "source", "x_m", "y_m"), map(list, zip(*rows, strict=True)), strict=True))
+    assert left(events, poses, "x/leap") == {0: 40}
+    assert left(events, poses, "x/group") == {1: 50}
+    assert lead_s(events, poses, "x/leap", "x/group") == pytest.approx(10e-9)
+    assert lead_s(events, poses, "x/group", "x/leap") == pytest.approx(-10e-9)
+    assert math.isnan(lead_s(events, poses, "x/leap", "x/wave"))
 
 
 def test_the_table_has_a_row_for_each_strategy_and_size() -> None:
@@ -153,6 +183,8 @@ def test_the_table_has_a_row_for_each_strategy_and_size() -> None:
     assert len(table) == 3 * 4
     shares = [float(text.removeprefix("x ")) for text in table.loc[table["strategy"] == "group", "interference_s"]]
     assert shares == pytest.approx([1 / 3] * 4, rel=0.01)
+    summed = [float(text.removeprefix("x ")) for text in table.loc[table["strategy"] == "group", "lost_or_waited_s"]]
+    assert summed == pytest.approx([0.15 / 0.3] * 4, rel=0.01)
     assert strategies.tables(NONE, NONE) == {}
 
 

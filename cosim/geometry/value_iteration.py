@@ -7,10 +7,9 @@ its length, 1 or the square root of 2 cells, times the *price* of the cell that 
 grows towards obstacles keeps ways off them. No step cuts a corner, see :func:`cosim.geometry.planning.open_steps`.
 
 The iteration converges to one fixed point, whatever the order of its updates: the costs of the cheapest ways. So
-:func:`values` takes the cells in the order of their values, each once, from a heap (Dijkstra's algorithm);
-:func:`swept_values` is the iteration as it is printed, with sweeps in four directions, and is what the other is tested
-against. "It computes the distance from arbitrary starting locations, hence is capable of recovering from unanticipated
-motions": a robot that has been pushed off its way needs no new plan.
+:func:`values` takes the cells in the order of their values, each once, from a heap (Dijkstra's algorithm), which is
+tested against the iteration as it is printed. "It computes the distance from arbitrary starting locations, hence is
+capable of recovering from unanticipated motions": a robot that has been pushed off its way needs no new plan.
 """
 
 import math
@@ -35,11 +34,6 @@ def values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
     out. Raise ValueError for prices below 1 or of another shape, LookupError for a goal off the grid.
     """
     return _dijkstra(*_checked(free, price, goals))
-
-
-def swept_values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
-    """Return what :func:`values` does, by sweeps over all cells until nothing changes: value iteration as printed."""
-    return _swept(*_checked(free, price, goals))
 
 
 def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, Singles, Integers]:
@@ -111,40 +105,6 @@ def _pop(keys: Floats, held: Any, size: int) -> int:
         at = below
     keys[at], held[at] = key, cell
     return size
-
-
-@njit(cache=True)
-def _swept(free: Bools, price: Singles, goals: Integers) -> Floats:
-    ny, nx = free.shape
-    value = np.full((ny, nx), np.inf)
-    for goal in goals:
-        if free[goal // nx, goal % nx]:
-            value[goal // nx, goal % nx] = 0.0
-    changed = True
-    while changed:
-        changed = False
-        for sweep in range(4):
-            for row in range(ny):
-                iy = row if sweep < 2 else ny - 1 - row
-                for column in range(nx):
-                    ix = column if sweep % 2 == 0 else nx - 1 - column
-                    if free[iy, ix]:
-                        changed |= _update(free, price, value, ix, iy)
-    return value
-
-
-@njit(cache=True)
-def _update(free: Bools, price: Singles, value: Floats, ix: int, iy: int) -> bool:
-    """Update the value of one free cell from its neighbours; return whether that has lowered it."""
-    steps, best = open_steps(free, free, ix, iy), value[iy, ix]
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if steps >> (3 * dy + dx + 4) & 1:
-                length = _DIAGONAL if dx != 0 and dy != 0 else 1.0
-                best = min(best, value[iy + dy, ix + dx] + length * price[iy + dy, ix + dx])
-    lower: bool = best < value[iy, ix]
-    value[iy, ix] = best
-    return lower
 
 
 @njit(cache=True)

@@ -76,19 +76,6 @@ _SAME_M: Final = 1e-6
 _ROUNDING: Final = 1e-9
 
 
-def window(
-    own: Floats, state: Floats, walls: Floats, points: Floats, bodies: Floats, aim: tuple[float, float], most: float
-) -> tuple[float, float, bool]:
-    """Return the way and the turn of the tick after the next, to be commanded now, and whether they were chosen.
-
-    *own* (11,) and *state* (7,) are rows as above; *walls* (n, 4) and *points* (m, 2) are what is not to be touched,
-    as near as it can matter, see :func:`walls_near`; *bodies* (k, 6) the other robots. The robot faces *aim*, and goes
-    at most *most* metres a tick. If no command is admissible it brakes, 0 and 0. All in metres, radians and ticks.
-    """
-    way, turn, chosen = choose(own, state, walls, points, bodies, aim[0], aim[1], most)
-    return float(way), float(turn), bool(chosen)
-
-
 # ---------------------------------------------------------------- arithmetic of the drive, tick by tick
 
 
@@ -273,7 +260,12 @@ def _wrapped(angle: float) -> float:
 def choose(
     own: Floats, state: Floats, walls: Floats, points: Floats, bodies: Floats, aim_x: float, aim_y: float, most: float
 ) -> tuple[float, float, bool]:
-    """Do what :func:`window` does; a kernel for kernels."""
+    """Return the way and the turn of the tick after the next, to be commanded now, and whether they were chosen.
+
+    *own* (11,) and *state* (7,) are rows as above; *walls* (n, 4) and *points* (m, 2) are what is not to be touched,
+    as near as it can matter, see :func:`walls_near`; *bodies* (k, 6) the other robots. The robot faces its aim, and
+    goes at most *most* metres a tick. If no command is admissible it brakes, 0 and 0. In metres, radians and ticks.
+    """
     lines = np.empty((bodies.shape[0], 3))
     for i in range(bodies.shape[0]):
         if not _border(own, state, bodies[i], lines[i]):

@@ -5,13 +5,12 @@ what they are told the thread publishes under a lock, as plain data that nobody 
 """
 
 import json
-import queue
 import threading
 import time
+from collections import deque
 from typing import Any, Final
 
 from cosim.errors import UserError
-from cosim.machine import Address
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.units import Time, to_seconds
@@ -49,7 +48,9 @@ class Live:
         self._team = scenario.team.size
         self._tick = scenario.tick
         self._pace = Pace(speed, playing, time.monotonic())
-        self._wishes: queue.Queue[Wish] = queue.Queue(_WISHES)
+        self._wishes: deque[Wish] = deque()
+        self._until: Time | None = None
+        """Up to where the steps go that are being taken."""
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
@@ -81,14 +82,10 @@ class Live:
             raise UserError(f"there is no robot {wish.robot}: the team has robots 0 to {self._team - 1}")
         if self._moment.state in ("ended", "failed"):
             raise UserError(f"this run has {self._moment.state}")
-        try:
-            self._wishes.put_nowait(wish)
-        except queue.Full:
-            raise UserError("the simulation is busy: nothing more can wait") from None
-
-    def operate(self, robot: Address, data: Plain) -> None:
-        """Say *data* at the console of *robot*; what comes back is among the messages ``operator`` of ``look``."""
-        self.wish(Operate(say="operator", robot=robot, data=data))
+        with self._lock:
+            if len(self._wishes) >= _WISHES:
+                raise UserError("the simulation is busy: nothing more can wait")
+            self._wishes.append(wish)
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
         """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
@@ -124,49 +121,76 @@ class Live:
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
         except Exception as error:  # noqa: BLE001  # whatever a protocol's machine does wrong: the page is to say it
-            self._failure = f"{type(error).__name__}: {error}"
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """Say that the run has failed, and how far it has come if that can still be asked."""
+        self._failure = f"{type(error).__name__}: {error}"
+        try:
             self._publish()
+        except Exception:  # noqa: BLE001  # it may be what has failed: then what was known before has to do
+            with self._lock:
+                self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
     def _take_wishes(self) -> None:
-        while True:
-            try:
-                wish = self._wishes.get_nowait()
-            except queue.Empty:
-                return
-            wall = time.monotonic()
-            now = self._simulation.kernel.now
-            match wish:
-                case Play():
-                    self._pace.play(wall)
-                case Pause():
-                    self._pause(now, wall)
-                case Step(ticks=ticks):
-                    self._pause(now, wall)
-                    self._simulation.advance((now // self._tick + ticks) * self._tick + 1)
+        """Do what was asked for in its order: what comes after steps waits until they are taken."""
+        begun = time.monotonic()
+        while not self._closing.is_set() and self._stepped(begun):
+            with self._lock:
+                if not self._wishes:
+                    return
+                wish = self._wishes.popleft()
+            self._take(wish)
+
+    def _take(self, wish: Wish) -> None:
+        wall = time.monotonic()
+        now = self._simulation.kernel.now
+        match wish:
+            case Play():
+                self._pace.play(wall)
+            case Pause():
+                self._pause(now, wall)
+            case Step(ticks=ticks):
+                self._pause(now, wall)
+                self._until = (now // self._tick + ticks) * self._tick + 1
+            case Speed(speed=speed):
+                self._pace.change(speed, wall)
+            case Operate(robot=robot, data=data):
+                self._simulation.operate(robot, json.dumps(data, ensure_ascii=False).encode())
+                if not self._pace.playing:  # what is said arrives all the same, and is answered
+                    self._simulation.advance(now + _HEARD)
                     self._pause(self._simulation.kernel.now, wall)
-                case Speed(speed=speed):
-                    self._pace.change(speed, wall)
-                case Operate(robot=robot, data=data):
-                    self._simulation.operate(robot, json.dumps(data, ensure_ascii=False).encode())
-                    if not self._pace.playing:  # what is said arrives all the same, and is answered
-                        self._simulation.advance(now + _HEARD)
-                        self._pause(self._simulation.kernel.now, wall)
+
+    def _stepped(self, begun: float) -> bool:
+        """Go on with steps; return whether none are left: all are taken, or a pause was asked for after them."""
+        if self._until is None:
+            return True
+        with self._lock:
+            cut = any(isinstance(wish, Pause) for wish in self._wishes)
+        if not cut and not self._reach(self._until, begun):
+            return False
+        self._until = None
+        self._pause(self._simulation.kernel.now, time.monotonic())
+        return True
 
     def _pause(self, now: Time, wall: float) -> None:
         self._pace.pause(wall)
         self._pace.jump(now, wall)
 
     def _simulate(self) -> None:
-        """Advance to the time that is due, tick by tick; if there is too little time for it, have less be due."""
-        simulation, begun = self._simulation, time.monotonic()
-        kernel = simulation.kernel
-        due = self._pace.due(begun)
+        """Advance to the time that is due; if there is too little time for it, have less be due."""
+        begun = time.monotonic()
+        if not self._reach(self._pace.due(begun), begun):
+            self._pace.jump(self._simulation.kernel.now, time.monotonic())
+
+    def _reach(self, due: Time, begun: float) -> bool:
+        """Advance to *due*, tick by tick; return False if that takes too long, or the session is closed meanwhile."""
+        simulation, kernel = self._simulation, self._simulation.kernel
         while kernel.now < due and not simulation.over:
             simulation.advance(min(due, (kernel.now // self._tick + 1) * self._tick + 1))
-            wall = time.monotonic()
-            if wall - begun > _SPELL_S or self._closing.is_set():
-                self._pace.jump(kernel.now, wall)
-                return
+            if time.monotonic() - begun > _SPELL_S or self._closing.is_set():
+                return False
+        return True
 
     def _publish(self) -> None:
         """Let pages see what there is now."""
@@ -206,7 +230,7 @@ class Live:
             return "failed"
         if self._simulation.over:
             return "ended"
-        return "playing" if self._pace.playing else "paused"
+        return "playing" if self._pace.playing or self._until is not None else "paused"
 
     def _robots(self) -> list[list[Any]]:
         simulation = self._simulation

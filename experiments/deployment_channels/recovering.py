@@ -5,6 +5,7 @@ replicate have the same ones. What is counted beside its columns is how long the
 """
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
@@ -24,12 +25,17 @@ _KEPT: Final = (
     *("successions", "letters", "letter_bytes", "letters_returned", "frames", "frame_bytes", "collisions"),
     *("wall_contacts", "nearest_m", "robots_killed"),
 )
+_RENEWED: Final = re.compile(r".*(~\d+(?=/stage-\d+/)|/reunited(?=/))")
+"""How the names of drives begin whose stages were made anew: for the robots that are left, or a team that met again."""
 _OWN: Final = (
-    Column("until_deployed_s", "float", "s", "until all places that could be were held; the longest run if never"),
+    Column("until_deployed_s", "float", "s", "deployment_s; the longest run if they never were held"),
     Column("noticed_s", "float", "s", "from the death until a host took the robot for lost; NaN if none ever did"),
     Column("succeeded_s", "float", "s", "from the host's death until another led; NaN if none ever did"),
     Column(
-        "recovery_s", "float", "s", "from the death until a living host gave an order after it had noticed; NaN: never"
+        "recovery_s",
+        "float",
+        "s",
+        "from the death until, once it was noticed, a robot set off by stages made anew without it; NaN: none did",
     ),
 )
 COLUMNS: Final = (
@@ -60,18 +66,29 @@ def recovery(rows: Iterable[Row], killed: Iterable[tuple[int, int]], host: int) 
     dead, at = next(iter(killed), (-1, 0))
     if dead < 0:
         return {"noticed_s": math.nan, "succeeded_s": math.nan, "recovery_s": math.nan}
-    later = [row for row in rows if row["time_ns"] >= at and row["source"] != dead]
+    living = [row for row in rows if row["source"] != dead]
+    later = [row for row in living if row["time_ns"] >= at]
     lost = _first(later, at, lambda row: row["event"] == "RobotLost" and row["robot"] == dead)
     led = _first(later, at, lambda row: row["event"] == "HostChanged" and row["host"] == row["source"])
-    since = at if math.isnan(lost) else at + round(lost * S)
-    ordered = _first(later, at, lambda row: row["event"] == "Ordered" and row["time_ns"] >= since)
     return {
         "noticed_s": lost,
         "succeeded_s": led if dead == host else math.nan,
-        "recovery_s": math.nan if math.isnan(lost) else ordered,
+        "recovery_s": math.nan if math.isnan(lost) else _recovered(living, at, at + round(lost * S)),
     }
 
 
-def _first(rows: Iterable[Row], at: int, wanted: Callable[[Row], bool]) -> float:
+def _recovered(rows: Iterable[Row], at: int, noticed: int) -> float:
+    """Return how long after *at* a robot set off by stages that nobody had been at before the loss was *noticed*.
+
+    Whoever orders: the host, or each robot itself.
+    """
+    drives = [
+        (row, found[0]) for row in rows if row["event"] == "TaskStarted" and (found := _RENEWED.match(row["task"]))
+    ]
+    former = {(row["plan"], name) for row, name in drives if row["time_ns"] < noticed}
+    return _first((row for row, name in drives if (row["plan"], name) not in former), at)
+
+
+def _first(rows: Iterable[Row], at: int, wanted: Callable[[Row], bool] = lambda row: True) -> float:
     """Return how many seconds after *at* the first of the wanted rows is; NaN if there is none."""
     return next((to_seconds(row["time_ns"] - at) for row in rows if wanted(row)), math.nan)

@@ -22,8 +22,9 @@ from cosim.scenario import Scenario, changed
 from cosim.settings import Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
+from cosim.trace import POSES
 from cosim.trace import Field as Column
-from cosim.units import to_seconds
+from cosim.units import Time, to_seconds
 from cosim.world.floorplan import Floorplan, load_floorplan
 from protocols.deployment.spec import METRICS
 
@@ -33,9 +34,22 @@ ATTEMPTS: Final = 1000
 """So often the whole team is placed anew."""
 TRIES: Final = 200
 """So many places are drawn for each robot before that."""
+AWAY_M: Final = 1.0
+"""A body that has come so far from where it stood when it was ordered off has left."""
 _OWN: Final = (
-    Column("until_deployed_s", "float", "s", "until all places were held; the longest run if they never were"),
-    Column("leap_ahead_s", "float", "s", "by how much the first drive of task ahead began before that of task behind"),
+    Column(
+        "until_deployed_s",
+        "float",
+        "s",
+        "deployment_s; the longest run if they never were held",
+    ),
+    Column(
+        "leap_ahead_s",
+        "float",
+        "s",
+        "by how much the first body of task ahead had come 1 m from where it was ordered off before the first of task "
+        "behind",
+    ),
 )
 COLUMNS: Final = (
     *(
@@ -126,19 +140,40 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     own = Parameters.model_validate(parameters)
     scenario = own.placed(seed)
-    outcome = Simulation(scenario, seed).run()
+    outcome = Simulation(scenario, seed, () if own.ahead is None or own.behind is None else (POSES,)).run()
     found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
     never = math.isnan(found["deployment_s"])
     found["until_deployed_s"] = scenario.duration_s if never else found["deployment_s"]
-    found["leap_ahead_s"] = _lead_s(outcome.trace.columns("events"), own.ahead, own.behind)
+    found["leap_ahead_s"] = math.nan
+    if own.ahead is not None and own.behind is not None:
+        trace = outcome.trace
+        found["leap_ahead_s"] = lead_s(trace.columns("events"), trace.columns(POSES.name), own.ahead, own.behind)
     return found
 
 
-def _lead_s(events: Mapping[str, Any], ahead: str | None, behind: str | None) -> float:
-    """Return by how much the first drive of the tasks *ahead* began before that of the tasks *behind*, seconds."""
-    if ahead is None or behind is None:
-        return math.nan
-    rows = list(zip(events["event"], events["time_ns"], events.get("task", ()), strict=False))
-    begun = [(time, task) for event, time, task in rows if event == "TaskStarted"]
-    firsts = [min((time for time, task in begun if task.startswith(name)), default=None) for name in (ahead, behind)]
+def lead_s(events: Mapping[str, Any], poses: Mapping[str, Any], ahead: str, behind: str) -> float:
+    """Return by how much the first robot of the tasks *ahead* had left before the first of the tasks *behind*, seconds.
+
+    Tasks are told by the beginnings of their names. NaN if nobody has left for the one or the other.
+    """
+    firsts = [min(left(events, poses, name).values(), default=None) for name in (ahead, behind)]
     return math.nan if None in firsts else to_seconds(firsts[1] - firsts[0])  # type: ignore[operator]
+
+
+def left(events: Mapping[str, Any], poses: Mapping[str, Any], name: str) -> dict[int, Time]:
+    """Return when each robot had left by a drive of the tasks whose names begin with *name*: the body, not the order.
+
+    That is when it was first ``AWAY_M`` from where it stood when it was first ordered to such a drive.
+    """
+    ordered = dict[int, tuple[Time, Point]]()
+    columns = ("event", "time_ns", "source", "task", "x_m", "y_m")
+    for event, time, robot, task, *at in zip(*(events.get(column, ()) for column in columns), strict=True):
+        if event == "TaskStarted" and task.startswith(name):
+            ordered.setdefault(robot, (time, (at[0], at[1])))
+    found = dict[int, Time]()
+    for time, robot, *at in zip(*(poses[column] for column in ("time_ns", "source", "x_m", "y_m")), strict=True):
+        if robot in ordered and robot not in found:
+            since, stood_m = ordered[robot]
+            if time >= since and math.dist(at, stood_m) > AWAY_M:
+                found[robot] = time
+    return found

@@ -3,7 +3,8 @@
 ``lowers_group_4`` in published.csv is ``lowers`` for the strategy ``group`` and four robots; the tests by such names
 are made at the end of this file. Interference is robot-seconds that robots lose to others: below their free speed
 because of another robot (:mod:`protocols.deployment.interference`), as shares of it. Where it counts whole seconds the
-names have ``hinders`` for ``lowers``.
+names have ``hinders`` for ``lowers``; where the time that robots wait for their turn, as ordered, counts as lost too,
+``saves``: a staggered start must not only move seconds from one column to the other.
 """
 
 import math
@@ -23,6 +24,9 @@ AUGMENTED: Final = ("group", "leap_frog")
 SIZES: Final = (2, 4, 6, 8)
 LOST: Final = "interference_s"
 HINDERED: Final = "hindered_s"
+WAITED: Final = "waited_s"
+EITHER: Final = "lost_or_waited_s"
+"""Both together."""
 IN_TIME: Final = 0.9
 """More than this share of the runs must end deployed for a strategy to be called robust."""
 NOTHING: Final = 0.01
@@ -91,6 +95,16 @@ def lowers(strategy: str, size: int | None, metric: str, runs: pd.DataFrame, obs
     return words, None if found.size < 2 else found.lower > 0
 
 
+def _summed(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return *runs* with a column for what was lost or waited, if they have both."""
+    return runs.assign(**{EITHER: runs[LOST] + runs[WAITED]}) if {LOST, WAITED} <= set(runs) else runs
+
+
+def saves(strategy: str, size: int | None, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
+    """Answer as ``lowers``, with the time that robots wait for their turn, as ordered, for lost too."""
+    return lowers(strategy, size, EITHER, _summed(runs), observations)
+
+
 def none_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether robots of a wave lose less than ``NOTHING`` of the time under way, with every size of team."""
     words, holds = [], []
@@ -103,19 +117,6 @@ def none_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
         words.append(f"{size} robots: {100 * found.mean:.3g} % of the time under way")
         holds.append(None if math.isnan(found.upper) else found.upper < NOTHING)
     return ("; ".join(words), None if None in holds else all(holds)) if holds else NO_DATA
-
-
-def same_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether a wave is the same with the augmentations and without, replicate by replicate."""
-    parts = [
-        columns(runs, [_arm("wave", size), _arm("wave", size, "without")], metric)
-        for size in _sizes(runs)
-        for metric in (LOST, "until_deployed_s", "way_m")
-    ]
-    if not parts or any(part.empty for part in parts):
-        return NO_DATA
-    apart = max(float((part[0] - part[1]).abs().max()) for part in parts)
-    return f"differ by {apart:.3g} at most", apart == 0.0
 
 
 # ---------------------------------------------------------------- how robust they are
@@ -140,10 +141,11 @@ def touches_nothing(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return time, way and interference with the augmentations over those without, by strategy and size."""
     rows: list[dict[str, Label]] = []
+    runs = _summed(runs)
     for strategy in STRATEGIES:
         for size in _sizes(runs):
             row: dict[str, Label] = {"strategy": strategy, "robots": size}
-            for metric in ("until_deployed_s", "way_m", LOST):
+            for metric in ("until_deployed_s", "way_m", LOST, EITHER):
                 both = columns(runs, [_arm(strategy, size), _arm(strategy, size, "without")], metric)
                 known = not both.empty and bool((both[1] > 0).any())
                 row[metric] = f"x {quotient(both).mean:.3g}" if known else "-"
@@ -158,3 +160,5 @@ globals().update({f"deploys_{s}": partial(deploys, s) for s in STRATEGIES})
 globals().update({f"lowers_{s}": partial(lowers, s, None, LOST) for s in AUGMENTED})
 globals().update({f"hinders_{s}": partial(lowers, s, None, HINDERED) for s in AUGMENTED})
 globals().update({f"lowers_{s}_{n}": partial(lowers, s, n, LOST) for s in AUGMENTED for n in SIZES})
+globals().update({f"saves_{s}": partial(saves, s, None) for s in AUGMENTED})
+globals().update({f"saves_{s}_{n}": partial(saves, s, n) for s in AUGMENTED for n in SIZES})

@@ -68,7 +68,7 @@ def four_to_b(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> A
 
 
 def ahead(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the first leap-frogging robot leaves the intersection before the group pair in every run."""
+    """Answer whether the first leap-frogging robot has left the intersection before the group pair in every run."""
     leads_s = values_of(runs, {"network": network}, "leap_ahead_s").dropna()
     return (f"by {leads_s.min():.3g} s at least", bool((leads_s > 0).all())) if len(leads_s) else NO_DATA
 

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from cosim.geometry.polylines import length_m as polyline_m
 from cosim.machine import Address
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.plan import Place
@@ -113,11 +114,6 @@ def in_the_way(way: Sequence[Place], passing_m: float, post_m: Place, standing_m
 
 def _between(a: Place, b: Place, share: float) -> Place:
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-
-
-def polyline_m(way: Sequence[Place]) -> float:
-    """Return the length of a way."""
-    return sum(math.dist(a, b) for a, b in pairwise(way))
 
 
 def along(way: Sequence[Place], away_m: float) -> Place:

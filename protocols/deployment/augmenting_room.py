@@ -79,6 +79,7 @@ class Room:
         requests = list[Request]()
         standing = set[Address]()
         busy = progress.errands().keys() if self._steps or any(d.leaping for d in progress.deployments.values()) else ()
+        posted = _posted(progress) if self._steps or busy else {}
         for name, deploying in progress.deployments.items():
             node = progress.tree.get(name)
             if node is None or not (deploying.leaping or self._steps):
@@ -88,7 +89,7 @@ class Room:
                 moving = []
             passing = [self._passing(robot, deploying, places[robot]) for robot in moving]
             for robot in deploying.posts:
-                if robot in busy or robot in progress.lost or robot not in deploying.stands_m:
+                if robot in busy or robot in progress.lost or posted.get(robot) != name:
                     continue
                 standing.add(robot)
                 request: Retreat | Go | Halt | None = self._request(robot, deploying.stands_m[robot], passing)
@@ -125,3 +126,14 @@ class Room:
         radius_m, passing_m = self._crew.radius_m(robot), other.radius_m
         beside_m = (factor - 1.0) * (radius_m + passing_m) + factor * self._parameters.aside_m
         return in_the_way(other.way, passing_m, post_m, radius_m, beside_m)
+
+
+def _posted(progress: Progress) -> dict[Address, str]:
+    """Return the last deployment in which each robot has a post: it has left those of deployments before."""
+    return {
+        robot: name
+        for name, deploying in progress.deployments.items()
+        if progress.tree.get(name) is not None
+        for robot in deploying.posts
+        if robot in deploying.stands_m
+    }

@@ -34,6 +34,7 @@ from protocols.deployment.host import Host
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member import Member
 from protocols.deployment.member_letters import Look, Picture
+from protocols.deployment.orders import Result
 from protocols.deployment.plan import Plan
 
 POSITIONS: Final = S // 2
@@ -118,15 +119,15 @@ class Console:
                 if number not in self._plans:
                     return {"say": "error", "why": f"plan: {number} is no plan that was made here"}
                 return self._execute(self._plans[number], now)
-            case Switch(strategy=strategy) if self._host.busy:
+            case Switch(strategy=strategy) if self._host.play is not None and self._host.play.runs:
                 self._host.switch(strategy, now)
                 return {"say": "done"}
-            case Terminate(task=task) if self._host.busy:
+            case Terminate(task=task) if self._host.play is not None and self._host.play.runs:
                 return self._terminate(task, now)
         return {"say": "error", "why": "nothing is being played"}
 
     def _call(self, asked: Calling, now: Time) -> dict[str, Any]:
-        self._number = max(self._number, self._host.number) + 1
+        self._number = max(self._number, self._host.newest) + 1
         plan = self._planning.plan(asked.call, self._number, now)
         if not isinstance(plan, Plan):
             self._note(journal.PlanRefused(asked.call.play, "; ".join(plan.conflicts), "; ".join(plan.mend)))
@@ -148,8 +149,8 @@ class Console:
         }
 
     def _execute(self, plan: Plan, now: Time) -> dict[str, Any]:
-        if plan.number <= self._host.number:
-            self._number = max(self._number, self._host.number) + 1
+        if plan.number <= self._host.newest:
+            self._number = max(self._number, self._host.newest) + 1
             plan = plan.model_copy(update={"number": self._number})
         self._states = {}
         self._host.execute(plan, self._planning.starts_m(now), self._host.calls, now)
@@ -252,19 +253,27 @@ class Console:
                 self._out.append(write(answer=request, say="error", why=f"robot {robot} does not answer"))
 
     def _tell_tasks(self) -> None:
-        """Tell of tasks that have begun, parents first, then of those that have ended, parents last."""
+        """Tell of tasks that have begun, parents first, then of those that have ended, parents last.
+
+        Those that are no task any more, since others have taken their place, have ended before all else.
+        """
         play = self._host.play
         if play is None or play.executive is None or not self._host.leads:
             return
         reports = {report.task: report for report in play.ends()}
         states = dict(play.executive.states)
+        gone = [
+            (task, Result.TERMINATED.value if task not in reports else reports[task].result.value)
+            for task in reversed(self._states)
+            if self._states[task] == "running" and task not in states
+        ]
         changed = [task for task, state in states.items() if self._states.get(task, "waiting") != state]
-        begun = [task for task in changed if states[task] == "running"]
-        for task in [*begun, *(task for task in reversed(changed) if states[task] != "running")]:
+        begun = [(task, "running") for task in changed if states[task] == "running"]
+        ended = [(task, states[task]) for task in reversed(changed) if states[task] != "running"]
+        for task, state in [*gone, *begun, *ended]:
             report = reports.get(task)
             robot, why = (None, "") if report is None else (report.robot, report.why)
-            news = {"task": task, "state": states[task], "robot": robot, "why": why}
-            self._out.append(write(say="task", plan=play.number, **news))
+            self._out.append(write(say="task", plan=play.number, task=task, state=state, robot=robot, why=why))
         self._states = states
 
     def _tell_positions(self, now: Time) -> None:

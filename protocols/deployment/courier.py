@@ -26,7 +26,7 @@ from protocols.deployment.streams import Inbound
 BEAT: Final = 0xFF
 """The topic of the news that say only that their author lives, and which robots have no master, as far as it knows."""
 LIVES: Final = 4
-"""Lives of a robot of which another remembers what has arrived."""
+"""Lives of a robot of which another remembers what has arrived, or what news."""
 
 
 class Letter(NamedTuple):
@@ -68,7 +68,7 @@ class Courier:
         self._inbound: dict[Address, dict[int, Inbound]] = defaultdict(dict)
         """Letters that come in, by author and life; of an author's lives that was heard last which is last."""
         self._known: dict[tuple[Address, int], dict[int, int]] = defaultdict(dict)
-        """Of each author and topic, the greatest number of news that was heard of each life."""
+        """Of each author and topic, the greatest number of news that was heard of each life; the last life is last."""
         self._posted = 0
         self._told = 0
         self._told_at = start
@@ -254,7 +254,10 @@ class Courier:
                 known = self._known[frame.author, topic]
                 if number <= known.get(frame.life, 0):
                     return
+                known.pop(frame.life, None)
                 known[frame.life] = number
+                if len(known) > LIVES:
+                    del known[next(iter(known))]
                 if topic != BEAT:
                     self._news.append(News(frame.author, topic, payload, time - self._behind))
                 elif self.links is not None:

@@ -99,13 +99,6 @@ class Field:
             return Aim(grid.centre_m(start), left * grid.cell_m, False)
         return Aim(grid.centre_m(seen), left * grid.cell_m, False)
 
-    def descent_rad(self, at: Place) -> float | None:
-        """Return the direction in which the way leaves a place; None without one, or at the goal."""
-        aim = self.aim(at, 2.0 * self._grid.cell_m)
-        if aim is None or aim.place_m == at:
-            return None
-        return math.atan2(aim.place_m[1] - at[1], aim.place_m[0] - at[0])
-
     def way(self, start: Place) -> list[Place] | None:
         """Return the corners of the way from a place, both ends included; None without one."""
         grid, cell = self._grid, snapped(self._grid, start)

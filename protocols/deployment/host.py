@@ -12,9 +12,10 @@ from cosim.units import Time, from_seconds
 from protocols.deployment import executive_facts, journal
 from protocols.deployment.executive_facts import Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.host_dispatch import Dispatch, Mail
-from protocols.deployment.host_gossip import Gossip, lacking
+from protocols.deployment.host_gossip import Gossip
 from protocols.deployment.host_play import Play
 from protocols.deployment.host_reunion import reunited
+from protocols.deployment.host_rumours import Rumours
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
 from protocols.deployment.member_news import News
@@ -52,13 +53,10 @@ class Host:
         alone = from_seconds(parameters.alone_s)
         self.succession = Succession(me, knowledge.size, parameters.host, self._silence, alone, start)
         self._team = [robot for robot in range(knowledge.size) if robot != me]
-        self._gossip = Gossip(from_seconds(parameters.again_s))
-        central = parameters.executive == "central"
-        self.dispatch = Dispatch(me, central, mail, self._gossip, note, records)
-        self._told_over = False
-        """Whether the host has said that the play is over."""
-        self._newest = 0
-        """The greatest number of a plan that anybody knows of."""
+        gossip = Gossip(from_seconds(parameters.again_s))
+        self._central = parameters.executive == "central"
+        self.dispatch = Dispatch(me, self._central, mail, gossip, note, records, start)
+        self.rumours = Rumours(from_seconds(2.0 * parameters.news_s))
         self._early: list[Report] = []
         """Of orders of a plan that it has not been told yet: it may have booted again."""
         self.changes = 0
@@ -77,6 +75,11 @@ class Host:
         return 0 if self.play is None else self.play.number
 
     @property
+    def newest(self) -> int:
+        """The greatest number of a plan that anybody is known to have known."""
+        return max(self.number, self.rumours.newest)
+
+    @property
     def digest(self) -> int:
         """What tells those who know other facts."""
         return 0 if self.play is None else self.play.ledger.digest
@@ -84,17 +87,25 @@ class Host:
     @property
     def calls(self) -> int:
         """How many of the scenario's calls have been dealt with, as far as is known here."""
-        return 0 if self.play is None else self.play.ledger.calls
+        return max(self.rumours.calls(self.number), 0 if self.play is None else self.play.ledger.calls)
+
+    @property
+    def over(self) -> bool:
+        """Whether the play has been played to its end, as this robot says if it is host, or as the host has said."""
+        if self.play is None:
+            return False
+        return self.play.over if self.leads else self.dispatch.announced >= self.number
 
     @property
     def busy(self) -> bool:
-        """Whether a play is being played, or there is one that it has not been told yet.
+        """Whether a play is being played, or there is one that somebody can tell it, and has not yet.
 
-        Who does not run the play itself may have to, should its host fall silent, until that has said that it is over.
+        Whoever may have to lead, should its host fall silent, is busy until the host has said that the play is over;
+        who runs the play itself knows that beforehand, and believes that a host that was just heard says so.
         """
-        if self.number < self._newest:
-            return True
-        return self.play is not None and not (self.play.over or self._told_over)
+        rumours, play = self.rumours, self.play
+        plays = play is not None and not (rumours.over or (play.over and not rumours.doubtful))
+        return plays or rumours.awaited(self.number)
 
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
@@ -123,18 +134,19 @@ class Host:
         """Take another's news."""
         if news.host == source and self.succession.claimed(source, news.term, news.plan, self.number):
             self._followed(now)
-        self._newest = max(self._newest, news.plan)
+        self.rumours.hear(source, news.plan, news.calls)
+        self.dispatch.hear(source, news, self.leads, now)
         if self.play is None:
             return
         if source == self.succession.host and news.plan == self.number:
-            self._told_over = news.over
+            self.rumours.over = news.over
         if self.play.executive is not None:
             self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
             if news.plan == self.number and news.digest != self.digest:
                 self._reunite(now)
         elif self.leads or source == self.succession.host:
-            self._compare(source, news, now)
+            self.dispatch.compare(self.play, source, news, self.succession, now)
 
     def letter(self, source: Address, letter: Letter, now: Time) -> None:
         """Take a letter that concerns the play."""
@@ -163,6 +175,7 @@ class Host:
         """Look, once a world tick, who is silent and who is not any more."""
         if self.succession.judge(heard, now):
             self._followed(now)
+        self.rumours.tick(self.succession, heard, now)
         if self.play is None or self.play.over:
             return
         self.play.whereabouts(whereabouts, now)
@@ -182,7 +195,7 @@ class Host:
         """End what two hosts have led at once, and begin again together."""
         assert self.play is not None
         ledger = self.play.ledger
-        plan = reunited(ledger.plan, self.number + 1, ledger.done_tasks())
+        plan = reunited(ledger.plan, self.newest + 1, ledger.done_tasks())
         if plan is not None:
             starts_m = {robot: self._others.place_m(robot) for robot in self._team}
             self.succession.since = now
@@ -210,17 +223,15 @@ class Host:
         """Be led by another host than before, or be it."""
         succession = self.succession
         succession.since = now
-        self._told_over = False
-        self._gossip.clear()
-        self.dispatch.mine.clear()
+        self.rumours.over = False
+        self.dispatch.clear()
         self.changes += 1
         self._note(journal.HostChanged(succession.host, succession.why))
-        central = self._parameters.executive == "central"
         if succession.leads:
             self._records.successions += 1
             if self.play is not None:
                 self._run(self.play, now)
-        elif self.play is not None and central:
+        elif self.play is not None and self._central:
             self.play.rest()
 
     # ------------------------------------------------------------ what is known of the play
@@ -239,12 +250,12 @@ class Host:
     def _take(self, told: Told, now: Time) -> None:
         self.play = play = Play(told, self._parameters, self._knowledge)
         plan = play.ledger.plan
-        self._told_over = False
+        self.rumours.over = False
         self._note(journal.PlanTaken(plan.number, plan.play, len(plan.robots)))
-        self._gossip.clear()
+        self.dispatch.gossip.clear()
         if self.leads:
             self._knowledge.board.begins(plan, now)
-        if self.leads or self._parameters.executive == "distributed":
+        if self.leads or not self._central:
             self._run(play, now)
         early, self._early = self._early, []
         for report in early:
@@ -265,13 +276,3 @@ class Host:
         for robot in self._team:
             if robot not in lost:
                 self.mail.post(robot, letter, now)
-
-    def _compare(self, source: Address, news: News, now: Time) -> None:
-        """Tell *source* what it seems not to know, once it has seemed so for a while."""
-        assert self.play is not None
-        orders = self.leads and self._parameters.executive == "central"
-        order = self.play.order_to(source) if orders else None
-        lacks = lacking(self.play.ledger, news, self.succession.host, order, self.succession.term)
-        if self._gossip.overdue(source, bool(lacks), now):
-            for letter in lacks:
-                self.mail.post(source, letter, now)

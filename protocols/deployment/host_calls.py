@@ -1,4 +1,8 @@
-"""The plays that a scenario has the host call, without an operator, and the changes of strategy."""
+"""The plays that a scenario has the host call, without an operator, and the changes of strategy.
+
+Whoever is host does what is due and was not done: which that is it knows by the plan, and by what was said to happen to
+it. So a call whose plan nobody has been told is made again.
+"""
 
 from collections.abc import Callable
 
@@ -14,7 +18,7 @@ from protocols.deployment.records import Records
 
 
 class Calls:
-    """What is left of them for one robot, if it is host; times count from its start."""
+    """What is left of them for one robot, if it is host; times count from its start, if that was not a later one."""
 
     def __init__(
         self,
@@ -25,8 +29,10 @@ class Calls:
         records: Records,
         start: Time,
     ) -> None:
-        self._calls = [(start + from_seconds(each.at_s), each.call) for each in parameters.calls]
-        self._switches = [(start + from_seconds(each.at_s), each.strategy) for each in parameters.switches]
+        self._calls = [(from_seconds(each.at_s), each.call) for each in parameters.calls]
+        self._switches = [(from_seconds(each.at_s), each.strategy) for each in parameters.switches]
+        self.start = start
+        """From when times count."""
         self._planning = planning
         self._host = host
         self._note = note
@@ -45,27 +51,34 @@ class Calls:
         """Whether there were calls, and all have been dealt with."""
         return bool(self._calls) and self.dealt >= len(self._calls)
 
-    def hear(self, dealt: int) -> None:
-        """Take how many calls have been dealt with, by another's news."""
-        self._dealt = max(self._dealt, min(dealt, len(self._calls)))
-
     def tick(self, now: Time) -> None:
         """Call what is due, if this robot is host, and nothing is being played."""
         host = self._host
         if not host.leads or now < self._ready:
             return
-        while self._switched < len(self._switches) and now >= self._switches[self._switched][0]:
-            host.switch(self._switches[self._switched][1], now)
-            self._switched += 1
+        self._switch(now)
         at = self.dealt
-        if at < len(self._calls) and now >= self._calls[at][0] and not host.busy:
+        if at < len(self._calls) and now >= self.start + self._calls[at][0] and not host.busy:
             self._dealt = at + 1
             self._call(at, now)
+
+    def _switch(self, now: Time) -> None:
+        """Say the last change that is due, unless it was said, or another since, or the play began later."""
+        play, due = self._host.play, self._switched
+        if play is None and self._host.busy:
+            return  # it will be told what is being played
+        while due < len(self._switches) and now >= self.start + self._switches[due][0]:
+            due += 1
+        if due > self._switched:
+            after, strategy = self._switches[due - 1]
+            self._switched = due
+            if play is not None and not play.ledger.switched_since(self.start + after):
+                self._host.switch(strategy, now)
 
     def _call(self, at: int, now: Time) -> None:
         call, starts_m = self._calls[at][1], self._planning.starts_m(now)
         try:
-            plan = self._planning.plan(call, self._host.number + 1, now)
+            plan = self._planning.plan(call, self._host.newest + 1, now)
         except UserError as error:
             self._refused(call.play, str(error), "")
             return

@@ -1,4 +1,8 @@
-"""How what an executive wants leaves the machine that runs it: orders as letters, or to the own member; and ends."""
+"""How what an executive wants leaves the machine that runs it: orders as letters, or to the own member; and ends.
+
+The host says how a plan has ended, and which constraints were not kept. Its successor does not say so again, as far as
+it can know: its news tell that the plan is over, and what was certain by then it has said itself.
+"""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -6,11 +10,13 @@ from typing import Protocol
 from cosim.machine import Address, Event
 from cosim.units import Time
 from protocols.deployment import journal
-from protocols.deployment.host_gossip import Gossip
+from protocols.deployment.host_gossip import Gossip, lacking
 from protocols.deployment.host_play import Play
 from protocols.deployment.member_letters import Facts, Letter, Ordered
+from protocols.deployment.member_news import News
 from protocols.deployment.orders import Order
 from protocols.deployment.records import Records
+from protocols.deployment.succession import Succession
 
 
 class Mail(Protocol):
@@ -34,6 +40,7 @@ class Dispatch:
         gossip: Gossip,
         note: Callable[[Event], None],
         records: Records,
+        start: Time,
     ) -> None:
         self.mine: list[Order] = []
         """Orders to this robot itself; drained by who gives them to the member."""
@@ -41,30 +48,55 @@ class Dispatch:
         """Constraints that were not kept, in words; drained by who reads them."""
         self.ends: list[tuple[int, str]] = []
         """Plans that have ended, and how; likewise."""
+        self.gossip = gossip
+        self.announced = 0
+        """The number of the last plan that is known to have been said to have ended, by whoever was host."""
+        self._since = start - 1
+        """When a host was heard last before this robot was: what was certain by then has been said."""
         self._me = me
         self._central = central
         self._mail = mail
-        self._gossip = gossip
         self._note = note
         self._records = records
+
+    def hear(self, source: Address, news: News, leads: bool, now: Time) -> None:
+        """Take what another's *news* say of what hosts have said; *leads*: this robot is host."""
+        if news.over:
+            self.announced = max(self.announced, news.plan)
+        if news.host == source and not leads:
+            self._since = now
+
+    def clear(self) -> None:
+        """Begin anew, as there is another host."""
+        self.gossip.clear()
+        self.mine.clear()
+
+    def compare(self, play: Play, source: Address, news: News, succession: Succession, now: Time) -> None:
+        """Tell *source* what it seems not to know, once it has seemed so for a while."""
+        order = play.order_to(source) if self._central and succession.leads else None
+        lacks = lacking(play.ledger, news, succession.host, order, succession.term)
+        if self.gossip.overdue(source, bool(lacks), now):
+            for letter in lacks:
+                self._mail.post(source, letter, now)
 
     def advance(self, play: Play, leads: bool, term: int, now: Time) -> None:
         """Pass on what *play* wants and tells; *leads*: this robot is host, with that *term*."""
         for order in play.orders():
             if order.robot == self._me or (self._central and leads):
                 self._pass_on(order, term, now)
-        ends = [end for end in (play.end(),) if end is not None]
-        breaches = play.breaches()
         if not leads:
             return
+        breaches = play.breaches(self._since)
         for why in breaches:
             self._records.breaches += 1
             self._note(journal.Breached(play.number, why))
-        for result in ends:
+        self.breaches += breaches
+        result = play.end
+        if result is not None and self.announced < play.number:
+            self.announced = play.number
             self._records.ended.append((play.number, result, now))
             self._note(journal.PlanEnded(play.number, result))
-        self.breaches += breaches
-        self.ends += [(play.number, result) for result in ends]
+            self.ends.append((play.number, result))
 
     def take(self, order: Order, play: Play | None, host: Address, now: Time) -> None:
         """Take an order of the *host*; what has been done is not done again, but the host told: it has not heard so."""
@@ -80,5 +112,5 @@ class Dispatch:
         if order.robot == self._me:
             self.mine.append(order)
         else:
-            self._gossip.told(order.robot, now)
+            self.gossip.told(order.robot, now)
             self._mail.post(order.robot, Ordered(term=term, order=order), now)

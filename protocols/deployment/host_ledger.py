@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.deployment import executive_facts
-from protocols.deployment.executive_facts import Ended, Fact, Heard, Record
+from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched
 from protocols.deployment.member_letters import Facts, Told
 from protocols.deployment.orders import Halt, Order, Result
 from protocols.deployment.plan import Plan
@@ -67,6 +67,11 @@ class Ledger:
         end = self._ended.get((order.task, order.robot))
         alike = order.plan == self.number and not isinstance(order.errand, Halt)
         return end if alike and end is not None and end.result is Result.DONE else None
+
+    def switched_since(self, at: Time) -> bool:
+        """Return whether the plan began after *at*, or its strategy was changed at or after that."""
+        switches = [fact.at for fact in self._facts.values() if isinstance(fact, Switched)]
+        return max(switches, default=self._record.start - 1) >= at
 
     def done_tasks(self) -> set[str]:
         """Return the names, in the plan, of what robots have reported to be done, be it at another attempt."""

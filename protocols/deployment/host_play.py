@@ -20,7 +20,6 @@ class Play:
         self.ledger = Ledger(told)
         self.executive: Executive | None = None
         """Runs the play; None with one who only keeps the ledger."""
-        self._announced = False
         self._parameters = parameters
         self._knowledge = knowledge
         self._latest: dict[Address, Order] = {}
@@ -42,6 +41,11 @@ class Play:
         if self._parameters.executive == "distributed":
             return self.ledger.plan.root.name in self.executive.results
         return self.executive.finished
+
+    @property
+    def runs(self) -> bool:
+        """Whether it is run here, and not over."""
+        return self.executive is not None and not self.over
 
     def run(self, whereabouts: Iterable[Whereabouts], now: Time) -> None:
         """Run it from now on, by all that is known of it."""
@@ -90,15 +94,16 @@ class Play:
         """Return the executive's next deadline."""
         return None if self.executive is None else self.executive.wake_at()
 
-    def breaches(self) -> list[str]:
-        """Drain the constraints that were not kept, in words."""
-        return [] if self.executive is None else [breach.why for breach in self.executive.breaches()]
+    def breaches(self, since: Time) -> list[str]:
+        """Drain the constraints that were not kept, in words; without those that were certain *since* or before."""
+        found = [] if self.executive is None else self.executive.breaches()
+        return [breach.why for breach in found if breach.at > since]
 
+    @property
     def end(self) -> str | None:
-        """Return how the whole plan has ended, once; None if it has not."""
-        if self.executive is None or not self.over or self._announced:
+        """How the whole plan has ended; None if it has not."""
+        if self.executive is None or not self.over:
             return None
-        self._announced = True
         return self.executive.results[self.ledger.plan.root.name].value
 
     def ends(self) -> list[Report]:

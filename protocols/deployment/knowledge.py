@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 from cosim.documents import read_yaml, validated
@@ -119,13 +118,7 @@ def _bodies(parameters: Parameters, surroundings: Surroundings, size: int) -> tu
 
 def _playbook(parameters: Parameters) -> Playbook:
     own = () if parameters.library is None else (Path(parameters.library),)
-    return Playbook.read([BUILT_IN, *own], lambda path: _shipped(path) if path.parent == BUILT_IN else _read(path))
-
-
-@cache
-def _shipped(path: Path) -> Play:
-    """Return a play that comes with the program: read once, as a process may hold many runs, and it never changes."""
-    return _read(path)
+    return Playbook.read([BUILT_IN, *own], _read)
 
 
 def _read(path: Path) -> Play:

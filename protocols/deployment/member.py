@@ -184,6 +184,7 @@ class Member:
                 self._end(Result.FAILED, "it has no camera", now)
             case Photo():
                 self._mover.halt()
+                self.camera.begin(now)
             case Explore():
                 self._mover.explore(now)
 
@@ -213,13 +214,15 @@ class Member:
         """Turn to what is to be photographed, and take the picture; return how to turn, if that is to be done."""
         if self._over or self._order is None or not isinstance(self._order.errand, Photo):
             return None
-        wanted_rad = self._order.errand.heading_rad
-        turn = None if wanted_rad is None else self.camera.turn(wanted_rad, observation)
-        if turn is not None:
+        turn = self.camera.turn(self._order.errand.heading_rad, observation)
+        if turn is None:
+            self._note(self.camera.taken(self._order.task, observation))
+            self._records.pictures += 1
+            self._end(Result.DONE, "", now)
+        elif not self.camera.stuck(now):
             return turn
-        self._note(self.camera.taken(self._order.task, observation))
-        self._records.pictures += 1
-        self._end(Result.DONE, "", now)
+        else:
+            self._end(Result.FAILED, "stuck while it turned to what it was to photograph", now)
         return Drive(0.0, 0.0)
 
     def _note_drive(self) -> None:
@@ -228,6 +231,11 @@ class Member:
         if not self._over and order is not None and isinstance(order.errand, Go):
             waits = self._waits_since is not None
             self._knowledge.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+
+    def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
+        self._records.asides += 1
+        self._note(SteppedAside(passing, *self.here))
+        self._aloof.withdraw(passing, post_m, way, now, ordered)
 
     # ------------------------------------------------------------ ends
 
@@ -272,10 +280,3 @@ class Member:
         self._aloof.forget()
         if not self._over:
             self._knowledge.board.ends(self.me)
-
-    # ------------------------------------------------------------ making way
-
-    def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
-        self._records.asides += 1
-        self._note(SteppedAside(passing, *self.here))
-        self._aloof.withdraw(passing, post_m, way, now, ordered)

@@ -8,6 +8,7 @@ from typing import Final
 
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
+from cosim.units import Time, from_seconds
 from protocols.deployment.journal import PictureTaken
 from protocols.deployment.member_letters import COLUMNS, Picture
 from protocols.deployment.parameters import MemberParameters
@@ -24,10 +25,23 @@ class Camera:
         self.works = works
         self._view_rad = math.radians(parameters.view_deg)
         self._turn_radps = parameters.look_radps
+        self._patience = from_seconds(parameters.stuck_s)
+        self._since: Time = 0
+        """When it began to turn."""
         self._asked: list[tuple[Address, int]] = []
 
-    def turn(self, wanted_rad: float, observation: Observation) -> Drive | None:
-        """Return how to turn to a direction; None if it looks there, and stands."""
+    def begin(self, now: Time) -> None:
+        """Begin to turn to what is to be photographed."""
+        self._since = now
+
+    def stuck(self, now: Time) -> bool:
+        """Return whether it has turned for so long that something must hinder it, or pushes it about."""
+        return now - self._since > self._patience
+
+    def turn(self, wanted_rad: float | None, observation: Observation) -> Drive | None:
+        """Return how to turn to a direction; None if it looks there, and stands, or if any direction will do."""
+        if wanted_rad is None:
+            return None
         error = math.remainder(wanted_rad - observation.heading_rad, math.tau)
         if abs(error) <= ALIGNED_RAD and observation.speed_mps < STILL_MPS:
             return None

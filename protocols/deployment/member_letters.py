@@ -13,7 +13,7 @@ from cosim.machine import Address
 from cosim.settings import Settings
 from protocols.deployment.executive_facts import Ended, Fact, Heard, Record
 from protocols.deployment.orders import Errand, Halt, Order, Retreat
-from protocols.deployment.plan import Act, Deployment, Explore, Go, Photo, Place
+from protocols.deployment.plan import Act, Go, Place, actors
 
 MOST_BYTES: Final = 1 << 20
 """A longer letter is none."""
@@ -108,12 +108,12 @@ def _robots(letter: Letter) -> list[Address]:
     """Return the robots that *letter* names."""
     match letter:
         case Told(host=host, record=record):
-            acts = [robot for task in record.plan.root.walk() for robot in _actors(task.act)]
+            acts = [robot for task in record.plan.root.walk() for robot in _mentioned(task.act)]
             return [host, *record.plan.robots, *acts, *record.serials, *_named(record.facts)]
         case Facts(facts=facts):
             return _named(facts)
         case Ordered(order=order):
-            return [order.robot, *_actors(order.errand)]
+            return [order.robot, *_mentioned(order.errand)]
         case Aside(robot=robot) | Picture(robot=robot):
             return [robot]
     return []
@@ -123,15 +123,14 @@ def _named(facts: Iterable[Fact]) -> list[Address]:
     return [fact.robot for fact in facts if isinstance(fact, Ended | Heard)]
 
 
-def _actors(act: Act | Errand | None) -> tuple[Address, ...]:
-    """Return the robots that *act* names."""
+def _mentioned(act: Act | Errand | None) -> tuple[Address, ...]:
+    """Return the robots that *act* names: who is at it, and whom that one minds."""
     match act:
-        case Go(robot=robot, behind=behind):
-            return (robot,) if behind is None else (robot, behind)
+        case Go(robot=robot, behind=int(behind)):
+            return robot, behind
         case Retreat(robot=robot, passing=passing):
             return robot, passing
-        case Deployment(robots=robots) | Explore(robots=robots):
-            return robots
-        case Photo(robot=robot) | Halt(robot=robot):
+        case Halt(robot=robot):
             return (robot,)
-    return ()
+        case _:
+            return actors(act)

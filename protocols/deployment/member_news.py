@@ -55,7 +55,7 @@ class News(NamedTuple):
     task: str
     """What it is at; empty: nothing."""
     over: bool = False
-    """Whether the plan has been played to its end, as one who runs it says."""
+    """Whether the plan has been played to its end, as its author says as host, or has heard that a host says."""
 
     @property
     def moves(self) -> bool:

@@ -65,7 +65,6 @@ class Mover:
         seconds = to_seconds(tick)
         self._traffic = Traffic(me, radius_m, acceleration_mps2 * seconds**2, seconds)
         self._via: list[Place] = []
-        self._home: Place | None = None
         self._aside: Place | None = None
         self._field: Field | None = None
         self._among: tuple[Blocker, ...] = ()
@@ -78,32 +77,24 @@ class Mover:
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
         """Drive to a place, past way points in their order; what it did before is given up."""
         self.goal_m, self._via = (float(place_m[0]), float(place_m[1])), [(float(x), float(y)) for x, y in via_m]
-        self._home = None
         self._begin("driving")
 
     def halt(self) -> None:
         """Stop, and stay there."""
-        self.goal_m, self._via, self._home = None, [], None
+        self.goal_m, self._via = None, []
         self._begin("idle")
 
     def retreat(self, from_m: Place, way: Sequence[Place]) -> None:
-        """Get out of the *way* of somebody who is at *from_m*, and wait there for :meth:`come_back`.
+        """Get out of the *way* of somebody who is at *from_m*, and wait there until it is told where to :meth:`go`.
 
-        Its goal, or where it stands if it has none, is where it comes back to. Where it cannot get out of the way it
-        stays. It has ``arrived`` when it is out of the way.
+        Where it cannot get out of the way it stays. It has ``arrived`` when it is out of the way.
         """
-        home = self._home or self.goal_m or self._here
         passing, place = Blocker(*from_m, self._radius_m), None
         for blockers in ([*self._traffic.standing(self._here), passing], [passing]):
             # who is shut in by others makes for where it would go without them, and asks them to make room in turn
             place = place or refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
-        self.goal_m, self._via, self._home = (place.place_m if place else self._here), [], home
+        self.goal_m, self._via = (place.place_m if place else self._here), []
         self._begin("driving")
-
-    def come_back(self) -> None:
-        """Drive back to where it was before :meth:`retreat`, or on to where it was going."""
-        if self._home is not None:
-            self.go(self._home)
 
     def _begin(self, state: State) -> None:
         self.state, self._aside, self.yielding_to, self.blocked_by = state, None, None, None

@@ -91,6 +91,17 @@ class Deployment(Settings):
 Act: TypeAlias = Annotated[Go | Photo | Wait | Explore | Deployment, Field(discriminator="act")]
 
 
+def actors(act: Act | None) -> tuple[Address, ...]:
+    """Return the robots that are at an act, in the order in which it names them."""
+    match act:
+        case Go(robot=robot) | Photo(robot=robot):
+            return (robot,)
+        case Explore(robots=robots) | Deployment(robots=robots):
+            return robots
+        case _:
+            return ()
+
+
 class Task(Settings):
     """A node of the plan: an act, or subtasks, or (a :class:`Deployment` that has been expanded) both."""
 

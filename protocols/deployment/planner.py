@@ -21,7 +21,7 @@ from protocols.deployment.constraints import Constraint, PlaceName, between, qua
 from protocols.deployment.crew import Body, Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded, expanded_to
-from protocols.deployment.plan import Between, Deployment, Go, Instant, Place, Plan, Strategy, Task
+from protocols.deployment.plan import Between, Deployment, Go, Instant, Place, Plan, Strategy, Task, actors
 from protocols.deployment.planner_mending import Change, Mend, Stuck, out_of_time, short_of_robots
 from protocols.deployment.planner_routes import (
     Routes,
@@ -36,7 +36,7 @@ from protocols.deployment.planner_routes import (
 from protocols.deployment.planner_tailoring import deployed_by, led, revealed, timed_out
 from protocols.deployment.playbook import Playbook
 from protocols.deployment.plays_binding import MOST_ROBOTS, Role, Site, near
-from protocols.deployment.plays_casting import Casting, cast, picked, robots_of
+from protocols.deployment.plays_casting import Casting, cast, picked
 from protocols.deployment.roles import Shortage, assigned
 from protocols.deployment.staging import Stager
 from protocols.deployment.stn import Network
@@ -284,7 +284,7 @@ class _Calling:
         stuck = self._hindered(root, constraints, crew, starts_m)
         if stuck is not None:
             return stuck
-        used = sorted({robot for task in root.walk() for robot in robots_of(task.act)})
+        used = sorted({robot for task in root.walk() for robot in actors(task.act)})
         play = "/".join((self.path, *self.inner))
         return Plan(number=self.number, play=play, robots=tuple(used), root=root, constraints=tuple(constraints))
 
@@ -397,7 +397,7 @@ class _Calling:
         network = network_of(whole, spans_of(leaves, starts_m, crew.bodies, self.routes, timing), constraints)
         if not network.consistent:
             return out_of_time(network, [(asked(each), each) for each in constraints], list(timing_out(whole)))
-        clashes = wanted_at_once(leaves, graph, lambda task: robots_of(task.act))
+        clashes = wanted_at_once(leaves, graph, lambda task: actors(task.act))
         if clashes:
             texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)
             orders = [(Change(before=((a, b),)), f"{b} after {a}") for _, a, b in clashes[:2]]

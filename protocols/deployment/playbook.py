@@ -67,10 +67,6 @@ class Playbook:
 
     # ------------------------------------------------------------ searching
 
-    def paths(self) -> list[str]:
-        """Return the paths of all plays and folders."""
-        return list(self._plays)
-
     def find(self, path: str) -> tuple[str, tuple[str, ...]]:
         """Return the path of the play or folder that *path* begins with, and the labels of its tasks that follow.
 

@@ -11,9 +11,10 @@ from itertools import pairwise
 from typing import Any, Final
 
 from cosim.errors import UserError
+from cosim.geometry.polylines import length_m
 from cosim.machine import Address
 from protocols.deployment.constraints import Constraint, between, quantities_of
-from protocols.deployment.plan import Act, Between, Deployment, Explore, Go, Photo, Place, Task, Wait
+from protocols.deployment.plan import Act, Between, Deployment, Explore, Go, Photo, Place, Task, Wait, actors
 from protocols.deployment.playbook import Playbook
 from protocols.deployment.plays import (
     DeployStep,
@@ -73,21 +74,10 @@ def cast(
     caster = _Caster(playbook, site, robots, homes_m or {})
     binding = caster.binder.bind(play, path, given, None, "")
     root, unused = caster.net(path.rpartition("/")[2], play, binding, tuple(inner))
-    used = {robot for task in root.walk() for robot in robots_of(task.act)}
+    used = {robot for task in root.walk() for robot in actors(task.act)}
     roles = {name: role for name, role in caster.binder.roles.items() if caster.address(name) in used}
     numbers = {caster.address(name): name for name in roles}
     return Casting(root, roles, numbers, caster.between, caster.faults, unused, binding)
-
-
-def robots_of(act: Act | None) -> tuple[Address, ...]:
-    """Return the robots that an act makes use of."""
-    match act:
-        case Go(robot=robot) | Photo(robot=robot):
-            return (robot,)
-        case Explore(robots=robots) | Deployment(robots=robots):
-            return robots
-        case _:
-            return ()
 
 
 class _Caster:
@@ -211,12 +201,12 @@ class _Caster:
         apart_m, towards = binding.number_of(step.apart_m, 0.0), next(iter(binding.places_of(step.towards)), at)
         apart_m = min(apart_m, self.site.apart_m)
         way = self.site.ways.way(self.site.radius_m, at, towards)
-        needed_m, length_m = apart_m * (len(robots) - 1), _length(way or [at])
-        if length_m < needed_m:
-            there = f"there are {length_m:.1f} m" if way else "there is none"
+        needed_m, there_m = apart_m * (len(robots) - 1), length_m(way or [at])
+        if there_m < needed_m:
+            there = f"there are {there_m:.1f} m" if way else "there is none"
             wanted = f"{len(robots)} robots {apart_m:g} m apart want {needed_m:g} m of way"
             wanted += f" from {shown(at)} to {shown(towards)}"
-            most_m = math.floor(length_m / (len(robots) - 1) * 100.0) / 100.0
+            most_m = math.floor(there_m / (len(robots) - 1) * 100.0) / 100.0
             self.faults.append((f"{name}: {wanted}, and {there}", most_m if way else None))
         goes = list[Task]()
         for number, robot in enumerate(robots):
@@ -245,10 +235,6 @@ def picked(task: Task, inner: Sequence[str]) -> Task:
 def shown(place: Place) -> str:
     """Return a place in words."""
     return f"({place[0]:g}, {place[1]:g})"
-
-
-def _length(way: Sequence[Place]) -> float:
-    return sum(math.dist(a, b) for a, b in pairwise(way))
 
 
 def _along(way: Sequence[Place], ahead_m: float) -> Place:

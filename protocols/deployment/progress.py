@@ -214,15 +214,6 @@ class Progress:
 
     # ------------------------------------------------------------ what is wanted
 
-    def spans(self) -> dict[str, tuple[Time | None, Time | None]]:
-        """Return when each task began and ended, as far as it has; one that was done once more, for the last time."""
-        return {node.task.name: (node.began, node.ended) for node in self.tree.root.walk()}
-
-    def posts_m(self) -> dict[Address, Place]:
-        """Return where the robots of deployments that have begun are to end up."""
-        each = self.deployments.values()
-        return {robot: deploying.post_m(robot) for deploying in each for robot in deploying.posts}
-
     def errands(self) -> dict[Address, tuple[str, Go | Photo | Explore]]:
         """Return what every robot is to be at, with the task's name."""
         errands = dict[Address, tuple[str, Go | Photo | Explore]]()

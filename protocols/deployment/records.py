@@ -1,6 +1,6 @@
 """What a robot counts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from cosim.units import Time
 
@@ -40,3 +40,8 @@ class Records:
     way_m: float = 0.0
     blocked: int = 0
     """Ticks in which a wall or a body held it up."""
+
+    def carry(self, before: "Records") -> None:
+        """Count on from where those of the robot's former life, *before* it booted again, have come to."""
+        for each in fields(self):
+            setattr(self, each.name, getattr(before, each.name) + getattr(self, each.name))

@@ -1,10 +1,15 @@
 """The truth of a deployment: whether the places are held, when, and how the robots have moved to get there.
 
 A place is held when a living robot stands within ``HELD_M`` of it. A team is deployed when so many of its plan's places
-are held at once as can be: all of them, or as many as robots of the plan are alive, or as dead bodies do not cover.
+are held at once as can be: all of them, or as many as robots of the plan are alive, or as dead bodies do not cover; and
+when that lasts, for robots that stand at such places between two stages only pass them.
+
+What is judged are the places of the last plan. A plan to the same places as the one before, as after two parts of a
+team have met again, goes on with that: time counts from the begin of the first of them.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -12,7 +17,7 @@ import numpy as np
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.navigation.schemas import Floats
 from cosim.protocol import Death, Metric, Surroundings
-from cosim.units import Time, to_seconds
+from cosim.units import S, Time, to_seconds
 from protocols.deployment.plan import Place
 from protocols.deployment.standing import Begun, Board, stage_of
 
@@ -20,6 +25,8 @@ HELD_M: Final = 0.3
 """As near to a place as this a robot holds it."""
 REST_M: Final = 1e-3
 """A robot that moved less than this in a tick stands."""
+STOOD: Final = 5 * S
+"""Places that are held for so long on end are not only passed: the next order, over any channel, comes before that."""
 MOVED_M: Final = 0.1
 """A robot that has come as far as this in a stage has moved in it."""
 TOUCH_M: Final = 1e-4
@@ -29,14 +36,23 @@ MOST_STAGES: Final = 8
 
 REFEREE_METRICS: Final = (
     Metric("deployed", "1", "1 if at the end all places of the last plan are held that could be, else 0"),
-    Metric("deployment_s", "s", "from the first plan's begin until its places were held; NaN if they never were"),
+    Metric(
+        "deployment_s",
+        "s",
+        "from the last plan's begin (of several in a row to the same places the first's) until as many of its places "
+        "as could be were held, for 5 s on end or to the end of the run; NaN if they never were",
+    ),
     Metric("places_held", "1", "share of the last plan's places that are held at the end; NaN without a plan"),
     Metric("way_m", "m", "driven by each robot, in the mean"),
     Metric("interference_s", "s", "robot-seconds lost: below the free speed because of another robot, as shares of it"),
     Metric("hindered_s", "s", "robot-seconds in which a robot was below its free speed because of another"),
     Metric("under_way_s", "s", "robot-seconds in which robots were under way to a goal"),
     Metric("waited_s", "s", "robot-seconds in which robots waited for their turn, as ordered"),
-    Metric("unoccupied_s", "s", "place-seconds in which a place that had been held was not, until all were"),
+    Metric(
+        "unoccupied_s",
+        "s",
+        "place-seconds in which a place of the last plan that had been held was not, until all were",
+    ),
     Metric("collisions", "1", "times that two bodies touched"),
     Metric("wall_contacts", "1", "times that a body touched a wall"),
     Metric("nearest_m", "m", "least gap between two bodies"),
@@ -67,10 +83,7 @@ class DeploymentReferee:
         self._way_m = 0.0
         self._dead: dict[int, Death] = {}
         self._stages = Stages()
-        self._held: set[Place] = set()
-        """The places of the first plan that have been held at some time."""
-        self._unoccupied_s = 0.0
-        self._deployed_at: Time | None = None
+        self._aims = Aims()
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Note where the robots are, and what they have done since the tick before."""
@@ -80,17 +93,12 @@ class DeploymentReferee:
         self._rests, self._places = moved < REST_M, places
         self._contacts.look(places)
         self._stages.look(self._board, places)
-        if self._board.begun and self._deployed_at is None:
-            self._look_at_first(self._board.begun[0], now)
+        if self._board.begun:
+            last = self._board.begun[-1]
+            self._aims.follow(self._board.begun)
+            held = self._held_of(last)
+            self._aims.look(held, self._all_of(last, held), self._tick_s, now)
         return False
-
-    def _look_at_first(self, plan: Begun, now: Time) -> None:
-        held = self._held_of(plan)
-        if held and self._all_of(plan, held):
-            self._deployed_at = now
-        else:
-            self._unoccupied_s += len(self._held - held) * self._tick_s
-            self._held |= held
 
     def died(self, death: Death) -> None:
         """Note that a robot holds nothing any more; its body stays in the way."""
@@ -106,10 +114,10 @@ class DeploymentReferee:
         return {plan.places_m[n] for n in np.flatnonzero((away <= HELD_M).any(axis=1))}
 
     def _all_of(self, plan: Begun, held: set[Place]) -> bool:
-        """Return whether no more places of *plan* could be held than are."""
+        """Return whether there are places of *plan* that are held, and no more could be."""
         alive = sum(robot not in self._dead for robot in plan.robots)
         free = sum(place in held or not self._covered(place) for place in set(plan.places_m))
-        return len(held) >= min(alive, free)
+        return bool(held) and len(held) >= min(alive, free)
 
     def _covered(self, place: Place) -> bool:
         """Return whether a dead body is so near that nobody can hold *place*."""
@@ -120,23 +128,64 @@ class DeploymentReferee:
         """Return the metrics of ``REFEREE_METRICS``."""
         begun = self._board.begun
         held = self._held_of(begun[-1]) if begun else set()
-        deployed = bool(held) and self._all_of(begun[-1], held)
-        since = math.nan if self._deployed_at is None else to_seconds(self._deployed_at - begun[0].at)
         return {
-            "deployed": float(deployed),
-            "deployment_s": since,
+            "deployed": float(bool(begun) and self._all_of(begun[-1], held)),
+            "deployment_s": self._aims.deployment_s,
             "places_held": len(held) / len(set(begun[-1].places_m)) if begun and begun[-1].places_m else math.nan,
             "way_m": self._way_m / len(self._radii_m),
             "interference_s": self._board.lost_s(),
             "hindered_s": self._board.hindered_s(),
             "under_way_s": self._board.under_way_s(),
             "waited_s": self._board.waited_s(),
-            "unoccupied_s": self._unoccupied_s,
+            "unoccupied_s": self._aims.unoccupied_s,
             "collisions": float(self._contacts.collisions),
             "wall_contacts": float(self._contacts.wall_contacts),
             "nearest_m": self._contacts.nearest_m,
             **self._stages.verdict(),
         }
+
+
+class Aims:
+    """How the places of the last plan have come to be held."""
+
+    def __init__(self) -> None:
+        self._places: set[Place] = set()
+        self._plans = 0
+        """So many plans had begun when it was looked last."""
+        self._begun: Time = 0
+        """When the team set off to these places."""
+        self._held: set[Place] = set()
+        """Those that have been held at some time."""
+        self._since: Time | None = None
+        """Since when all have been held that could be; once that has lasted, it stays as it is."""
+        self._lasted = False
+        self.unoccupied_s = 0.0
+        """Place-seconds in which those that had been held were not."""
+
+    @property
+    def deployment_s(self) -> float:
+        """Seconds until all were held; NaN if they have not been."""
+        return math.nan if self._since is None else to_seconds(self._since - self._begun)
+
+    def follow(self, plans: Sequence[Begun]) -> None:
+        """Begin anew for each of the plans that have begun since, if it is to other places than the one before."""
+        for plan in plans[self._plans :]:
+            self._plans += 1
+            if self._plans == 1 or set(plan.places_m) != self._places:
+                self._places, self._begun = set(plan.places_m), plan.at
+                self._held, self._since, self._lasted, self.unoccupied_s = set(), None, False, 0.0
+
+    def look(self, held: set[Place], enough: bool, tick_s: float, now: Time) -> None:
+        """Take which places are held at a tick, and whether more could be."""
+        if self._lasted:
+            return
+        if enough:
+            self._since = now if self._since is None else self._since
+            self._lasted = now - self._since >= STOOD
+        else:
+            self._since = None
+            self.unoccupied_s += len(self._held - held) * tick_s
+        self._held |= held
 
 
 class Contacts:

@@ -5,6 +5,7 @@ the executive orders this robot goes to the member, and what the member has ende
 """
 
 from dataclasses import replace
+from typing import Final
 
 from cosim.errors import WireError
 from cosim.machine import (
@@ -23,7 +24,7 @@ from protocols.deployment import member_letters, member_news
 from protocols.deployment.console import Console
 from protocols.deployment.console_planning import Planning
 from protocols.deployment.courier import Courier
-from protocols.deployment.exploring import Exploring
+from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.exploring_mover import ExploringMover
 from protocols.deployment.host import Host
 from protocols.deployment.host_calls import Calls
@@ -36,6 +37,10 @@ from protocols.deployment.member_news import News
 from protocols.deployment.orders import Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.records import Records
+from protocols.exploration import frames
+
+MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
+"""Of news that tell of maps."""
 
 
 class Runner:
@@ -64,7 +69,7 @@ class Runner:
         self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
         planning = Planning(parameters, knowledge, self.member, self._silent)
         self.console = Console(planning, knowledge, self.host, self.member, self._heard, note)
-        self._calls = Calls(parameters, planning, self.host, note, self.records, start)
+        self.calls = Calls(parameters, planning, self.host, note, self.records, start)
         self._changes = 0
         """How often the host has changed, as far as the member was told."""
 
@@ -74,7 +79,7 @@ class Runner:
     def finished(self) -> bool:
         """Whether all that was to be played has been, and the robot rests; never where an operator may call plays."""
         return (
-            self._calls.over
+            self.calls.over
             and not self.host.busy
             and self.member.resting
             and not self.console.attended
@@ -107,7 +112,7 @@ class Runner:
             self._show(picture, now)
         self.courier.tick(self.member.here, observation.visible, now)
         self.host.tick(self._heard, self._whereabouts(), now)
-        self._calls.tick(now)
+        self.calls.tick(now)
         if now >= self._next_news or now < self._next_news - self._period:
             self._next_news = now + self._period
             self.courier.tell(member_news.TOPIC, member_news.encode(self._news()), now)
@@ -185,17 +190,10 @@ class Runner:
 
     def _read(self, now: Time) -> None:
         for source, topic, payload, _ in self.courier.news():
-            if topic != member_news.TOPIC:
-                self.exploring.receive(source, payload, now)
-                continue
             try:
-                news = member_news.decode(payload, self._knowledge.size)
+                self._hear(source, topic, payload, now)
             except WireError:
                 self._events.append(BadBytes(source, len(payload)))
-                continue
-            self.member.others.tell(source, news, now)
-            self._calls.hear(news.calls)
-            self.host.hear(source, news, now)
         for source, payload in self.courier.letters():
             try:
                 letter = member_letters.decode(payload, self._knowledge.size)
@@ -203,6 +201,18 @@ class Runner:
                 self._events.append(BadBytes(source, len(payload)))
                 continue
             self._deliver(source, letter, now)
+
+    def _hear(self, source: Address, topic: int, payload: bytes, now: Time) -> None:
+        """Take what another tells to all; raise WireError for what nobody of the team can have meant."""
+        if topic in MAP_TOPICS:
+            frames.decode(payload)  # nobody begins to tell of a map because of bytes that are no piece of any
+            self.exploring.receive(source, payload, now)
+            return
+        if topic != member_news.TOPIC:
+            raise WireError(f"news of topic {topic}")
+        news = member_news.decode(payload, self._knowledge.size)
+        self.member.others.tell(source, news, now)
+        self.host.hear(source, news, now)
 
     def _deliver(self, source: Address, letter: Letter, now: Time) -> None:
         match letter:
@@ -253,7 +263,7 @@ class Runner:
             host=host.succession.host,
             term=host.succession.term,
             plan=host.number,
-            calls=self._calls.dealt,
+            calls=self.calls.dealt,
             digest=host.digest,
             serial=order.serial if order is not None and order.plan == host.number else None,
             idle=member.idle,
@@ -263,5 +273,5 @@ class Runner:
             speed_mps=member.speed_mps,
             goal_m=member.goal_m,
             task=member.task,
-            over=host.play is not None and host.play.over,
+            over=host.over,
         )

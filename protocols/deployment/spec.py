@@ -30,7 +30,7 @@ APART: Final = 3.0
 METRICS: Final = (
     Metric("plans_ended", "1", "plays that were played to their end, however that was"),
     Metric("plans_done", "1", "plays that were played, and done"),
-    Metric("played_s", "s", "when the last of them ended; NaN if none did"),
+    Metric("played_s", "s", "when the last of them ended, as it was first announced; NaN if none did"),
     Metric("refused", "1", "plays that were called, and refused"),
     Metric("orders", "1", "orders that executives gave"),
     Metric("orders_failed", "1", "orders that robots could not carry out"),
@@ -93,8 +93,15 @@ def make(
 
 
 def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
-    """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map."""
+    """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map, its agenda.
+
+    What its robot has counted for the judge goes on too: a run's counts are of the run, not of the last life.
+    """
     after.positioning.resume(before.positioning.shift)
+    after.calls.start = before.calls.start
+    after.records.carry(before.records)
+    after.courier.counts.frames += before.courier.counts.frames
+    after.courier.counts.octets += before.courier.counts.octets
 
 
 def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> DeploymentReferee:
@@ -105,7 +112,8 @@ def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surround
 def measure(machines: Sequence[Runner]) -> dict[str, float]:
     """Return what the machines have counted."""
     records = [machine.records for machine in machines]
-    ends = {number: (result, at) for each in records for number, result, at in each.ended}
+    announced = [end for each in records for end in each.ended]  # again by a successor, or after a reboot
+    ends = {number: (result, at) for number, result, at in sorted(announced, key=lambda end: end[2], reverse=True)}
     return {
         "plans_ended": float(len(ends)),
         "plans_done": float(sum(result == "done" for result, _ in ends.values())),

@@ -11,8 +11,7 @@ Instants are integers (ns) like all time here, so that no sum of rounded seconds
 """
 
 from collections import deque
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable
 from typing import Final, NamedTuple, TypeAlias
 
 import networkx as nx
@@ -24,7 +23,6 @@ Point: TypeAlias = tuple[str, str]
 
 BEGINNING: Final[Point] = ("", "start")
 """The instant that windows count from."""
-_SOURCE: Final[Point] = ("", "virtual source")
 
 
 class Bound(NamedTuple):
@@ -73,49 +71,10 @@ def graph_of(bounds: Iterable[Bound]) -> "nx.DiGraph[Point]":
     return graph
 
 
-def consistent(bounds: Iterable[Bound]) -> bool:
-    """Return whether there is a schedule that meets all *bounds*."""
-    return _cycle(graph_of(bounds)) is None
-
-
-def conflict(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return a minimal set of *bounds* that no schedule meets; nothing if one meets them all."""
-    for bound in bounds:
-        if bound.empty:
-            return (bound,)
-    graph = graph_of(bounds)
-    cycle = _cycle(graph)
-    if cycle is None:
-        return ()
-    edges = [graph.edges[tail, head] for tail, head in pairwise(cycle)]
-    if sum(edge["weight"] for edge in edges) < 0 and len(set(cycle)) == len(edges):
-        return tuple(dict.fromkeys(edge["bound"] for edge in edges))
-    return _filtered(list(bounds))  # networkx may follow ties into a cycle of weight 0
-
-
-def _cycle(graph: "nx.DiGraph[Point]") -> list[Point] | None:
-    """Return the points of a cycle, the first again at the end; None if no cycle is negative."""
-    whole = graph.copy()  # a point reaches its own component only: a virtual one reaches all
-    whole.add_edges_from(((_SOURCE, point) for point in graph), weight=0)
-    try:
-        return list(nx.find_negative_cycle(whole, _SOURCE, weight="weight"))
-    except nx.NetworkXError:
-        return None
-
-
 def _lengths(graph: "nx.DiGraph[Point]", source: Point) -> dict[Point, Time]:
     """Return the lengths of the shortest paths from *source*: whole numbers, like the weights."""
     lengths = nx.single_source_bellman_ford_path_length(graph, source, weight="weight")
     return {point: int(length) for point, length in dict(lengths).items()}
-
-
-def _filtered(bounds: list[Bound]) -> tuple[Bound, ...]:
-    """Return what is left of *bounds* when each is left out without which the others still conflict."""
-    for bound in list(bounds):
-        others = [each for each in bounds if each is not bound]
-        if nx.negative_edge_cycle(graph_of(others), weight="weight"):
-            bounds = others
-    return tuple(bounds)
 
 
 # ---------------------------------------------------------------- one after the other
@@ -178,11 +137,6 @@ class Network:
                 return
             self._times[edge.head] = time
             queue.extend(self._outgoing.get(edge.head, {}).values())
-
-    def schedule(self) -> dict[Point, Time]:
-        """Return one schedule, ns from the beginning; call it only while the network is consistent."""
-        zero = self._times[BEGINNING]
-        return {point: time - zero for point, time in self._times.items()}
 
     def windows(self) -> dict[Point, tuple[Time | None, Time | None]]:
         """Return the earliest and the latest instant of each point, ns; None: there is no such limit."""

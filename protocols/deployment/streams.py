@@ -118,6 +118,8 @@ class Outbound:
         """How long."""
         self._life: int | None = None
         """Of who has answered last."""
+        self._former: dict[int, Time] = {}
+        """Lives before that one, and how long their answers, which may be late, are not taken for those of a new."""
 
     # ------------------------------------------------------------ sending
 
@@ -166,10 +168,8 @@ class Outbound:
         """Take an answer that who is in its *life* has given; raise WireError for one to what was never sent."""
         if ack.next + ack.beyond.bit_length() + (ack.beyond > 0) > self._fresh:
             raise WireError("an acknowledgement of what was never sent")
-        if life != self._life:
-            if self._life is not None:
-                self._begin_again()
-            self._life = life
+        if life != self._life and not self._begins(life, now):
+            return
         numbers = range(self._base, min(self._fresh, ack.next + 1 + WINDOW))
         arrived = [
             number
@@ -179,6 +179,21 @@ class Outbound:
         ]
         if arrived:
             self._note(arrived, now)
+
+    def _begins(self, life: int, now: Time) -> bool:
+        """Return whether an answer given in another *life* than the last is one of a new life, and begin that.
+
+        A life that has passed may still be heard of, by frames that were long under way. One that goes on answering
+        has not passed: robots' clocks may be set back, and what was late may come first.
+        """
+        self._former = {each: until for each, until in self._former.items() if now < until}
+        if self._life is not None:
+            if life in self._former and life < self._life:
+                return False
+            self._former[self._life] = now + self._pace.give_up // 2
+            self._begin_again()
+        self._life = life
+        return True
 
     def _begin_again(self) -> None:
         """Forget what has arrived: the other has been booted, and has forgotten it as well."""

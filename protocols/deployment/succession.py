@@ -26,7 +26,7 @@ class Succession:
         self.me = me
         self.host = first
         self.term = 0
-        """How often the team's host has changed, as far as is known here."""
+        """How often the team's host has changed, as far as is known here: one counts once it has said so."""
         self.why = ""
         """Why the host has changed the last time."""
         self.since = start
@@ -74,7 +74,8 @@ class Succession:
             return False
         living = self.living(heard, now)
         self._fallen[self.host] = now
-        self._follow(living[0], self.term + 1, f"nothing heard of robot {self.host}")
+        own = living[0] == self.me  # else it may never lead: who follows it in vain has been led by nobody
+        self._follow(living[0], self.term + own, f"nothing heard of robot {self.host}")
         return True
 
     def claimed(self, source: Address, term: int, plan: int, own_plan: int) -> bool:
@@ -97,10 +98,6 @@ class Succession:
             return False
         self.term = max(self.term, term) + 1
         return True
-
-    def take_over(self, why: str) -> None:
-        """Become host, whoever was."""
-        self._follow(self.me, self.term + 1, why)
 
     def _follow(self, host: Address, term: int, why: str) -> None:
         self.host, self.term, self.why = host, term, why

@@ -10,7 +10,7 @@ from cosim.machine import Address
 from cosim.navigation.dwa import BODY_COLUMNS
 from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
-from cosim.units import Time, to_seconds
+from cosim.units import Time, from_seconds, to_seconds
 from protocols.deployment.floor import Blocker
 from protocols.deployment.plan import Place
 from protocols.deployment.positioning_frames import Shift
@@ -103,7 +103,7 @@ class Traffic:
             if track is None:
                 track = self._tracks[address] = Track(address)
                 track.radius_m, track.change = self._radius_m, self._change
-            before = now - round(self._seconds * 1e9)
+            before = now - from_seconds(self._seconds)
             if carried is not None and track.seen == before:
                 track.carry(carried)
             was = track.place_m

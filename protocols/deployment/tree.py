@@ -19,7 +19,7 @@ from typing import Final, Literal, Protocol, TypeAlias
 from cosim.machine import Address, next_state
 from cosim.units import Time, from_seconds
 from protocols.deployment.orders import Result
-from protocols.deployment.plan import Deployment, Explore, Task, Wait
+from protocols.deployment.plan import Deployment, Task, Wait, actors
 
 
 class State(StrEnum):
@@ -388,8 +388,5 @@ class TaskTree:
 
 
 def claims(task: Task) -> frozenset[Address]:
-    """Return the robots that a leaf's act names."""
-    act = task.act
-    if act is None or isinstance(act, Wait | Deployment):
-        return frozenset()
-    return frozenset(act.robots) if isinstance(act, Explore) else frozenset({act.robot})
+    """Return the robots that a leaf keeps busy: those of a deployment are kept by what is made of it."""
+    return frozenset() if isinstance(task.act, Deployment) else frozenset(actors(task.act))

@@ -83,8 +83,8 @@ class Scene:
         """Between a body and a wall, ever."""
         self.dead: set[int] = set()
         self.tells_goals = True
-        self.asides: dict[int, tuple[int, Place]] = {}
-        """Who has been asked to step aside: by whom, and from where."""
+        self.asides: dict[int, tuple[int, Place, Place]] = {}
+        """Who has been asked to step aside: by whom, from where, and where it is to come back to."""
 
     def tick(self) -> None:
         self.fleet.apply(self.commands)
@@ -113,16 +113,16 @@ class Scene:
             other = self.movers[asked]
             if other.state in ("idle", "arrived"):
                 here = self.place(me)
-                self.asides.setdefault(asked, (me, self.place(asked)))
-                self.asides[asked] = me, self.asides[asked][1]
+                stood = self.place(asked)
+                self.asides[asked] = me, *self.asides.get(asked, (me, stood, other.goal_m or stood))[1:]
                 other.retreat(here, self.floor.way(self.radii[me], here, mover.goal_m) or [])
-        for asked, (me, home) in list(self.asides.items()):
+        for asked, (me, stood, home) in list(self.asides.items()):
             goal = self.movers[me].goal_m
             way = self.floor.way(self.radii[me], self.place(me), goal) if goal is not None else None
             over = self.movers[me].state == "arrived" or me in self.dead
-            if over or not in_the_way(home, self.radii[asked], way or [], self.radii[me], 0.1):
+            if over or not in_the_way(stood, self.radii[asked], way or [], self.radii[me], 0.1):
                 del self.asides[asked]
-                self.movers[asked].come_back()
+                self.movers[asked].go(home)
 
     def place(self, me: int) -> Place:
         x, y = self.fleet.positions_m[me].tolist()

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cosim.machine import Address
 from cosim.units import MS, S, Time, from_seconds
 from protocols.deployment.crew import Body, Crew
 from protocols.deployment.dispatch import Breach
@@ -286,3 +287,9 @@ class Scene:
             if robot.alive:
                 for report in robot.reports:
                     self._post(report)
+
+
+def posts_of(executive: Executive) -> dict[Address, Place]:
+    """Return where the robots of deployments that have begun are to end up."""
+    each = executive.progress.deployments.values()
+    return {robot: deploying.post_m(robot) for deploying in each for robot in deploying.posts}

@@ -1,7 +1,7 @@
 """A floor without walls, a team, and the library, for tests of plays."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -88,3 +88,14 @@ class Scene:
         found = self.call(play, **more)
         assert isinstance(found, Refusal), found
         return found
+
+
+def paths_of(playbook: Playbook) -> list[str]:
+    """Return the paths of all plays and folders of a library."""
+    return list(_paths(playbook.root, ""))
+
+
+def _paths(folder: Play, at: str) -> Iterator[str]:
+    for name, play in folder.plays.items():
+        yield f"{at}{name}"
+        yield from _paths(play, f"{at}{name}/")

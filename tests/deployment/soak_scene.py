@@ -5,6 +5,7 @@ what can be reached is labelled on a grid by scipy.
 """
 
 import math
+from collections.abc import Set
 from typing import Any, Final, NamedTuple
 
 import networkx as nx
@@ -18,6 +19,7 @@ from cosim.simulation import Simulation
 from cosim.trace import POSES
 from cosim.world.offices import OfficeSettings, office_walls
 from protocols.deployment.plan import Place
+from tests.deployment.soak_wider import Party, widened
 
 DURATION_S: Final = 1500.0
 TOUCH_M: Final = 1e-4
@@ -25,6 +27,8 @@ TOUCH_M: Final = 1e-4
 HELD_M: Final = 0.3
 SQUEEZE_M: Final = 0.1
 """Nobody is asked to pass where there is less room than that on either side."""
+BACK_S: Final = 15.0
+"""Who is back for less than this need not have been told what was missed."""
 CELL_M: Final = 0.05
 BODIES: Final = (
     {"radius_m": 0.33, "speed_mps": 0.5, "acceleration_mps2": 0.3},
@@ -59,6 +63,10 @@ class Case(NamedTuple):
     """Of the play that is called last."""
     faults: str
     """In a word: what goes wrong."""
+    parties: tuple[Party, ...] = ()
+    """Who is deployed to which of the places; anybody to any, if nothing is said."""
+    strict: bool = True
+    """Whether all that can be held is to be held, even if the play fails."""
 
 
 # ---------------------------------------------------------------- scenarios
@@ -141,7 +149,7 @@ def drawn(seed: int) -> Case:
         channel = {"kind": "ideal", "delay_s": 0.002}
         if stream.random() < 0.5:
             channel["loss"] = round(float(stream.uniform(0.1, 0.3)), 2)
-    plain = {
+    plain: dict[str, Any] = {
         "duration_s": DURATION_S,
         "floorplan": {"map": "walls", "walls": floor.walls},
         "team": {
@@ -162,10 +170,19 @@ def drawn(seed: int) -> Case:
         },
         "faults": faults,
     }
+    more = Streams(seed)("soak of deployments, what is wider")
+
+    def draw(wanted: int) -> list[Place]:
+        return _places(room, more, wanted, 4.0 * max(radii) + 0.3, None)
+
+    parties, wider = widened(plain, more, draw)
     words += [floor.name, f"{size} robots", "mixed" if mixed else "alike", channel["kind"]]
     words += [f"loss {channel['loss']}"] if "loss" in channel else []
     words += [f"kill {fault['robot']} at {fault['at_s']}" for fault in faults]
-    return Case(Scenario.model_validate(plain), floor, radii, ends, ", ".join(words))
+    calls = plain["protocol"]["parameters"]["calls"]
+    strict = str(calls[0]["call"]["play"]) in PLAYS or not plain["faults"]
+    scenario = Scenario.model_validate(plain)
+    return Case(scenario, floor, radii, ends, ", ".join([*words, *wider]), tuple(parties), strict)
 
 
 def _faults(stream: np.random.Generator, size: int) -> list[dict[str, Any]]:
@@ -225,10 +242,45 @@ def judged(case: Case, seed: int) -> Verdict:
     complaints = touched(case, places)
     if outcome.metrics["simulated_s"] >= DURATION_S:
         complaints.append("the run does not end")
-    if outcome.metrics["plans_ended"] < 1.0:
-        complaints.append("no play was played to its end")
-    complaints += deserted(case, [(float(x), float(y)) for x, y in places[-1]], dead)
+    refused = outcome.metrics["plans_ended"] < 1.0
+    told = [] if case.strict and not refused else failure(events)
+    if told == ["no reason is told"]:
+        complaints += told
+    elif not told:
+        complaints += deserted(case, [(float(x), float(y)) for x, y in places[-1]], dead, absent(events))
     return Verdict(complaints, dict(outcome.metrics))
+
+
+def failure(events: list[dict[str, Any]]) -> list[str]:
+    """Return the reasons, in words, for which the last plan has failed, or was refused; none if it was done.
+
+    As long as nothing has gone wrong with any robot, no play is to be refused.
+    """
+    ends = [row for row in events if row["event"] == "PlanEnded"]
+    if ends and ends[-1]["result"] == "done":
+        return []
+    hurt = min((row["time_ns"] for row in events if row["event"] in ("Killed", "Crashed", "RadioOff")), default=None)
+    told = [row for row in events if row["event"] == "Breached" or row.get("result") == "failed"]
+    told += [row for row in events if row["event"] == "PlanRefused" and hurt is not None and hurt < row["time_ns"]]
+    reasons = [row["why"] for row in told if len((row.get("why") or "").split()) > 1]
+    reasons += [f"robot {row['robot']} was lost" for row in events if row["event"] == "RobotLost"]
+    return reasons or ["no reason is told"]
+
+
+def absent(events: list[dict[str, Any]]) -> set[int]:
+    """Return whose computer was down, or radio off, when the last plan ended, or had not been back for long then."""
+    ended = max((row["time_ns"] for row in events if row["event"] == "PlanEnded"), default=0)
+    away: dict[tuple[int, str], int] = {}
+    absent = set()
+    for row in events:
+        change = {"Crashed": "down", "Rebooted": "down", "RadioOff": "off", "RadioOn": "off"}.get(row["event"])
+        if change is None:
+            continue
+        if row["event"] in ("Crashed", "RadioOff"):
+            away[row["source"], change] = row["time_ns"]
+        elif away.pop((row["source"], change)) < ended < row["time_ns"] + BACK_S * 1e9:
+            absent.add(row["source"])
+    return absent | {robot for (robot, _), since in away.items() if since < ended}
 
 
 def touched(case: Case, places: Any) -> list[str]:
@@ -245,18 +297,21 @@ def touched(case: Case, places: Any) -> list[str]:
     return complaints
 
 
-def deserted(case: Case, places: list[Place], dead: set[int]) -> list[str]:
-    """Return a complaint if the living robots hold fewer places than they could, one each."""
-    living = [robot for robot in range(len(places)) if robot not in dead]
-    bodies = [(places[robot], case.radii_m[robot]) for robot in sorted(dead)]
+def deserted(case: Case, places: list[Place], dead: set[int], absent: Set[int] = frozenset()) -> list[str]:
+    """Return a complaint if the living robots hold fewer places than those of them could, one each, who were there."""
+    bodies = [(places[robot], case.radii_m[robot]) for robot in sorted(dead | absent)]
+    parties = case.parties or (Party(tuple(range(len(places))), tuple(case.places_m)),)
     graph: Any = nx.Graph()
-    graph.add_nodes_from(living)
-    for robot in living:
-        room = Room(case.floor, case.radii_m[robot], bodies, SQUEEZE_M)
-        mine = room.parts(places[robot], 0.1)
-        for number, place in enumerate(case.places_m):
-            if mine & room.parts(place, 0.0):
-                graph.add_edge(robot, ("place", number))
-    most = len(nx.bipartite.maximum_matching(graph, living)) // 2 if graph.edges else 0
+    for robots, wanted in parties:
+        present = [robot for robot in robots if robot not in dead | absent]
+        graph.add_nodes_from(present, bipartite=0)
+        for robot in present:
+            room = Room(case.floor, case.radii_m[robot], bodies, SQUEEZE_M)
+            mine = room.parts(places[robot], 0.1)
+            for place in wanted:
+                if mine & room.parts(place, 0.0):
+                    graph.add_edge(robot, ("place", place))
+    most = len(nx.bipartite.maximum_matching(graph, {n for n in graph if isinstance(n, int)})) // 2
+    living = [robot for robot in range(len(places)) if robot not in dead]
     held = sum(any(math.dist(places[robot], place) <= HELD_M for robot in living) for place in case.places_m)
     return [f"{held} places are held, {most} could be"] if held < most else []

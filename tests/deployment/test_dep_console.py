@@ -226,3 +226,17 @@ def test_nothing_is_said_to_nobody() -> None:
     for tick in range(1, 40):
         machine.observe(Observation(*STARTS_M[0], 0.0, 0.0, True, False), tick * S // 10)
         assert answers(machine) == []
+
+
+@pytest.mark.slow
+def test_of_tasks_in_whose_place_others_have_come_the_end_is_told_too() -> None:
+    desk = Desk()
+    desk.ask("call", call=CALL, execute=True)
+    desk.until(2.5)
+    assert desk.ask("switch", strategy="leap_frog")["say"] == "done"
+    desk.until(10.0)
+    told = {each["task"]: each["state"] for each in desk.news("task")}
+    known = desk.ask("state")["tasks"]
+    gone = {task: state for task, state in told.items() if task not in known}
+    assert len(gone) > 1
+    assert set(gone.values()) == {"terminated"}

@@ -8,6 +8,7 @@ from cosim.machine import Address, Outgoing, Reception
 from cosim.units import MS, S, Time
 from protocols.deployment.journal import BadBytes
 from protocols.deployment.letters import Ack, Bulletin, Frame, Part, encode
+from protocols.deployment.streams import Outbound, Pace
 from tests.deployment.courier_alone import PLAN, all_sent, courier, hears
 from tests.deployment.lossy_air import HERE, Air
 from tests.deployment.tiers import tiers
@@ -156,3 +157,69 @@ CASES = (
 @tiers(12, 100, *CASES)
 def test_nothing_is_lost_silently(seed: int, loss: float, jitter: Time, outage: tuple[int, int], letters: int) -> None:
     check_nothing_is_lost(seed, loss, jitter, outage, letters)
+
+
+# ---------------------------------------------------------------- robots that boot again, and frames that are late
+
+
+PACE = Pace(S, 200 * MS, 4 * S, 60 * S)
+
+
+def letter_of_three_parts() -> Outbound:
+    outbound = Outbound(16, 10, PACE)
+    outbound.post(1, bytes(30), 0)
+    send(outbound, 0)
+    return outbound
+
+
+def send(outbound: Outbound, now: Time) -> list[int]:
+    numbers = []
+    while (number := outbound.due()) is not None:
+        outbound.take(number, now)
+        outbound.left_device(number, now)
+        numbers.append(number)
+    return numbers
+
+
+def test_a_late_answer_of_a_robots_former_life_says_nothing_of_its_new_one() -> None:
+    outbound = letter_of_three_parts()
+    outbound.acknowledged(Ack(0, 1, 0), 7, S)
+    outbound.acknowledged(Ack(0, 0, 0), 8, 2 * S)
+    outbound.acknowledged(Ack(0, 3, 0), 7, 3 * S)
+    assert outbound.deadline is not None, "life 8 has got nothing of it"
+    outbound.time_out(outbound.deadline)
+    assert 0 in send(outbound, 10 * S)
+    outbound.acknowledged(Ack(0, 3, 0), 8, 11 * S)
+    assert outbound.deadline is None
+
+
+def test_a_new_life_may_be_heard_of_before_the_last_words_of_the_former_come() -> None:
+    outbound = letter_of_three_parts()
+    outbound.acknowledged(Ack(0, 1, 0), 8, S)
+    outbound.acknowledged(Ack(0, 2, 0), 7, 2 * S)
+    outbound.acknowledged(Ack(0, 3, 0), 8, 3 * S)
+    assert outbound.deadline is None
+
+
+def test_a_robot_whose_clock_was_set_back_before_it_booted_is_believed_in_time() -> None:
+    outbound = letter_of_three_parts()
+    outbound.acknowledged(Ack(0, 1, 0), 100, S)
+    outbound.acknowledged(Ack(0, 1, 0), 50, 2 * S)
+    outbound.acknowledged(Ack(0, 2, 0), 100, 3 * S)
+    outbound.acknowledged(Ack(0, 3, 0), 50, 4 * S)
+    assert outbound.deadline is not None, "which of them lives is not known yet"
+    outbound.acknowledged(Ack(0, 3, 0), 50, 3 * S + 30 * S)
+    assert outbound.deadline is None, "sooner than a letter is given up"
+
+
+def test_of_a_robots_lives_only_the_last_are_remembered() -> None:
+    robot = courier()
+    for life in range(6):
+        hears(robot, 1, Bulletin(0, 1, b"x"), life=life)
+        hears(robot, 1, Bulletin(0, 1, b"x"), life=life)
+    assert len(robot.news()) == 6
+    hears(robot, 1, Bulletin(0, 1, b"x"), life=5)
+    hears(robot, 1, Bulletin(0, 1, b"x"), life=2)
+    assert robot.news() == []
+    hears(robot, 1, Bulletin(0, 1, b"x"), life=1)
+    assert len(robot.news()) == 1, "it was forgotten"

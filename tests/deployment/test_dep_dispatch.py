@@ -46,9 +46,9 @@ def run(root: Task, *constraints: Between, **troubles: object) -> Scene:
 def times_of(scene: Scene) -> Times:
     assert scene.executive is not None
     times: Times = {("", "start"): 0.0, ("", "end"): 0.0}
-    for name, (began, ended) in scene.executive.progress.spans().items():
-        if began is not None and ended is not None:
-            times |= {(name, "start"): began / S, (name, "end"): ended / S}
+    for node in scene.executive.progress.tree.root.walk():
+        if node.began is not None and node.ended is not None:
+            times |= {(node.name, "start"): node.began / S, (node.name, "end"): node.ended / S}
     return times
 
 

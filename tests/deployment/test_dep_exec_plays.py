@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 
 from protocols.deployment.plan import Plan
-from tests.deployment.play_scene import Scene, Troubles
+from tests.deployment.play_scene import Scene, Troubles, posts_of
 from tests.deployment.plays_scene import Scene as Office
 from tests.deployment.random_plays import RandomCall, random_calls
 from tests.deployment.tiers import tiers
@@ -43,7 +43,7 @@ def test_the_scenario_of_section_7_ends_deployed(dead: int | None):
     assert isinstance(plan, Plan)
     scene = played(plan, office, Troubles(deaths={} if dead is None else {dead: 12.0}))
     assert scene.executive is not None
-    posts_m = scene.executive.progress.posts_m()
+    posts_m = posts_of(scene.executive)
     living = [robot for robot in scene.robots if robot.alive]
     assert all(math.dist(robot.at_m, posts_m[robot.address]) < 1e-9 for robot in living)
     assert {(20.0, 9.0), (20.0, -9.0)} <= {posts_m[robot.address] for robot in living}

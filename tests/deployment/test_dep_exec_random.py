@@ -12,7 +12,7 @@ from protocols.deployment.executive import Executive
 from protocols.deployment.executive_facts import Heard, Record
 from protocols.deployment.plan import Deployment, Plan, Task
 from tests.deployment.plan_strategies import deployments, plans
-from tests.deployment.play_scene import Scene, Troubles, crew_of
+from tests.deployment.play_scene import Scene, Troubles, crew_of, posts_of
 
 QUICK = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 SHARE = float(os.environ.get("SOAK_SHARE", "1"))
@@ -69,19 +69,19 @@ def ends_deployed(plan: Plan, trouble: Troubles, seed: int) -> None:
     assert scene.executive is not None
     act = plan.root.act
     assert isinstance(act, Deployment)
-    team = [scene.robots[robot] for robot in scene.executive.progress.posts_m()]
+    team = [scene.robots[robot] for robot in posts_of(scene.executive)]
     over = next(end.at for end in reversed(scene.ends) if end.task == "play")
     heard = [fact for fact in scene.executive.record.facts if isinstance(fact, Heard) and fact.at < over]
     last = {fact.robot: fact for fact in heard}
     bodies = [fact.place_m for fact in last.values() if not fact.again and fact.place_m is not None]
     open_first = sorted(act.places_m, key=lambda place: any(math.dist(place, body) < 0.5 for body in bodies))
-    posts = scene.executive.progress.posts_m().values()
+    posts = posts_of(scene.executive).values()
     assert len(set(posts)) == len(team)
     if not trouble.failing:  # who cannot come to its place tries another
         assert set(posts) == set(open_first[: len(team)])
     for robot in team:
         if robot.alive and not trouble.failing:
-            assert math.dist(robot.at_m, scene.executive.progress.posts_m()[robot.address]) < 1e-9
+            assert math.dist(robot.at_m, posts_of(scene.executive)[robot.address]) < 1e-9
 
 
 PLANS = given(plan=plans(), trouble=troubles(), seed=st.integers(0, 99))

@@ -257,3 +257,14 @@ def test_an_idle_robot_in_the_way_is_asked_to_step_aside_but_not_at_every_tick()
     bench.tick(10)
     assert len(bench.member.requests()) == 1
     assert bench.now < 5 * S
+
+
+def test_a_picture_for_which_the_robot_cannot_turn_has_failed_in_the_end() -> None:
+    bench = Bench(cameras=[0], member={"stuck_s": 5.0})
+    bench.tick(100)
+    bench.order(Photo(robot=0, heading_rad=1.0))
+    assert all(bench.tick(49))
+    assert bench.results() == []
+    assert bench.tick(2)[-1] == Drive(0.0, 0.0)
+    assert bench.results() == [Result.FAILED]
+    assert bench.records.pictures == 0

@@ -182,7 +182,7 @@ def test_stepping_aside_is_across_the_way_of_who_passes():
     x, y = scene.place(0)
     assert abs(y - 2.0) >= 0.4
     assert abs(x - 6.0) < 0.3
-    scene.movers[0].come_back()
+    scene.movers[0].go((6.0, 2.0))
     scene.run(15.0)
     assert math.dist(scene.place(0), (6.0, 2.0)) < 0.11
 

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cosim.errors import UserError
-from protocols.deployment.plan import ORIGIN, Plan
+from protocols.deployment.plan import ORIGIN, Plan, actors
 from protocols.deployment.planner import Call, Refusal
-from protocols.deployment.plays_casting import robots_of
 from tests.deployment.planner_scene import NEAR_FAR, WEAN, assert_mends, schedule
 from tests.deployment.plays_scene import Scene
 from tests.deployment.random_plays import RandomCall, random_calls
@@ -33,7 +32,7 @@ def test_the_earliest_schedule_of_a_random_play_keeps_all_that_the_plan_says(cas
             assert all(b <= c for (_, b), (c, _) in pairwise(spans))
     busy: dict[int, list[tuple[float, float]]] = {}
     for task in plan.root.walk():
-        for robot in robots_of(task.act) if task.leaf else ():
+        for robot in actors(task.act) if task.leaf else ():
             busy.setdefault(robot, []).append((times[task.name, "start"], times[task.name, "end"]))
     for spans in busy.values():
         assert all(b <= c + 1e-9 for (_, b), (c, _) in pairwise(sorted(spans)))

@@ -9,7 +9,7 @@ from cosim.errors import UserError
 from protocols.deployment.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
 from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play, labels
-from tests.deployment.plays_scene import Scene, built_in, playbook_of, reader
+from tests.deployment.plays_scene import Scene, built_in, paths_of, playbook_of, reader
 from tests.deployment.random_plays import RandomCall, random_calls
 from tests.deployment.tiers import tiers
 
@@ -35,7 +35,7 @@ def acts(plan: Plan) -> list[object]:
 
 
 def test_the_library_has_the_plays_of_the_paper() -> None:
-    paths = built_in().paths()
+    paths = paths_of(built_in())
     assert {"deploy", "deploy/group", "deploy/wave", "deploy/leap-frog"} < set(paths)
     assert {"return", "photo", "explore", "survey", "wean"} < set(paths)
     assert all(built_in().play(path).about for path in paths)
@@ -170,7 +170,7 @@ def test_a_users_library_is_added_to_ours(tmp_path: Path) -> None:
         ],
     }
     playbook = library(tmp_path, mine={"about": "Mine.", "plays": {"look": play}})
-    assert {"mine", "mine/look", "deploy/group"} < set(playbook.paths())
+    assert {"mine", "mine/look", "deploy/group"} < set(paths_of(playbook))
     root = Scene(playbook=playbook).plan("mine/look", parameters={"far": [3, 4], "scout": 1}).root
     assert root == Task(
         name="look",
@@ -193,7 +193,7 @@ def test_a_users_library_is_added_to_ours(tmp_path: Path) -> None:
 def test_a_library_may_be_one_file(tmp_path: Path) -> None:
     path = tmp_path / "library.yaml"
     path.write_text(yaml.safe_dump({"plays": {"pause": {"tasks": [{"kind": "wait", "seconds": 1}]}}}))
-    assert "pause" in Playbook.read([BUILT_IN, path], reader).paths()
+    assert "pause" in paths_of(Playbook.read([BUILT_IN, path], reader))
     path.write_text(yaml.safe_dump({"tasks": [{"kind": "wait", "seconds": 1}]}))
     with pytest.raises(UserError, match="is a play, expected a folder"):
         Playbook.read([path], reader)
@@ -356,7 +356,7 @@ def test_a_random_valid_play_becomes_a_plan_that_says_all_that_the_play_says(cas
     playbook = case.playbook()
     plan, scene = case.plan()
     assert Plan.model_validate_json(plan.model_dump_json()) == plan
-    assert scene.planner.playbook.paths() == playbook.paths()
+    assert paths_of(scene.planner.playbook) == paths_of(playbook)
     play = playbook.play("random")
     assert [task.label for task in plan.root.subtasks] == labels(play.tasks)
     written = case.text.count("kind: before") + case.text.count("kind: after")

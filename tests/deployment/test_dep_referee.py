@@ -114,11 +114,47 @@ def test_a_team_that_leaves_its_places_does_not_end_deployed() -> None:
     scene.begin()
     for robot in (0, 1):
         scene.put(robot, *POSTS[robot])
-    scene.look(2)
+    scene.look(60)
     scene.put(1, 3.0, 3.0)
     scene.look(2)
     assert scene.metric("deployed") == 0.0
     assert scene.metric("deployment_s") == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("ticks", "passed"), [(51, True), (52, False)])
+def test_places_that_are_held_in_passing_only_do_not_count(ticks: int, passed: bool) -> None:
+    """At the first of the ticks a robot has just come, so it stands for 4.9 s, or for 5 s."""
+    scene = Scene()
+    scene.begin()
+    for robot in (0, 1):
+        scene.put(robot, *POSTS[robot])
+    scene.look(ticks)
+    assert scene.metric("deployment_s") == pytest.approx(0.2)  # if the run ended here
+    scene.put(0, *POSTS[2])
+    scene.look(2)
+    assert math.isnan(scene.metric("deployment_s")) is passed
+    scene.put(0, *POSTS[0])
+    scene.look(60)
+    assert scene.metric("deployment_s") == pytest.approx(ticks * 0.1 + 0.4 if passed else 0.2)
+
+
+def test_a_stage_that_the_living_pass_is_not_taken_for_their_places_when_a_robot_dies() -> None:
+    """Three of four stand at the places of a wave's third stage as the fourth, which is to come last, is killed."""
+    scene = Scene(4)
+    scene.begin(4)
+    for robot in (0, 1, 2):
+        scene.put(robot, *POSTS[robot])
+    scene.look(10)
+    scene.kill(3)
+    scene.look(20)
+    for robot in (0, 1, 2):
+        scene.put(robot, POSTS[robot][0] + 2.5, POSTS[robot][1])
+    scene.look(20)
+    assert math.isnan(scene.metric("deployment_s"))
+    for robot in (0, 1, 2):
+        scene.put(robot, *POSTS[robot + 1])
+    scene.look(60)
+    assert scene.metric("deployment_s") == pytest.approx(5.2)
 
 
 def test_without_a_plan_nobody_is_deployed() -> None:
@@ -183,32 +219,41 @@ def test_the_body_of_another_team_s_dead_robot_covers_a_place_if_nobody_gets_nea
     assert scene.metric("deployed") == enough
 
 
-def test_a_plan_that_replaces_the_first_does_not_change_where_the_first_is_deployed() -> None:
-    scene = Scene(3)
-    scene.begin(3, number=1)
-    scene.begin(2, number=2)
-    for robot in (0, 1):
-        scene.put(robot, *POSTS[robot])
-    scene.look(2)
-    assert scene.metric("deployed") == 1.0
-    assert math.isnan(scene.metric("deployment_s"))
-
-
-def test_the_time_is_that_of_the_first_plan_and_the_end_that_of_the_last() -> None:
+def test_both_the_time_and_the_end_are_those_of_the_last_plan() -> None:
     scene = Scene()
     scene.begin(2, number=1)
     for robot in (0, 1):
         scene.put(robot, *POSTS[robot])
     scene.look(2)
+    scene.put(1, 3.0, 3.0)
+    scene.look(10)
     home = Deployment(strategy="group", robots=(0, 1), places_m=tuple(STARTS[:2]))
     scene.board.begins(Plan(number=2, play="home", robots=(0, 1), root=Task(name="home", act=home)), scene.now)
     scene.look(30)
     assert scene.metric("deployed") == 0.0
+    assert math.isnan(scene.metric("deployment_s"))
     for robot in (0, 1):
         scene.put(robot, *STARTS[robot])
     scene.look(2)
     assert scene.metric("deployed") == 1.0
-    assert scene.metric("deployment_s") == pytest.approx(0.2)
+    assert scene.metric("deployment_s") == pytest.approx(3.2)
+    assert scene.metric("unoccupied_s") == 0.0
+
+
+def test_the_time_of_a_plan_that_goes_on_with_another_counts_from_that_one() -> None:
+    """So does a plan by which two parts of a team are reunited: to the same places, by another number."""
+    scene = Scene(3)
+    scene.look(10)
+    scene.begin(3, number=1)
+    scene.look(20)
+    scene.begin(2, number=2)
+    scene.look(10)
+    scene.begin(2, number=3, strategy="wave")
+    for robot in (0, 1):
+        scene.put(robot, *POSTS[robot])
+    scene.look(2)
+    assert scene.metric("deployed") == 1.0
+    assert scene.metric("deployment_s") == pytest.approx(1.2)
 
 
 def test_a_place_that_is_left_is_unoccupied_until_somebody_comes_back() -> None:

@@ -1,6 +1,7 @@
 """What a deployment checks before it begins, where it puts a team, and what it knows."""
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from cosim.randomness import Streams
 from protocols.deployment.knowledge import knowledge_of
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.spec import METRICS, SPEC, make, measure, place, prepare
-from tests.deployment.crew_scene import STARTS_M, call, surroundings
+from tests.deployment.crew_scene import STARTS_M, call, rows, run, surroundings
+from tests.deployment.plays_scene import paths_of
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_base_is_as_given_or_amid_the_starts_or_at_the_start_next_to_that() -> N
 def test_a_users_own_plays_stand_beside_ours_and_a_wrong_one_is_named(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("plays: {look: {parameters: {who: {kind: robot}}, tasks: [{kind: photo, robot: who}]}}\n")
-    paths = knowledge_of(Parameters(library=str(file)), surroundings()).playbook.paths()
+    paths = paths_of(knowledge_of(Parameters(library=str(file)), surroundings()).playbook)
     assert {"look", "deploy/group", "wean"} <= set(paths)
     file.write_text("plays: {look: {tasks: [{kind: photo, robot: who}]}}\n")
     with pytest.raises(UserError, match=r"mine\.yaml.*'who' is no parameter that is a robot"):
@@ -139,4 +141,50 @@ def test_what_machines_have_counted_is_summed_and_a_plan_that_two_have_ended_cou
     machines[1].records.ended = [(1, "done", 7 * 10**9)]
     machines[0].records.ordered, machines[1].records.ordered = 3, 4
     told = measure(machines)
-    assert (told["plans_ended"], told["plans_done"], told["played_s"], told["orders"]) == (2.0, 2.0, 9.0, 7.0)
+    assert (told["plans_ended"], told["plans_done"], told["played_s"], told["orders"]) == (2.0, 1.0, 9.0, 7.0)
+
+
+def test_a_plan_that_a_successor_announces_again_has_ended_when_it_was_announced_first() -> None:
+    knowledge = prepare(Parameters(), surroundings())
+    machines = [make(Parameters(), knowledge, robot, Streams(1)("m"), 0) for robot in range(2)]
+    machines[1].records.ended = [(1, "done", 33 * 10**9)]
+    machines[0].records.ended = [(1, "terminated", 74 * 10**9), (1, "done", 80 * 10**9)]
+    told = measure(machines)
+    assert (told["plans_ended"], told["plans_done"], told["played_s"]) == (1.0, 1.0, 33.0)
+
+
+def test_what_a_robot_has_counted_outlives_its_machine() -> None:
+    knowledge = prepare(Parameters(), surroundings())
+    before, after = (make(Parameters(), knowledge, 0, Streams(1)("m"), 0) for _ in range(2))
+    for each in fields(before.records):
+        if each.name != "ended":
+            setattr(before.records, each.name, 3)
+    before.records.ended = [(1, "done", 5)]
+    before.courier.counts.frames, before.courier.counts.octets = 40, 900
+    after.records.letters = 2  # it has begun to count
+    after.courier.counts.frames = 1
+    own = after.records
+    assert SPEC.succeed is not None
+    SPEC.succeed(before, after, 0)
+    after.wake(1)  # which takes the courier's counts
+    assert after.records is own
+    assert (own.ordered, own.letters, own.ended) == (3, 5, [(1, "done", 5)])
+    assert own.frames >= 41
+    assert own.frame_bytes >= 900
+    assert all(getattr(own, each.name) >= 3 for each in fields(own) if each.name != "ended")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executive", ["central", "distributed"])
+def test_counts_of_a_run_in_which_the_host_boots_again_are_those_of_the_trace(executive: str) -> None:
+    crash = {"kind": "crash", "robot": 0, "at_s": 12.0, "for_s": 2.0}
+    outcome = run("ideal", [crash], executive=executive, calls=[call("deploy/group")], silence_s=4.0, alone_s=12.0)
+    before = [row for row in rows(outcome, "Ordered") if row["source"] == 0 and row["time_ns"] < 12e9]
+    assert before  # which its former machine gave
+    counted = {"orders": "Ordered", "asides": "SteppedAside", "robots_lost": "RobotLost"}
+    assert {name: outcome.metrics[name] for name in counted} == {
+        name: len(rows(outcome, event)) for name, event in counted.items()
+    }
+    ended = rows(outcome, "PlanEnded")
+    assert outcome.metrics["plans_ended"] == len({row["plan"] for row in ended}) == 1
+    assert outcome.metrics["played_s"] == min(row["time_ns"] for row in ended) / 1e9

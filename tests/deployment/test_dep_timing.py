@@ -10,8 +10,7 @@ from scipy.integrate import quad
 from cosim.units import S
 from protocols.deployment.crew import Body
 from protocols.deployment.methods import expanded
-from protocols.deployment.plan import Between, Deployment, Go, Instant, Photo, Task, Wait
-from protocols.deployment.plays_casting import robots_of
+from protocols.deployment.plan import Between, Deployment, Go, Instant, Photo, Task, Wait, actors
 from protocols.deployment.stn import Network
 from protocols.deployment.timing import (
     Leg,
@@ -158,11 +157,11 @@ def test_tasks_at_once_come_in_the_order_that_constraints_give_them() -> None:
     graph = precedence(root, between)
     leaves = in_order(root, graph)
     assert [leaf.name for leaf in leaves] == ["r/c", "r/a", "r/b"]
-    assert wanted_at_once(leaves, graph, lambda task: robots_of(task.act)) == []
+    assert wanted_at_once(leaves, graph, lambda task: actors(task.act)) == []
     legs = legs_of(leaves, {1: (9.0, 9.0)})
     assert [legs[name].places_m[0] for name in ("r/c", "r/a", "r/b")] == [(9.0, 9.0), (2.0, 0.0), (0.0, 0.0)]
     graph = precedence(root, between[:1])
-    clashes = wanted_at_once(in_order(root, graph), graph, lambda task: robots_of(task.act))
+    clashes = wanted_at_once(in_order(root, graph), graph, lambda task: actors(task.act))
     assert {frozenset(clash[1:]) for clash in clashes} & {frozenset(("r/a", "r/b")), frozenset(("r/b", "r/c"))}
 
 

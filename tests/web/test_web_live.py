@@ -8,12 +8,14 @@ from typing import Any
 import pytest
 
 from cosim.errors import UserError
+from cosim.observation import Observation
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
+from cosim.units import Time
 from cosim.web.history import Cursor
 from cosim.web.live import Live
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step
-from tests.web.console import PLAIN
+from tests.web.console import PLAIN, Console
 
 LONG_S = 60.0
 """Wall time that no test needs: what does not come until then will not come."""
@@ -66,6 +68,10 @@ class Page:
         return [message for message in self.messages if message["say"] == kind]
 
 
+def said(robot: int, data: Plain) -> Operate:
+    return Operate(say="operator", robot=robot, data=data)
+
+
 def state(name: str) -> Callable[[Plain], bool]:
     return lambda message: message["say"] == "now" and message["state"] == name
 
@@ -93,7 +99,7 @@ def test_events_and_frames_come_once_and_in_order(live: Making):
 
 def test_a_second_page_sees_the_same_however_late_it_comes(live: Making):
     session = live(playing=False)
-    session.operate(1, {"request": 5})
+    session.wish(said(1, {"request": 5}))
     session.wish(Step(say="step", ticks=15))
     one = Page(session)
     one.until(lambda message: message["say"] == "operator")
@@ -138,7 +144,7 @@ def test_a_faster_run_is_faster(live: Making):
 def test_an_operator_is_answered_in_order(live: Making):
     session = live(patient=True, attended=True)
     for request in range(30):
-        session.operate(request % 3, {"request": request})
+        session.wish(said(request % 3, {"request": request}))
     page = Page(session)
     page.until(lambda message: message["say"] == "operator" and message["data"]["answer"] == 29)
     assert [message["data"]["answer"] for message in page.of("operator")] == list(range(30))
@@ -147,7 +153,7 @@ def test_an_operator_is_answered_in_order(live: Making):
 
 def test_an_operator_makes_a_robot_drive(live: Making):
     session = live(playing=False, speed=20.0, attended=True)
-    session.operate(0, {"go": [6.0, 2.0 + 1.5]})
+    session.wish(said(0, {"go": [6.0, 2.0 + 1.5]}))
     session.wish(Play(say="play"))
     page = Page(session)
     message = page.until(lambda message: message["say"] == "now" and message["robots"][0][1] > 3.4)
@@ -191,7 +197,7 @@ def test_nothing_can_be_asked_of_a_run_that_has_ended(live: Making):
     session = live(speed=1000.0)
     Page(session).until(state("ended"))
     with pytest.raises(UserError, match="this run has ended"):
-        session.operate(0, {})
+        session.wish(said(0, {}))
 
 
 def test_a_machine_that_breaks_is_told_to_the_page(live: Making):
@@ -203,7 +209,7 @@ def test_a_machine_that_breaks_is_told_to_the_page(live: Making):
 
 def test_a_machine_that_gets_what_it_cannot_read_is_told_too(live: Making, monkeypatch: pytest.MonkeyPatch):
     session = live(playing=False)
-    session.operate(0, {"go": "nowhere"})
+    session.wish(said(0, {"go": "nowhere"}))
     session.wish(Play(say="play"))
     assert "TypeError" in Page(session).until(state("failed"))["why"]
 
@@ -214,7 +220,7 @@ def test_a_slow_page_gets_the_newest_and_is_told_what_it_missed(live: Making, mo
     slow, quick = Page(session), Page(session)
     slow.look()
     for request in range(40):
-        session.operate(0, {"request": request})
+        session.wish(said(0, {"request": request}))
         quick.until(lambda message, n=request: message["say"] == "operator" and message["data"]["answer"] == n)  # type: ignore[misc]
     told = slow.look()
     assert [message["data"]["answer"] for message in told if message["say"] == "operator"] == list(range(32, 40))
@@ -230,3 +236,70 @@ def test_closing_ends_the_thread_also_in_the_middle_of_a_run(live: Making):
     session.close()
     session.close()
     assert threading.active_count() == before
+
+
+STEPS = 1000
+"""Ticks: as many as a page can ask for at once."""
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every tick take 6 ms at least."""
+    observe = Console.observe
+
+    def slowly(self: Console, observation: Observation, now: Time) -> None:
+        time.sleep(0.002)
+        observe(self, observation, now)
+
+    monkeypatch.setattr(Console, "observe", slowly)
+
+
+def test_closing_does_not_wait_for_steps_that_are_still_to_be_taken(live: Making, slow: None):
+    session = live(playing=False, patient=True, duration_s=1_000_000)
+    for _ in range(4):
+        session.wish(Step(say="step", ticks=STEPS))
+    page = Page(session)
+    page.until(lambda message: message["time_s"] > 0)
+    begun_s = time.monotonic()
+    session.close()
+    assert time.monotonic() - begun_s < 5.0  # a spell and a tick are 0.11 s
+    page.look()
+    assert page.of("now")[-1]["time_s"] < 100.0
+
+
+def test_a_pause_ends_steps_that_were_asked_for_before_it(live: Making, slow: None):
+    session = live(playing=False, patient=True, duration_s=1_000_000)
+    for _ in range(3):
+        session.wish(Step(say="step", ticks=STEPS))
+    page = Page(session)
+    page.until(lambda message: message["time_s"] > 0 and message["state"] == "playing")
+    session.wish(Pause(say="pause"))
+    held_s = page.until(state("paused"))["time_s"]
+    assert held_s < 100.0
+    session.wish(Step(say="step"))
+    page.until(lambda message: message["state"] == "paused" and message["time_s"] > held_s)
+    assert page.of("now")[-1]["time_s"] == pytest.approx(held_s + 0.1, abs=1e-6)
+
+
+def test_what_is_said_after_steps_is_heard_after_them(live: Making, slow: None):
+    session = live(playing=False, patient=True, attended=True)
+    for _ in range(2):
+        session.wish(Step(say="step", ticks=15))
+    session.wish(said(0, {"request": 1}))
+    page = Page(session)
+    answered = page.until(lambda message: message["say"] == "operator")
+    assert answered["time_s"] == pytest.approx(3.0)
+
+
+def test_a_run_of_which_nothing_more_can_be_shown_has_failed(live: Making, monkeypatch: pytest.MonkeyPatch):
+    session = live(speed=10.0, patient=True, duration_s=1_000_000)
+    page = Page(session)
+    page.until(lambda message: message["time_s"] > 0)
+
+    def broken(self: Live) -> None:
+        raise RuntimeError("nothing to be seen")
+
+    monkeypatch.setattr(Live, "_robots", broken)
+    assert page.until(state("failed"))["why"] == "RuntimeError: nothing to be seen"
+    with pytest.raises(UserError, match="this run has failed"):
+        session.wish(Pause(say="pause"))
