@@ -40,7 +40,9 @@ class MemberParameters(Settings):
         default=3.0, gt=0, description="s, who passes a place and comes no nearer, for bodies about it, has come to it"
     )
     stuck_s: float = Field(
-        default=90.0, gt=0, description="s in which a robot gets no nearer to its goal, or to facing what it photographs, until that has failed"
+        default=90.0,
+        gt=0,
+        description="s in which a robot gets no nearer to its goal, or to facing what it photographs, until that fails",
     )
     view_deg: float = Field(default=60.0, gt=0, le=360, description="degrees, how wide a picture is")
     look_radps: float = Field(default=0.5, gt=0, description="rad/s, how fast a robot turns to what it photographs")
