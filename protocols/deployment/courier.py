@@ -197,6 +197,16 @@ class Courier:
         """Return the earliest deadline."""
         return None if self._wake is None else self._wake - self._behind
 
+    @property
+    def settled(self) -> bool:
+        """Whether no letter waits for an answer, and nobody for one of this robot's.
+
+        News are not waited for: a radio that is off never says what has become of them.
+        """
+        waits = any(outbound.deadline is not None for outbound in self._dispatch.outbound.values())
+        time = self._now + self._behind
+        return not waits and not any(each.due is not None and each.due > time for _, each in self._streams())
+
     def _time(self, now: Time) -> Time:
         """Return *now* by the own clock, which never goes back."""
         self._behind += max(self._now - now, 0)

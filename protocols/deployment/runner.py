@@ -83,7 +83,7 @@ class Runner:
             and not self.host.busy
             and self.member.resting
             and not self.console.attended
-            and self.courier.wake_at() is None
+            and self.courier.settled
         )
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:

@@ -3,8 +3,8 @@
 from cosim.machine import Connected, Fate, Outcome, Outgoing, Role
 from cosim.units import MS, S
 from protocols.deployment.courier import Letter
-from protocols.deployment.letters import PART_OVERHEAD, WINDOW, Ack, Part
-from tests.deployment.courier_alone import PLAN, all_sent, courier, hears
+from protocols.deployment.letters import PART_OVERHEAD, WINDOW, Ack, Bulletin, Part
+from tests.deployment.courier_alone import PLAN, all_sent, courier, hears, sent
 from tests.deployment.lossy_air import Air
 
 # ---------------------------------------------------------------- letters
@@ -187,6 +187,23 @@ def test_what_the_radio_holds_is_not_sent_again() -> None:
         assert robot.drain() == []
     robot.wake(3 * S)
     assert len(robot.drain()) == 1
+
+
+def test_who_waits_for_an_answer_or_owes_one_is_not_settled_but_news_that_a_radio_keeps_are_nobody_s_business() -> None:
+    robot = courier(spread_s=0.0, fate_s=3.0)
+    robot.tell(0, b"news", 0)
+    assert [type(frame.message) for _, frame in sent(robot)] == [Bulletin]  # the radio is off: it tells no fate
+    assert robot.wake_at() == 3 * S
+    assert robot.settled
+    robot.post(1, b"letter", 0)
+    assert not robot.settled
+    robot.forget(1, 0)
+    assert robot.settled
+    hears(robot, 1, Part(0, 0, 0, 2, b"half a letter"))
+    assert not robot.settled
+    all_sent(robot, 0)
+    robot.wake(1 * S)
+    assert robot.settled
 
 
 def test_a_radio_that_tells_no_fates_slows_down_but_stops_nothing() -> None:
