@@ -161,8 +161,11 @@ class Executive:
 
     def whereabouts(self, at: Whereabouts, now: Time) -> None:
         """Take what a robot says of itself: the others make room for one that passes."""
-        self._places[at.robot] = at
+        before, self._places[at.robot] = self._places.get(at.robot, at), at
         self._now = max(now, self._now)
+        deployments = self._progress.deployments.values()
+        if at.plan < before.plan == self.plan.number and any(each.posted(at.robot) for each in deployments):
+            self._halt(at.robot, at.task)  # it has booted again: if it was aside, it has forgotten to come back
         self._stray(at)
         self._make_room()
 

@@ -14,7 +14,7 @@ from protocols.deployment.executive_facts import Fact, Heard, Record, Switched, 
 from protocols.deployment.host_dispatch import Dispatch, Mail
 from protocols.deployment.host_gossip import Gossip
 from protocols.deployment.host_play import Play
-from protocols.deployment.host_reunion import reunited
+from protocols.deployment.host_reunion import is_reunited, reunited
 from protocols.deployment.host_rumours import Rumours
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
@@ -49,8 +49,7 @@ class Host:
         self.mail = mail
         self._note = note
         self._records = records
-        self._silence = from_seconds(parameters.silence_s)
-        alone = from_seconds(parameters.alone_s)
+        self._silence, alone = from_seconds(parameters.silence_s), from_seconds(parameters.alone_s)
         self.succession = Succession(me, knowledge.size, parameters.host, self._silence, alone, start)
         self._team = [robot for robot in range(knowledge.size) if robot != me]
         gossip = Gossip(from_seconds(parameters.again_s))
@@ -144,7 +143,7 @@ class Host:
             self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
             if news.plan == self.number and news.digest != self.digest:
-                self._reunite(now)
+                self._reunite(self.play, now)
         elif self.leads or source == self.succession.host:
             self.dispatch.compare(self.play, source, news, self.succession, now)
 
@@ -191,10 +190,9 @@ class Host:
             self.play.wake(now)
             self.dispatch.advance(self.play, self.leads, self.succession.term, now)
 
-    def _reunite(self, now: Time) -> None:
-        """End what two hosts have led at once, and begin again together."""
-        assert self.play is not None
-        ledger = self.play.ledger
+    def _reunite(self, play: Play, now: Time) -> None:
+        """End what two hosts have led at once, or without one who is back, and begin again together."""
+        ledger = play.ledger
         plan = reunited(ledger.plan, self.newest + 1, ledger.done_tasks())
         if plan is not None:
             starts_m = {robot: self._others.place_m(robot) for robot in self._team}
@@ -212,6 +210,8 @@ class Host:
         elif lost and now - heard < self._silence:
             self._note(journal.RobotFound(robot))
             self._say(Heard(robot=robot, again=True, at=now), now)
+            if is_reunited(self.play.ledger.plan):
+                self._reunite(self.play, now)
 
     def _lose(self, robot: Address, now: Time) -> None:
         self._records.lost += 1

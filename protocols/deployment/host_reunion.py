@@ -35,6 +35,11 @@ def reunited(plan: Plan, number: int, done: Collection[str] = ()) -> Plan | None
     return Plan(number=number, play=plan.play, robots=tuple(sorted(acts)), root=task)
 
 
+def is_reunited(plan: Plan) -> bool:
+    """Return whether a plan is one of :func:`reunited`: one in which who was lost has no task any more."""
+    return plan.root.name.endswith(f"/{SUFFIX}")
+
+
 def _pictures(root: Task, done: Collection[str]) -> dict[Address, _Acts]:
     """Return for each robot that has pictures to take what it does for that: it drives to where it was to be then."""
     acts, places_m = dict[Address, _Acts](), dict[Address, Place]()

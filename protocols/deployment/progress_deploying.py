@@ -53,6 +53,10 @@ class Deploying:
         """Return where a living robot of it is to end up."""
         return self.act.places_m[self.posts[robot]]
 
+    def posted(self, robot: Address) -> bool:
+        """Return whether a robot has come to where it is to end up, and was not sent on since."""
+        return robot in self.posts and not self._off(robot)
+
     def ahead_m(self, robot: Address) -> list[Place]:
         """Return the places that a robot in leap-frog has still to pass, and its post."""
         return list(self.act.places_m[self.reached[robot] + 1 : self.posts[robot] + 1])

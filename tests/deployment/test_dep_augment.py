@@ -231,6 +231,24 @@ def test_a_successor_calls_back_who_may_stand_aside():
     assert not successor.finished
 
 
+@pytest.mark.parametrize(("plans", "orders"), [((1, 0), [(0, (5.0, 0.0))]), ((1, 1), []), ((0, 0), [])])
+def test_who_has_forgotten_the_plan_is_called_back_to_its_post(plans: tuple[int, int], orders: list[object]):
+    """It may have booted again while it stood aside for another."""
+    here = leaping()
+    for plan in plans:
+        here.whereabouts(Whereabouts(robot=0, x_m=5.0, y_m=1.0, heading_rad=0.0, plan=plan), 5)
+    given = here.orders()
+    assert [(order.robot, order.errand.place_m) for order in given if order.errand.act == "go"] == orders
+    assert len(given) == len(orders)
+
+
+def test_who_has_forgotten_the_plan_before_it_came_to_its_post_is_not_called_back():
+    here = leaping()
+    for plan in (1, 0):
+        here.whereabouts(at(9.0).model_copy(update={"plan": plan, "moving": False}), 5)
+    assert here.orders() == []
+
+
 # ---------------------------------------------------------------- taking over
 
 
