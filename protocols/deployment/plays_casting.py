@@ -168,7 +168,10 @@ class _Caster:
             case WaitStep(seconds=seconds):
                 return Wait(seconds=binding.number_of(seconds, 0.0))
             case ExploreStep(robots=robots):
-                return Explore(robots=self._addresses(binding, robots))
+                explorers = self._addresses(binding, robots)
+                if not explorers:
+                    raise UserError(f"{binding.source}: nobody is to explore, expected one robot at least")
+                return Explore(robots=explorers)
             case DeployStep():
                 return self._deployment(step, binding)
         raise AssertionError(step)

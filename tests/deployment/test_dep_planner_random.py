@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from typing import Any
 
+import pytest
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -101,3 +102,10 @@ def test_whatever_is_called_is_planned_or_refused_or_told_to_be_wrong(
         return
     assert isinstance(found, Plan | Refusal)
     assert type(found).model_validate_json(found.model_dump_json()) == found
+
+
+def test_that_nobody_is_to_explore_is_told_to_the_caller() -> None:
+    scene = Scene()
+    call = Call.model_validate({"play": "survey", "parameters": {"places": []}})
+    with pytest.raises(UserError, match="nobody is to explore"):
+        scene.planner.call(call, scene.starts_m, 7)
