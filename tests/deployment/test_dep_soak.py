@@ -17,23 +17,23 @@ SHARE = float(os.environ.get("SOAK_SHARE", "1"))
 
 
 OPEN = {
-    268: "the host's radio fails before its plan is told; the others refuse the call, as robot 0 is lost: 1 place of 3",
-    291: "a reunited plan drives straight there: a dead robot stands on a place, and another place stays empty",
+    # the host's radio fails before its plan is told; the others refuse the call, as robot 0 is lost
+    268: ["1 places are held, 3 could be"],
+    # a reunited plan drives straight there: a dead robot stands on a place, and another place stays empty
+    291: ["4 places are held, 5 could be"],
 }
-"""What the protocol does not master yet, by seed; nobody touches anything, and the runs end."""
-SEEDS = [
-    pytest.param(seed, marks=pytest.mark.xfail(reason=OPEN[seed])) if seed in OPEN else seed
-    for seed in range(max(1, round(RUNS * SHARE)))
-]
+"""What the protocol does not master yet, by seed: that complaint and no other, least of all that bodies touch."""
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(max(1, round(RUNS * SHARE))))
 def test_a_random_deployment_ends_deployed_and_touches_nothing(seed: int, record_property: Any) -> None:
     case = drawn(seed)
     record_property("random deployments through the whole stack", 1)
     verdict = judged(case, seed)
-    assert verdict.complaints == [], case.faults
+    assert verdict.complaints == OPEN.get(seed, []), case.faults
+    if seed in OPEN:
+        pytest.xfail(f"{OPEN[seed][0]}: {case.faults}")
 
 
 # ---------------------------------------------------------------- the judge is judged
