@@ -125,7 +125,8 @@ def test_what_would_have_been_ordered_anyway_is_no_recovery(task: str) -> None:
 
 
 def test_a_team_that_meets_again_has_recovered() -> None:
-    rows = [event(75.0, 1, "RobotLost", robot=2), started(95.0, 1, "deploy/reunited/robot-1", 2)]
+    task = "deploy/reunited/places/part-1/stage-1/robot-1"
+    rows = [event(75.0, 1, "RobotLost", robot=2), started(95.0, 1, task, 2)]
     assert recovery(rows, [(2, 60 * S)], 0)["recovery_s"] == 35.0
 
 

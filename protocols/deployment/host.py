@@ -10,17 +10,18 @@ from collections.abc import Callable, Mapping
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.deployment import executive_facts, journal
-from protocols.deployment.executive_facts import Fact, Heard, Record, Switched, Terminated
+from protocols.deployment.executive_facts import Fact, Record, Switched, Terminated
 from protocols.deployment.host_dispatch import Dispatch, Mail
 from protocols.deployment.host_gossip import Gossip
 from protocols.deployment.host_play import Play
 from protocols.deployment.host_reunion import is_reunited, reunited
+from protocols.deployment.host_roll import Roll
 from protocols.deployment.host_rumours import Rumours
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
 from protocols.deployment.member_news import News
 from protocols.deployment.member_others import Others
-from protocols.deployment.orders import Report, Whereabouts
+from protocols.deployment.orders import Report, Result, Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place, Plan, Strategy
 from protocols.deployment.records import Records
@@ -49,8 +50,10 @@ class Host:
         self.mail = mail
         self._note = note
         self._records = records
-        self._silence, alone = from_seconds(parameters.silence_s), from_seconds(parameters.alone_s)
-        self.succession = Succession(me, knowledge.size, parameters.host, self._silence, alone, start)
+        silence, alone = from_seconds(parameters.silence_s), from_seconds(parameters.alone_s)
+        self.succession = Succession(me, knowledge.size, parameters.host, silence, alone, start)
+        self._roll = Roll(me, knowledge.size, silence, self.succession, others, note, records)
+        self._here_m = knowledge.starts_m[me]
         self._team = [robot for robot in range(knowledge.size) if robot != me]
         gossip = Gossip(from_seconds(parameters.again_s))
         self._central = parameters.executive == "central"
@@ -112,9 +115,15 @@ class Host:
 
     # ------------------------------------------------------------ what is wanted
 
-    def execute(self, plan: Plan, starts_m: Mapping[Address, Place], calls: int, now: Time) -> None:
-        """Have *plan* played from now on, made for robots at *starts_m*; so many *calls* of the scenario are over."""
-        told = Told(host=self.me, record=Record(plan=plan, start=now, starts_m=dict(starts_m)), calls=calls)
+    def execute(
+        self, plan: Plan, starts_m: Mapping[Address, Place], calls: int, now: Time, facts: tuple[Fact, ...] = ()
+    ) -> None:
+        """Have *plan* played from now on, made for robots at *starts_m*; so many *calls* of the scenario are over.
+
+        *facts*: what is known already to have happened by now.
+        """
+        record = Record(plan=plan, start=now, starts_m=dict(starts_m), facts=facts)
+        told = Told(host=self.me, record=record, calls=calls)
         self._records.plans += 1
         self._take(told, now)
         self._post_all(told, now)
@@ -175,14 +184,14 @@ class Host:
         if self.succession.judge(heard, now):
             self._followed(now)
         self.rumours.tick(self.succession, heard, now)
-        if self.play is None or self.play.over:
+        self._here_m = whereabouts.x_m, whereabouts.y_m
+        play = self.play
+        if play is None:
             return
-        self.play.whereabouts(whereabouts, now)
+        if not play.over:
+            play.whereabouts(whereabouts, now)
         if self.leads:
-            alone = self.succession.alone(heard, now)
-            self._judge(self.me, now, alone, now)  # others may have taken it for lost before it led them
-            for robot in self._team:
-                self._judge(robot, heard(robot), alone, now)
+            self._call_the_roll(play, heard, now)
 
     def advance(self, now: Time) -> None:
         """Act on all deadlines, and pass on what the executive wants."""
@@ -195,29 +204,23 @@ class Host:
         ledger = play.ledger
         plan = reunited(ledger.plan, self.newest + 1, ledger.done_tasks())
         if plan is not None:
-            starts_m = {robot: self._others.place_m(robot) for robot in self._team}
+            starts_m = {**self._others.places_m, self.me: self._here_m}
             self.succession.since = now
-            self.execute(plan, starts_m, ledger.calls, now)
+            self.execute(plan, starts_m, ledger.calls, now, self._roll.still_lost(ledger.lost, now))
 
     # ------------------------------------------------------------ who is there
 
-    def _judge(self, robot: Address, heard: Time, alone: bool, now: Time) -> None:
-        """Take a robot for lost, or for found, by when it was *heard* last; nobody else is, if this one is *alone*."""
-        assert self.play is not None
-        lost = robot in self.play.ledger.lost
-        if not lost and self.succession.missed(robot, heard, alone, now):
-            self._lose(robot, now)
-        elif lost and now - heard < self._silence:
-            self._note(journal.RobotFound(robot))
-            self._say(Heard(robot=robot, again=True, at=now), now)
-            if is_reunited(self.play.ledger.plan):
-                self._reunite(self.play, now)
-
-    def _lose(self, robot: Address, now: Time) -> None:
-        self._records.lost += 1
-        self._note(journal.RobotLost(robot, *self._others.place_m(robot)))
-        self._say(Heard(robot=robot, again=False, place_m=self._others.place_m(robot), at=now), now)
-        self.mail.forget(robot, now)
+    def _call_the_roll(self, play: Play, heard: WhenHeard, now: Time) -> None:
+        """Say who is lost, and who is there again: one that would have no part in the play brings all together anew."""
+        over, found = play.over, False
+        for fact in self._roll.call(play.ledger.lost, heard, now, over):
+            self._say(fact, now)
+            if fact.again:
+                found = True
+            else:
+                self.mail.forget(fact.robot, now)
+        if found and (over or is_reunited(play.ledger.plan)) and play.end != Result.TERMINATED:
+            self._reunite(play, now)
 
     def _followed(self, now: Time) -> None:
         """Be led by another host than before, or be it."""

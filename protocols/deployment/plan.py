@@ -19,6 +19,8 @@ MOST: Final = 1e9
 Coordinate: TypeAlias = Annotated[float, Field(ge=-MOST, le=MOST)]
 Place: TypeAlias = tuple[Coordinate, Coordinate]
 Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
+Staging: TypeAlias = Strategy | Literal["direct"]
+"""A strategy of Fig. 3, or none: all drive straight to their places at once, from wherever they are."""
 
 ORIGIN: Final = ""
 """In place of a task's name: the instant at which the plan begins to be executed."""
@@ -72,11 +74,12 @@ class Explore(Settings):
 class Deployment(Settings):
     """Robots deploy to as many places by one of the strategies of Fig. 3: ``robots[i]`` ends up at ``places_m[i]``.
 
+    ``direct`` is for teams that are under way already, in no order: who goes to which place is what costs least.
     It stands for the subtasks that the executive makes of it, unless the planner has expanded it.
     """
 
     act: Literal["deploy"] = "deploy"
-    strategy: Strategy
+    strategy: Staging
     robots: tuple[Address, ...] = Field(min_length=1)
     places_m: tuple[Place, ...] = Field(min_length=1)
     augmented: bool = Field(default=True, description="offsets, staggered starts, stepping aside (section 5)")

@@ -208,9 +208,10 @@ class Progress:
         robots = sorted(self.robots(node) or ()) if not node.children else ()
         self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
         if node.state is State.DONE and isinstance(node.task.act, Go) and robots:
-            self._casting.stands_m[robots[0]] = node.task.act.place_m
+            act = node.task.act
+            self._casting.stands_m[robots[0]] = act.place_m
             for deploying in self.deployments.values():
-                deploying.arrived(node.task.name, robots[0], node.task.act.place_m)
+                deploying.arrived(node.task.name, robots[0], act.place_m, act.final)
 
     # ------------------------------------------------------------ what is wanted
 

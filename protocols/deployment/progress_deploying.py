@@ -6,7 +6,7 @@ from cosim.machine import Address
 from protocols.deployment.crew import Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded
-from protocols.deployment.plan import Deployment, Go, Place, Strategy, Task
+from protocols.deployment.plan import Deployment, Go, Place, Staging, Strategy, Task
 from protocols.deployment.progress_casting import Casting
 from protocols.deployment.recovery import Length, reassigned
 from protocols.deployment.staging import NOWHERE, Stager
@@ -31,7 +31,7 @@ class Deploying:
         assert isinstance(task.act, Deployment)
         self._crew, self._ways, self._parameters, self._length = crew, ways, parameters, length
         self._task, self.act = task, task.act
-        self.strategy: Strategy = strategy or task.act.strategy
+        self.strategy: Staging = strategy or task.act.strategy
         self._team = list(task.act.robots)
         """Its robots and those that were drafted, living or lost."""
         self.posts = {robot: number for number, robot in enumerate(task.act.robots)}
@@ -68,7 +68,8 @@ class Deploying:
         self._man(casting)
         stager = self._stager
         self._number += 1
-        if self._number == 1 and self.strategy == self.act.strategy and tuple(self.posts) == self.act.robots:
+        as_planned = self.posts == {robot: number for number, robot in enumerate(self.act.robots)}
+        if self._number == 1 and self.strategy == self.act.strategy and as_planned:
             planned = expanded(self._task).subtasks
             self._note(planned)
             return [_augmented(each, stager) for each in planned]
@@ -105,7 +106,7 @@ class Deploying:
             self.reached[spare] = NOWHERE
             living.append(spare)
         living = living[:size]
-        if set(living) != set(self.posts):
+        if set(living) != set(self.posts) or (self.strategy == "direct" and self._number == 0):
             living.sort(key=lambda robot: self.posts.get(robot, size))
             self.posts = reassigned(
                 self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length, casting.covered
@@ -139,11 +140,15 @@ class Deploying:
         """Note that a robot has been sent somewhere."""
         self.stands_m.pop(robot, None)
 
-    def arrived(self, name: str, robot: Address, place_m: Place) -> None:
-        """Note that a robot has done a drive, to a place of this deployment or of one within it."""
+    def arrived(self, name: str, robot: Address, place_m: Place, final: bool = True) -> None:
+        """Note that a robot has done a drive, to a place of this deployment or of one within it.
+
+        Who only passes, so that the drive was not *final*, has come as near as those let it that stand there.
+        """
         if robot not in self.reached:
             return
-        self.stands_m[robot] = place_m
+        if final:
+            self.stands_m[robot] = place_m
         if name in self._goals:
             self.reached[robot] = self._goals[name]
         elif place_m in self.act.places_m:

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from cosim.machine import Address
 from protocols.deployment.crew import Crew
-from protocols.deployment.plan import Go, Photo, Place, Strategy, Task
+from protocols.deployment.plan import Go, Photo, Place, Staging, Task
 from protocols.deployment.ways import Ways
 
 Length: TypeAlias = Callable[[Address, Place, Place], float]
@@ -41,7 +41,7 @@ def lengths(crew: Crew, ways: Ways) -> Length:
 
 
 def reassigned(
-    strategy: Strategy,
+    strategy: Staging,
     robots: Sequence[Address],
     reached: Mapping[Address, int],
     stands_m: Mapping[Address, Place],
@@ -51,7 +51,8 @@ def reassigned(
 ) -> dict[Address, int]:
     """Return which of the first places each of *robots* ends up at; they are given in the order of their old posts.
 
-    Places that are *covered* by a lost robot's body, so that nobody can stand there, are the last to be occupied.
+    Places that are *covered* by a lost robot's body, so that nobody can stand there, are the last to be occupied. Where
+    all drive at once and directly the squares of their ways are added: in a corridor nobody then has to pass another.
     """
     size = min(len(robots), len(places_m))
     open_first = sorted(
@@ -61,10 +62,11 @@ def reassigned(
     if strategy == "wave":
         order = sorted(range(len(robots)), key=lambda at: (reached[robots[at]], at))
         return {robots[at]: post for post, at in zip(posts, order, strict=False)}
+    power = 2.0 if strategy == "direct" else 1.0
     costs = np.array(
         [
             [
-                min(length(robot, stands_m[robot], places_m[post]), _NO_WAY_M)
+                min(length(robot, stands_m[robot], places_m[post]) ** power, _NO_WAY_M)
                 + _NO_WAY_M * covered(robot, places_m[post])
                 + _ORDER_M * (at - number) ** 2
                 for number, post in enumerate(posts)

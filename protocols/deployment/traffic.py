@@ -19,6 +19,8 @@ _MOVED_M: Final = 0.02
 """Who is as near as that to where it was stands still."""
 _NEAR_M: Final = 8.0
 """Who is farther off is in nobody's way yet."""
+_SILENT_S: Final = 15.0
+"""Who has told nothing, and has not moved, for so long goes nowhere: perhaps it is dead."""
 _UNSEEN_M: Final = 4.0
 """Who was last known to be farther off than that does not come round the next corner."""
 
@@ -114,7 +116,8 @@ class Traffic:
     def _hear(self, other: Other, seen: bool, now: Time) -> None:
         track = self._tracks.setdefault(other.address, Track(other.address))
         track.radius_m, track.change = other.radius_m, other.braking_mps2 * self._seconds**2
-        track.goal_m, track.idle = other.goal_m, other.idle
+        silent = min(other.age_s, track.still_s(now)) >= _SILENT_S
+        track.goal_m, track.idle = other.goal_m, other.idle or silent
         if not seen:
             track.at((other.x_m, other.y_m), now)
             cos, sin = math.cos(other.heading_rad), math.sin(other.heading_rad)

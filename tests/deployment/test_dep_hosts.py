@@ -10,8 +10,7 @@ from protocols.deployment.journal import HostChanged, PlanTaken, RobotLost
 from protocols.deployment.member_letters import Ordered
 from protocols.deployment.member_news import News
 from protocols.deployment.orders import Halt, Result
-from protocols.deployment.plan import Go, Photo, Task
-from tests.deployment.crew_scene import PLACES_M, TICK
+from tests.deployment.crew_scene import TICK
 from tests.deployment.hosts_scene import SILENCE, Robot, Team, drives, over
 
 # ---------------------------------------------------------------- who is lost when
@@ -225,35 +224,3 @@ def test_news_say_whether_the_play_is_over_beside_whether_the_robot_is_idle(flag
     idle, done = flags
     news = News(0, 0, 3, 0, 7, None, idle, 1.0, 2.0, 0.0, 0.0, None, "", done)
     assert member_news.decode(member_news.encode(news), 3) == news
-
-
-# ---------------------------------------------------------------- reunion
-
-
-def test_a_team_that_was_parted_still_takes_the_pictures_of_which_the_host_has_not_heard() -> None:
-    team = Team(3)
-    team.until(1)
-    seen = Task(name="p/seen", act=Photo(robot=0), on_failure="skip")
-    last = Task(name="p/look", act=Photo(robot=2, heading_rad=1.0), on_failure="skip")
-    team.play(Task(name="p", subtasks=(seen, drives(3).model_copy(update={"name": "p/go"}), last)))
-    team.until(2.0)
-    team.robots[0].reports("p/seen")
-    away = {(a, 2) for a in (0, 1)} | {(2, a) for a in (0, 1)}
-    team.until(3.0)
-    team.cut |= away
-    team.until(20.0)
-    assert team.robots[0].times(RobotLost, robot=2) != []
-    assert team.robots[2].host.leads
-    team.cut -= away
-    team.until(24.0)
-    orders = [order for order in team.robots[2].orders if order.plan == 2]
-    assert [order.errand for order in orders] == [Go(robot=2, place_m=PLACES_M[2], final=False)]
-    team.robots[2].reports(orders[-1].task, plan=2)
-    team.until(25.0)
-    last_order = team.robots[2].orders[-1]
-    assert last_order.errand == Photo(robot=2, heading_rad=1.0)
-    team.robots[2].reports(last_order.task, plan=2)
-    team.until(26.0)
-    assert team.robots[2].orders[-1].errand == Go(robot=2, place_m=PLACES_M[2])
-    mine = [order for order in team.robots[0].orders if order.plan == 2]
-    assert [order.errand.act for order in mine] == ["go"], "its picture was taken"

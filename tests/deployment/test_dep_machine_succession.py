@@ -11,15 +11,12 @@ from cosim.units import S
 from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.host_gossip import Gossip, lacking
 from protocols.deployment.host_ledger import Ledger
-from protocols.deployment.host_reunion import reunited
-from protocols.deployment.journal import RobotFound, RobotLost
 from protocols.deployment.member_letters import Ordered, Told
 from protocols.deployment.member_news import News
 from protocols.deployment.orders import Order, Result
-from protocols.deployment.plan import Deployment, Go, Photo, Plan, Task
+from protocols.deployment.plan import Go, Plan, Task
 from protocols.deployment.succession import Succession
-from tests.deployment.crew_scene import PLACES_M, TICK, call, rows, run
-from tests.deployment.hosts_scene import Team, drives
+from tests.deployment.crew_scene import TICK, call, rows, run
 
 SILENCE, ALONE = 10 * S, 30 * S
 SILENCE_OF_RUNS = 4 * S
@@ -180,44 +177,6 @@ def test_a_difference_is_told_only_if_it_lasts_and_not_again_at_once() -> None:
     gossip.told(2, 17 * S)
     assert not gossip.overdue(2, True, 21 * S)
     assert gossip.overdue(2, True, 22 * S)
-
-
-# ---------------------------------------------------------------- after a partition
-
-
-def test_a_reunited_team_goes_straight_to_where_the_play_ends() -> None:
-    deploy = Task(name="p/deploy", act=Deployment(strategy="wave", robots=(2, 0), places_m=((1.0, 1.0), (2.0, 2.0))))
-    first = Task(name="p/go", act=Go(robot=0, place_m=(9.0, 9.0)))
-    plan = Plan(number=1, play="p", robots=(0, 2), root=Task(name="p", subtasks=(first, deploy)))
-    again = reunited(plan, 2)
-    assert again is not None
-    assert (again.number, again.play, again.robots, again.root.order) == (2, "p", (0, 2), "parallel")
-    acts = [task.act for task in again.root.subtasks]
-    assert acts == [Go(robot=0, place_m=(2.0, 2.0)), Go(robot=2, place_m=(1.0, 1.0))]
-    twice = reunited(again, 3)
-    assert twice is not None
-    assert twice.root == again.root
-
-
-def test_nothing_is_begun_again_that_leads_nowhere() -> None:
-    plan = Plan(number=1, play="p", robots=(0,), root=Task(name="p", act=Photo(robot=0)))
-    assert reunited(plan, 2) is None
-
-
-def test_who_is_found_again_after_a_reunion_is_sent_where_it_belongs() -> None:
-    """Its drive has failed as it was lost, and only deployments give a place to who is found."""
-    team = Team()
-    team.play(drives(3).model_copy(update={"name": "p/reunited"}))
-    team.dead = {2}
-    team.until(30)
-    assert team.robots[0].times(RobotLost, robot=2)
-    team.dead = set()
-    team.boot(2)
-    team.until(60)
-    assert team.robots[0].times(RobotFound, robot=2)
-    assert [robot.host.number for robot in team.robots] == [2, 2, 2]
-    goes = [order.errand for order in team.robots[2].orders]
-    assert goes[-1] == Go(robot=2, place_m=PLACES_M[2])
 
 
 # ---------------------------------------------------------------- with whole machines
