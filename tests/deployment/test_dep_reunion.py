@@ -11,15 +11,17 @@ from protocols.deployment.executive import Executive
 from protocols.deployment.executive_facts import Heard
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.host_reunion import is_reunited, reunited
+from protocols.deployment.host_roll import Roll
 from protocols.deployment.journal import RobotFound, RobotLost
 from protocols.deployment.methods import expanded_to, stages
 from protocols.deployment.orders import Report, Result
 from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
+from protocols.deployment.records import Records
 from protocols.deployment.recovery import lengths, reassigned
 from protocols.deployment.staging import Leg, remaining
 from protocols.deployment.traffic import Other, Traffic
 from tests.deployment.crew_scene import PLACES_M
-from tests.deployment.hosts_scene import Team, drives, over
+from tests.deployment.hosts_scene import SILENCE, Team, drives, over
 from tests.deployment.play_scene import Plain, Scene, Troubles, crew_of
 
 LINE: tuple[Place, ...] = ((10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (40.0, 0.0))
@@ -57,6 +59,7 @@ def test_a_reunited_team_goes_straight_to_where_the_play_ends(depth: int | None)
     assert again is not None
     assert (again.number, again.play, again.robots) == (2, "p", (0, 2))
     assert parts(again) == [{2: (1.0, 1.0), 0: (2.0, 2.0)}]
+    assert [task.on_failure for task in again.root.subtasks[-1].subtasks] == ["fail"]
     twice = reunited(again, 3)
     assert twice is not None
     assert twice.root == again.root
@@ -66,7 +69,10 @@ def test_each_deployment_keeps_those_of_its_robots_that_end_up_there() -> None:
     gather = deploy("group", (0, 1, 2, 3), LINE, "p/gather")
     alone = Task(name="p/alone", act=Go(robot=3, place_m=(9.0, 9.0)))
     beyond = deploy("leap_frog", (2, 1), ((50.0, 0.0), (60.0, 0.0)), "p/beyond")
-    found = parts(reunited(plan_of(gather, alone, beyond), 2))
+    again = reunited(plan_of(gather, alone, beyond), 2)
+    found = parts(again)
+    assert again is not None
+    assert {task.on_failure for task in again.root.subtasks[-1].subtasks} == {"skip"}, "one ends no other"
     assert found == [{0: LINE[0]}, {2: (50.0, 0.0), 1: (60.0, 0.0)}, {3: (9.0, 9.0)}]
 
 
@@ -93,6 +99,15 @@ def test_in_a_corridor_nobody_who_goes_directly_passes_another(at_m: tuple[float
     assert [robot for robot, _ in sorted(posts.items(), key=lambda item: item[1])] == sorted(
         range(4), key=at_m.__getitem__
     )
+
+
+def test_who_stands_at_a_place_as_all_go_directly_keeps_that_and_the_others_fill_the_rest() -> None:
+    act = Deployment(strategy="direct", robots=(0, 1, 2), places_m=LINE[:3])
+    plan = Plan(number=1, play="p", robots=(0, 1, 2), root=Task(name="p", act=act))
+    starts_m = {0: LINE[1], 1: LINE[2], 2: (0.0, 0.0)}
+    executive = Executive(plan, crew_of(3), Plain(), ExecutiveParameters(), 0, starts_m)
+    goals = {order.robot: order.errand.place_m for order in executive.orders() if isinstance(order.errand, Go)}
+    assert goals == {0: LINE[1], 1: LINE[2], 2: LINE[0]}
 
 
 @pytest.mark.parametrize("dead", range(4))
@@ -177,6 +192,26 @@ def test_who_is_lost_already_as_a_team_meets_again_is_not_waited_for() -> None:
         Heard(robot=3, again=False, place_m=team.knowledge.starts_m[3], at=record.start)
     ]
     assert record.starts_m == dict(enumerate(team.knowledge.starts_m)), "the host's own place is among them"
+
+
+def test_nothing_more_is_sent_to_who_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    team, forgotten = Team(), list[int]()
+    monkeypatch.setattr(team.robots[0], "forget", lambda other, now: forgotten.append(other))
+    team.play(drives(3))
+    team.dead = {2}
+    team.until(10)
+    assert forgotten == [2]
+
+
+def test_of_the_lost_those_are_still_lost_of_whom_there_are_no_late_news_but_never_oneself() -> None:
+    team = Team(4)
+    team.until(2)
+    team.dead = {3}
+    team.until(10)
+    robot = team.robots[1]
+    roll = Roll(1, 4, SILENCE, robot.host.succession, robot.others, robot.note, Records())
+    assert [fact.robot for fact in roll.still_lost({0, 1, 2, 3}, team.now)] == [3]
+    assert [fact.robot for fact in roll.still_lost({0}, team.now + SILENCE)] == [0]
 
 
 def test_who_is_found_again_after_a_reunion_is_sent_where_it_belongs() -> None:

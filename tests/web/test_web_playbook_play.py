@@ -89,6 +89,19 @@ def test_a_deployment_that_is_played_can_go_on_by_another_strategy(page: Any, st
     assert pixels(page, "robot-2") - before > 45  # its place is two rings; one of them has about 30
 
 
+def test_a_team_that_goes_straight_to_its_places_leaves_the_choice_of_a_strategy_as_it_was(
+    page: Any, still: Still, consoles: Consoles
+):
+    for number, strategy in ((4, "wave"), (5, "direct")):
+        act = {"act": "deploy", "strategy": strategy, "robots": [0], "places_m": [[4, 4]], "augmented": True}
+        root = {"name": strategy, "label": "", "act": act, "order": "serial", "subtasks": []}
+        consoles.playing = {"number": number, "play": "deploy", "robots": [0], "root": root, "constraints": []}
+        news(still, strategy, "running", plan=number)
+        until(page, f"document.getElementById('played-title').textContent === 'Plan {number}: deploy'")
+        until(page, "document.getElementById('strategy').value === 'wave'")
+        assert page.is_enabled("#switch")
+
+
 def test_a_second_page_sees_the_same_however_late_it_comes(
     browser: Browser, served: Served, page: Any, still: Still, consoles: Consoles
 ):

@@ -57,7 +57,7 @@ export class Board {
     const { current } = this.played;
     const broken = current?.breaches.length ? `; not kept: ${current.breaches.at(-1)}` : "";
     if (current) this.write("news", `plan ${current.number}, ${current.plan.play}: ${current.result || "is being played"}${broken}`);
-    const first = current && deployments(current.plan.root)[0];
+    const first = current && deployments(current.plan.root).find(({ strategy }) => STRATEGIES.some(([value]) => value === strategy));
     if (first && document.activeElement !== this.find("strategy")) this.find("strategy").value = first.strategy;
   }
 
