@@ -17,8 +17,8 @@ SHARE = float(os.environ.get("SOAK_SHARE", "1"))
 
 
 OPEN = {
-    # the host's radio fails before its plan is told: it plays alone, the others refuse the call, as it names robot 0, and
-    # the run is over before that radio comes back
+    # the host's radio fails before its plan is told: it plays alone, the others refuse the call, as that names robot 0,
+    # and the run is over before that radio comes back
     268: ["1 places are held, 3 could be"],
 }
 """What the protocol does not master yet, by seed: that complaint and no other, least of all that bodies touch."""
