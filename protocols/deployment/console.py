@@ -30,6 +30,7 @@ from protocols.deployment.console_messages import (
     write,
 )
 from protocols.deployment.console_planning import Planning
+from protocols.deployment.executive_facts import Switched, Terminated
 from protocols.deployment.host import Host
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member import Member
@@ -120,7 +121,7 @@ class Console:
                     return {"say": "error", "why": f"plan: {number} is no plan that was made here"}
                 return self._execute(self._plans[number], now)
             case Switch(strategy=strategy) if self._host.play is not None and self._host.play.runs:
-                self._host.switch(strategy, now)
+                self._host.say(Switched(strategy=strategy, at=now), now)
                 return {"say": "done"}
             case Terminate(task=task) if self._host.play is not None and self._host.play.runs:
                 return self._terminate(task, now)
@@ -163,7 +164,7 @@ class Console:
         name = task or play.ledger.plan.root.name
         if name not in play.executive.states:
             return {"say": "error", "why": f"task: {name!r} is no task of what is being played"}
-        self._host.terminate(name, now)
+        self._host.say(Terminated(task=name, at=now), now)
         return {"say": "done"}
 
     # ------------------------------------------------------------ what is known

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.deployment import executive_facts, journal
-from protocols.deployment.executive_facts import Fact, Record, Switched, Terminated
+from protocols.deployment.executive_facts import Fact, Record
 from protocols.deployment.host_dispatch import Dispatch, Mail
 from protocols.deployment.host_gossip import Gossip
 from protocols.deployment.host_play import Play
@@ -23,7 +23,7 @@ from protocols.deployment.member_news import News
 from protocols.deployment.member_others import Others
 from protocols.deployment.orders import Report, Result, Whereabouts
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.plan import Place, Plan, Strategy
+from protocols.deployment.plan import Place, Plan
 from protocols.deployment.records import Records
 from protocols.deployment.succession import Succession, WhenHeard
 
@@ -128,13 +128,10 @@ class Host:
         self._take(told, now)
         self._post_all(told, now)
 
-    def switch(self, strategy: Strategy, now: Time) -> None:
-        """Have what is left of the play done by another strategy."""
-        self._say(Switched(strategy=strategy, at=now), now)
-
-    def terminate(self, task: str, now: Time) -> None:
-        """Have a task, and all below it, ended."""
-        self._say(Terminated(task=task, at=now), now)
+    def say(self, fact: Fact, now: Time) -> None:
+        """Take a fact that is known here first, or an operator's will, and tell all."""
+        if self.play is not None and self.play.add((fact,), now):
+            self._post_all(Facts(plan=self.number, facts=(fact,)), now)
 
     # ------------------------------------------------------------ what is heard
 
@@ -173,7 +170,7 @@ class Host:
     def report(self, report: Report, now: Time) -> None:
         """Take how an order of this robot has ended, and tell all."""
         if report.plan == self.number:
-            self._say(executive_facts.ended(report), now)
+            self.say(executive_facts.ended(report), now)
         elif report.plan > self.number:
             self._early.append(report)
 
@@ -214,7 +211,7 @@ class Host:
         """Say who is lost, and who is there again: one that would have no part in the play brings all together anew."""
         over, found = play.over, False
         for fact in self._roll.call(play.ledger.lost, heard, now, over):
-            self._say(fact, now)
+            self.say(fact, now)
             if fact.again:
                 found = True
             else:
@@ -267,11 +264,6 @@ class Host:
     def _run(self, play: Play, now: Time) -> None:
         if play.executive is None:
             play.run([news.whereabouts(robot) for robot, (news, _) in sorted(self._others.news.items())], now)
-
-    def _say(self, fact: Fact, now: Time) -> None:
-        """Take a fact that is known here first, and tell all."""
-        if self.play is not None and self.play.add((fact,), now):
-            self._post_all(Facts(plan=self.number, facts=(fact,)), now)
 
     def _post_all(self, letter: Letter, now: Time) -> None:
         """Post to all who are not lost: those are told by the gossip once they are found."""

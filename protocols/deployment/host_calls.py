@@ -11,6 +11,7 @@ from cosim.machine import Event
 from cosim.units import Time, from_seconds
 from protocols.deployment import journal
 from protocols.deployment.console_planning import Planning
+from protocols.deployment.executive_facts import Switched
 from protocols.deployment.host import Host
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Plan
@@ -73,7 +74,7 @@ class Calls:
             after, strategy = self._switches[due - 1]
             self._switched = due
             if play is not None and not play.ledger.switched_since(self.start + after):
-                self._host.switch(strategy, now)
+                self._host.say(Switched(strategy=strategy, at=now), now)
 
     def _call(self, at: int, now: Time) -> None:
         call, starts_m = self._calls[at][1], self._planning.starts_m(now)

@@ -8,7 +8,7 @@ import pytest
 from cosim.observation import Observation
 from cosim.units import S
 from protocols.deployment.executive import Executive
-from protocols.deployment.executive_facts import Heard
+from protocols.deployment.executive_facts import Heard, Terminated
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.host_reunion import is_reunited, reunited
 from protocols.deployment.host_roll import Roll
@@ -238,7 +238,7 @@ def test_who_comes_back_when_the_play_is_over_is_called_to_its_place_unless_that
         team.dead = {2}
     team.until(10)
     if ended == "terminated":
-        team.robots[0].host.terminate("p", team.now)
+        team.robots[0].host.say(Terminated(task="p", at=team.now), team.now)
     for robot in (0, 1):
         team.robots[robot].reports(f"p/{robot}")
     if ended == "without it":
