@@ -12,6 +12,7 @@ from cosim.robots.carry import Carry
 from protocols.aggregation.walking import Walker, WalkingParameters
 from protocols.aggregation.walking_aside import in_the_way, retreat, way_round
 from tests.aggregation.ground_scene import TICK, Stage, floor, ground_of, hall
+from tests.oracles.campaign import soak_count
 
 PARAMETERS = WalkingParameters()
 DRIVES = ["grid", "differential", "omni"]
@@ -256,7 +257,7 @@ def test_three_robots_cross_the_laboratory():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(soak_count(10)))
 def test_nobody_is_held_up_for_ever_in_a_crowd(drive, seed):
     on = two_rooms()
     draw = np.random.default_rng(seed)
