@@ -183,6 +183,7 @@ def test_a_sight_that_nobody_can_have_is_refused(wrong: dict[str, Any], message:
 # ---------------------------------------------------------------- a whole search
 
 
+@pytest.mark.compiles
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["srp", "mi", "random"])
 @pytest.mark.parametrize("humans", [(3,), (2, 3, 4)])

@@ -77,6 +77,7 @@ def lone_piconet(size: int = 4) -> tuple[Air, Any, Any]:
     return air, piconet, table
 
 
+@pytest.mark.compiles
 def test_a_frame_of_a_page_meets_the_polls_of_a_piconet_that_was_alone_and_they_it():
     air, _, table = lone_piconet()
     air.advance(20 * MS)

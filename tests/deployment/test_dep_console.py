@@ -47,6 +47,7 @@ class Desk:
         return [each for each in self.heard if each["say"] == say and "answer" not in each]
 
 
+@pytest.mark.compiles
 @pytest.mark.slow
 def test_a_play_is_called_and_executed_and_its_tasks_and_its_end_are_told() -> None:
     desk = Desk()

@@ -249,6 +249,7 @@ def test_a_robot_that_is_stopped_short_goes_on_and_hardly_ever_begins_anew():
     assert restarts <= 10
 
 
+@pytest.mark.compiles
 @pytest.mark.slow
 def test_a_robot_that_is_pushed_about_or_kidnapped_still_ends_right():
     rng = np.random.default_rng(7)

@@ -42,6 +42,7 @@ def scene(
     return build(plain, "scene", Path())
 
 
+@pytest.mark.compiles
 @pytest.mark.slow
 def test_a_goal_that_a_corner_hides_again_from_a_body_on_its_way_is_not_left_to_the_algorithm(
     monkeypatch: pytest.MonkeyPatch,
