@@ -21,7 +21,7 @@ from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Facts, Letter, Ordered, Told
 from protocols.deployment.member_news import News
 from protocols.deployment.member_others import Others
-from protocols.deployment.orders import Report, Result, Whereabouts
+from protocols.deployment.orders import Report, Whereabouts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Place, Plan
 from protocols.deployment.records import Records
@@ -59,6 +59,10 @@ class Host:
         self._central = parameters.executive == "central"
         self.dispatch = Dispatch(me, self._central, mail, gossip, note, records, start)
         self.rumours = Rumours(from_seconds(2.0 * parameters.news_s))
+        self._reunion = 2 * from_seconds(parameters.news_s)
+        """So long after it was found necessary a reunion waits for all who can be heard."""
+        self._meeting: Time | None = None
+        """When there is to be one; until then nobody is ordered anything."""
         self._early: list[Report] = []
         """Of orders of a plan that it has not been told yet: it may have booted again."""
         self.changes = 0
@@ -107,7 +111,7 @@ class Host:
         """
         rumours, play = self.rumours, self.play
         plays = play is not None and not (rumours.over or (play.over and not rumours.doubtful))
-        return plays or rumours.awaited(self.number)
+        return plays or self._meeting is not None or rumours.awaited(self.number)
 
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
@@ -149,7 +153,7 @@ class Host:
             self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
             if news.plan == self.number and news.digest != self.digest:
-                self._reunite(self.play, now)
+                self._meeting = self._meeting or now + self._reunion
         elif self.leads or source == self.succession.host:
             self.dispatch.compare(self.play, source, news, self.succession, now)
 
@@ -189,40 +193,43 @@ class Host:
             play.whereabouts(whereabouts, now)
         if self.leads:
             self._call_the_roll(play, heard, now)
+        if self._meeting is not None and now >= self._meeting:
+            self._reunite(play, heard, now)
 
     def advance(self, now: Time) -> None:
         """Act on all deadlines, and pass on what the executive wants."""
         if self.play is not None and self.play.executive is not None:
             self.play.wake(now)
-            self.dispatch.advance(self.play, self.leads, self.succession.term, now)
+            if self._meeting is None:
+                self.dispatch.advance(self.play, self.leads, self.succession.term, now)
 
-    def _reunite(self, play: Play, now: Time) -> None:
+    def _reunite(self, play: Play, heard: WhenHeard, now: Time) -> None:
         """End what two hosts have led at once, or without one who is back, and begin again together."""
-        ledger = play.ledger
-        plan = reunited(ledger.plan, self.newest + 1, ledger.done_tasks())
+        self._meeting, ledger = None, play.ledger
+        plan = reunited(ledger.plan, self.newest + 1, play.past())
         if plan is not None:
-            starts_m = {**self._others.places_m, self.me: self._here_m}
-            self.succession.since = now
-            self.execute(plan, starts_m, ledger.calls, now, self._roll.still_lost(ledger.lost, now))
+            self.succession.since, starts_m = now, {**self._others.places_m, self.me: self._here_m}
+            self.execute(plan, starts_m, ledger.calls, now, self._roll.still_lost(ledger.lost, heard, now))
 
     # ------------------------------------------------------------ who is there
 
     def _call_the_roll(self, play: Play, heard: WhenHeard, now: Time) -> None:
         """Say who is lost, and who is there again: one that would have no part in the play brings all together anew."""
-        over, found = play.over, False
+        over, found = play.over, list[Address]()
         for fact in self._roll.call(play.ledger.lost, heard, now, over):
             self.say(fact, now)
             if fact.again:
-                found = True
+                found.append(fact.robot)
             else:
                 self.mail.forget(fact.robot, now)
-        if found and (over or is_reunited(play.ledger.plan)) and play.end != Result.TERMINATED:
-            self._reunite(play, now)
+        if (over or is_reunited(play.ledger.plan)) and any(map(play.misses, found)):
+            self._meeting = self._meeting or now + self._reunion
 
     def _followed(self, now: Time) -> None:
         """Be led by another host than before, or be it."""
         succession = self.succession
         succession.since = now
+        self._meeting = None
         self.rumours.over = False
         self.dispatch.clear()
         self.changes += 1
@@ -242,7 +249,7 @@ class Host:
         claims = plan.number > own and source == told.host != self.succession.host
         if claims and self.succession.claimed(source, self.succession.term, plan.number, own):
             self._followed(now)
-        if self.play is not None and plan == self.play.ledger.plan:
+        if self.play is not None and self.play.ledger.of(told.record):
             self.play.add(told.record.facts, now)
         elif plan.number > own or (plan.number == own and source == self.succession.host):
             self._take(told, now)
@@ -250,7 +257,7 @@ class Host:
     def _take(self, told: Told, now: Time) -> None:
         self.play = play = Play(told, self._parameters, self._knowledge)
         plan = play.ledger.plan
-        self.rumours.over = False
+        self.rumours.over, self._meeting = False, None
         self._note(journal.PlanTaken(plan.number, plan.play, len(plan.robots)))
         self.dispatch.gossip.clear()
         if self.leads:

@@ -47,6 +47,8 @@ def lacking(ledger: Ledger, news: News, host: Address, order: Order | None, term
     """
     if news.plan != ledger.number:
         return [ledger.told(host)] if news.plan < ledger.number else []
+    if not ledger.began_alike(news.digest):
+        return [ledger.told(host)]
     letters: list[Letter] = [ledger.facts()] if news.digest != ledger.digest else []
     if order is not None and (news.serial is None or news.serial < order.serial) and not ledger.ended(order):
         letters.append(Ordered(term=term, order=order))

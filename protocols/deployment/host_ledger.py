@@ -6,14 +6,22 @@ makes a host replaceable. A digest in everybody's news tells whether anything is
 
 from binascii import crc32
 from collections.abc import Iterable
+from typing import Final
 
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.deployment import executive_facts
-from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched
+from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.member_letters import Facts, Told
 from protocols.deployment.orders import Halt, Order, Result
 from protocols.deployment.plan import Plan
+
+_HIGH: Final = 0xFFFF0000
+"""The half of a digest that tells how the plan began; the other tells what has happened to it."""
+
+
+def _checksum(text: str) -> int:
+    return crc32(text.encode())
 
 
 class Ledger:
@@ -28,6 +36,7 @@ class Ledger:
         self._ended: dict[tuple[str, Address], Ended] = {}
         self._digest: int | None = None
         self.add(told.record.facts)
+        self._begin = _checksum(self._begun(told.record).model_dump_json()) & _HIGH
 
     @property
     def number(self) -> int:
@@ -51,12 +60,25 @@ class Ledger:
         """Return all that it takes to go on with the plan."""
         return self._record.model_copy(update={"facts": self.facts().facts})
 
+    @staticmethod
+    def _begun(record: Record) -> Record:
+        """Return what of a record never changes: the plan, when it began, and where robots stood."""
+        return record.model_copy(update={"facts": (), "serials": {}})
+
+    def of(self, record: Record) -> bool:
+        """Return whether a record is of the same plan, begun at the same time by the same host."""
+        return self._begun(record) == self._begun(self._record)
+
     @property
     def digest(self) -> int:
         """A number that is the same for those who know the same."""
         if self._digest is None:
-            self._digest = crc32(repr(sorted(self._facts)).encode())
+            self._digest = self._begin | _checksum(repr(sorted(self._facts))) & ~_HIGH
         return self._digest
+
+    def began_alike(self, digest: int) -> bool:
+        """Return whether who has that digest means the same plan: two hosts may have begun one of the same number."""
+        return digest & _HIGH == self._begin
 
     def ended(self, order: Order) -> bool:
         """Return whether *order* has been reported to have ended."""
@@ -72,6 +94,10 @@ class Ledger:
         """Return whether the plan began after *at*, or its strategy was changed at or after that."""
         switches = [fact.at for fact in self._facts.values() if isinstance(fact, Switched)]
         return max(switches, default=self._record.start - 1) >= at
+
+    def given_up(self) -> set[str]:
+        """Return the names of the tasks that an operator has ended."""
+        return {fact.task for fact in self._facts.values() if isinstance(fact, Terminated)}
 
     def done_tasks(self) -> set[str]:
         """Return the names, in the plan, of what robots have reported to be done, be it at another attempt."""

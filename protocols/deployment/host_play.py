@@ -7,6 +7,7 @@ from cosim.units import Time
 from protocols.deployment.executive import Executive
 from protocols.deployment.executive_facts import Fact
 from protocols.deployment.host_ledger import Ledger
+from protocols.deployment.host_reunion import Past
 from protocols.deployment.knowledge import Knowledge
 from protocols.deployment.member_letters import Told
 from protocols.deployment.orders import Order, Report, Whereabouts
@@ -98,6 +99,19 @@ class Play:
         """Drain the constraints that were not kept, in words; without those that were certain *since* or before."""
         found = [] if self.executive is None else self.executive.breaches()
         return [breach.why for breach in found if breach.at > since]
+
+    def past(self) -> Past:
+        """Return what has happened to it, for who begins it again."""
+        ledger, known = self.ledger, Past(self.ledger.done_tasks(), self.ledger.given_up())
+        if self.executive is None:
+            return known
+        progress = self.executive.progress
+        casts = {name: deploying.cast for name, deploying in progress.deployments.items()}
+        return known._replace(casts=casts, roles={robot: progress.role(robot) for robot in ledger.plan.robots})
+
+    def misses(self, robot: Address) -> bool:
+        """Return whether a robot that is there again has lost a part that nobody else has taken."""
+        return self.executive is not None and self.executive.progress.misses(robot)
 
     @property
     def end(self) -> str | None:

@@ -46,13 +46,10 @@ class Roll:
                 self._note(journal.RobotLost(robot, *self._others.place_m(robot)))
                 yield self._missing(robot, now)
 
-    def still_lost(self, lost: Collection[Address], now: Time) -> tuple[Heard, ...]:
-        """Return the *lost* of whom there are no late news, as facts of a plan that begins *now*."""
-        news = self._others.news
-        silent = [robot for robot in sorted(lost) if robot != self._me]
-        return tuple(
-            self._missing(robot, now) for robot in silent if robot not in news or now - news[robot][1] >= self._silence
-        )
+    def still_lost(self, lost: Collection[Address], heard: WhenHeard, now: Time) -> tuple[Heard, ...]:
+        """Return the *lost* of whom nothing was heard lately, as facts of a plan that begins *now*."""
+        silent = [robot for robot in sorted(lost) if robot != self._me and now - heard(robot) >= self._silence]
+        return tuple(self._missing(robot, now) for robot in silent)
 
     def _missing(self, robot: Address, now: Time) -> Heard:
         return Heard(robot=robot, again=False, place_m=self._others.place_m(robot), at=now)

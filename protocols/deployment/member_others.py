@@ -1,5 +1,6 @@
 """Where a robot takes the others to be: as it sees them at this tick, else as they have said in their last news."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from cosim.machine import Address
@@ -58,7 +59,7 @@ class Others:
 
     def _other(self, robot: Address, now: Time) -> Other:
         body, (x_m, y_m) = self._bodies[robot], self._places[robot]
-        plain = Other(robot, x_m, y_m, body.radius_m, braking_mps2=body.acceleration_mps2)
+        plain = Other(robot, x_m, y_m, body.radius_m, braking_mps2=body.acceleration_mps2, age_s=math.inf)
         if robot not in self.news:
             return plain
         news, heard = self.news[robot]

@@ -83,6 +83,7 @@ class Deployment(Settings):
     robots: tuple[Address, ...] = Field(min_length=1)
     places_m: tuple[Place, ...] = Field(min_length=1)
     augmented: bool = Field(default=True, description="offsets, staggered starts, stepping aside (section 5)")
+    fixed: bool = Field(default=False, description="each has its own place, and nobody takes that of one who is lost")
 
     @model_validator(mode="after")
     def _one_place_each(self) -> Self:

@@ -107,8 +107,8 @@ class Progress:
             case Switched(strategy=strategy):
                 self._strategy = strategy
                 for deploying, node in self._under_way():
-                    deploying.strategy = strategy
-                    self._deploy_again(deploying, node)
+                    if deploying.switch(strategy):
+                        self._deploy_again(deploying, node)
             case Terminated(task=task):
                 if (wanted := self.tree.get(task)) is not None and not wanted.over:
                     self.tree.terminate(wanted, self.time, "as was ordered")
@@ -230,6 +230,17 @@ class Progress:
 
     # ------------------------------------------------------------ robots that come and go
 
+    def role(self, robot: Address) -> Address:
+        """Return who plays the part of *robot* now, outside deployments."""
+        return self._casting.role(robot)
+
+    def misses(self, robot: Address) -> bool:
+        """Return whether what *robot* was to do was left, as it was lost, and nobody has done it in its place."""
+        if any(deploying.misses(robot) for deploying in self.deployments.values()):
+            return True
+        left = any(node.lost and robot in claims(node.task) for node in self.tree.root.walk())
+        return left and self._casting.role(robot) == robot
+
     def _under_way(self) -> Iterator[tuple[Deploying, Node]]:
         """Yield the deployments that have begun and not ended, outer ones first."""
         for name, deploying in list(self.deployments.items()):
@@ -243,7 +254,7 @@ class Progress:
     def _found(self, robot: Address) -> None:
         self._casting.find(robot)
         for deploying, node in self._under_way():
-            if deploying.misses(robot):
+            if deploying.misses(robot) and not deploying.act.fixed:
                 self._deploy_again(deploying, node)
 
     def _lose(self, robot: Address, place_m: Place | None) -> None:
@@ -252,9 +263,17 @@ class Progress:
             return
         self._casting.lose(robot, place_m)
         for deploying, node in self._under_way():
-            if robot in deploying.posts:
+            if robot not in deploying.posts:
+                continue
+            if deploying.act.fixed:
+                deploying.loses(robot)
+                running = [each for each in node.walk() if each.state is State.RUNNING and robot in claims(each.task)]
+                for leaf in running:
+                    self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)
+            else:
                 self._deploy_again(deploying, node)
-        leaves = [leaf for leaf in self._leaves() if robot in {self._casting.role(each) for each in claims(leaf.task)}]
+        left = _leaves(self.tree.root)
+        leaves = [leaf for leaf in left if robot in {self._casting.role(each) for each in claims(leaf.task)}]
         alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
         if alone:
             self._casting.recast(robot, [leaf.task for leaf in alone])
@@ -264,15 +283,16 @@ class Progress:
             elif leaf.state is State.RUNNING and leaf in alone:
                 self.tree.renew(leaf, self.time)
 
-    def _leaves(self) -> list[Node]:
-        """Return the leaves that have not ended, those of deployments left out."""
-        leaves = list[Node]()
-        pending = [self.tree.root]
-        while pending:
-            node = pending.pop()
-            if node.over or isinstance(node.task.act, Deployment):
-                continue
-            pending += reversed(node.children)
-            if not node.children:
-                leaves.append(node)
-        return leaves
+
+def _leaves(root: Node) -> list[Node]:
+    """Return the leaves that have not ended, those of deployments left out."""
+    leaves = list[Node]()
+    pending = [root]
+    while pending:
+        node = pending.pop()
+        if node.over or isinstance(node.task.act, Deployment):
+            continue
+        pending += reversed(node.children)
+        if not node.children:
+            leaves.append(node)
+    return leaves

@@ -31,7 +31,9 @@ class Deploying:
         assert isinstance(task.act, Deployment)
         self._crew, self._ways, self._parameters, self._length = crew, ways, parameters, length
         self._task, self.act = task, task.act
-        self.strategy: Staging = strategy or task.act.strategy
+        self.strategy: Staging = task.act.strategy
+        if strategy is not None:
+            self.switch(strategy)
         self._team = list(task.act.robots)
         """Its robots and those that were drafted, living or lost."""
         self.posts = {robot: number for number, robot in enumerate(task.act.robots)}
@@ -48,6 +50,19 @@ class Deploying:
     def leaping(self) -> bool:
         """Whether robots that are deployed make room for others."""
         return self.strategy == "leap_frog" and self.act.augmented
+
+    @property
+    def cast(self) -> tuple[Address, ...]:
+        """Who is to end up at each of the places: who is lost at one that nobody else has taken."""
+        others = iter([robot for robot in self._team if robot not in self.posts])
+        at = {post: robot for robot, post in self.posts.items()}
+        return tuple(at[post] if post in at else next(others) for post in range(len(self.act.places_m)))
+
+    def switch(self, strategy: Strategy) -> bool:
+        """Go on by another strategy, unless all go directly; return whether that is so."""
+        if self.act.strategy != "direct":
+            self.strategy = strategy
+        return self.act.strategy != "direct"
 
     def post_m(self, robot: Address) -> Place:
         """Return where a living robot of it is to end up."""
@@ -99,6 +114,9 @@ class Deploying:
 
     def _man(self, casting: Casting) -> None:
         """Give the places to the robots that are left, and to spare ones for as long as there are any."""
+        if self.act.fixed:
+            self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
+            return
         size = len(self.act.places_m)
         living = [robot for robot in self._team if robot not in casting.lost]
         while len(living) < size and (spare := casting.draft(self.act.places_m[0])) is not None:
@@ -153,6 +171,10 @@ class Deploying:
             self.reached[robot] = self._goals[name]
         elif place_m in self.act.places_m:
             self.reached[robot] = self.act.places_m.index(place_m)
+
+    def loses(self, robot: Address) -> None:
+        """Note that a robot is lost, and that nobody takes its place."""
+        del self.posts[robot]
 
     def misses(self, robot: Address) -> bool:
         """Return whether a robot that was heard again could fill an empty place."""

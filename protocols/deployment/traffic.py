@@ -40,7 +40,7 @@ class Other(NamedTuple):
     idle: bool = False
     """Whether it has told that it is not going anywhere."""
     age_s: float = 0.0
-    """How old that is."""
+    """How old that is; infinite if nothing was ever heard of it."""
 
 
 class Track:

@@ -160,7 +160,8 @@ def test_who_knows_less_is_told_what_it_lacks() -> None:
     assert lacking(ledger, news(4), 0, order, 1) == []
     assert lacking(ledger, news(3, ledger.digest, 4), 0, order, 1) == []
     assert lacking(ledger, news(3, ledger.digest, 3), 0, order, 1) == [Ordered(term=1, order=order)]
-    assert lacking(ledger, news(3, 99, None), 0, None, 1) == [ledger.facts()]
+    assert lacking(ledger, news(3, ledger.digest ^ 1, None), 0, None, 1) == [ledger.facts()]
+    assert lacking(ledger, news(3, ledger.digest ^ 1 << 31, None), 0, order, 1) == [ledger.told(0)], "another plan 3"
     ledger.add(FACTS[:1])
     assert lacking(ledger, news(3, ledger.digest, None), 0, order, 1) == [], "it has ended"
 

@@ -10,7 +10,7 @@ from cosim.units import S
 from protocols.deployment.executive import Executive
 from protocols.deployment.executive_facts import Heard, Terminated
 from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.host_reunion import is_reunited, reunited
+from protocols.deployment.host_reunion import Past, is_reunited, reunited
 from protocols.deployment.host_roll import Roll
 from protocols.deployment.journal import RobotFound, RobotLost
 from protocols.deployment.methods import expanded_to, stages
@@ -35,7 +35,7 @@ def plan_of(*subtasks: Task) -> Plan:
     return Plan(number=1, play="p", robots=(0, 1, 2, 3), root=Task(name="p", subtasks=subtasks))
 
 
-def parts(plan: Plan | None) -> list[dict[int, Place]]:
+def parts(plan: Plan | None, fixed: bool = False) -> list[dict[int, Place]]:
     """Return the deployments of a reunited plan: who is to come to where."""
     assert plan is not None
     assert is_reunited(plan)
@@ -43,7 +43,7 @@ def parts(plan: Plan | None) -> list[dict[int, Place]]:
     found = list[dict[int, Place]]()
     for task in places.subtasks:
         assert isinstance(task.act, Deployment)
-        assert task.act.strategy == "direct"
+        assert (task.act.strategy, task.act.fixed) == ("direct", fixed)
         found.append(dict(zip(task.act.robots, task.act.places_m, strict=True)))
     return found
 
@@ -55,21 +55,24 @@ def parts(plan: Plan | None) -> list[dict[int, Place]]:
 def test_a_reunited_team_goes_straight_to_where_the_play_ends(depth: int | None) -> None:
     whole = expanded_to(deploy("wave", (2, 0), ((1.0, 1.0), (2.0, 2.0))), depth)
     first = Task(name="p/go", act=Go(robot=0, place_m=(9.0, 9.0)))
-    again = reunited(plan_of(first, whole), 2)
+    again = reunited(plan_of(first, whole), 2, Past())
     assert again is not None
     assert (again.number, again.play, again.robots) == (2, "p", (0, 2))
     assert parts(again) == [{2: (1.0, 1.0), 0: (2.0, 2.0)}]
     assert [task.on_failure for task in again.root.subtasks[-1].subtasks] == ["fail"]
-    twice = reunited(again, 3)
+    twice = reunited(again, 3, Past())
     assert twice is not None
-    assert twice.root == again.root
+    assert parts(twice, fixed=True) == parts(again), "nobody goes to fill a place out of reach"
+    thrice = reunited(twice, 4, Past())
+    assert thrice is not None
+    assert thrice.root == twice.root
 
 
 def test_each_deployment_keeps_those_of_its_robots_that_end_up_there() -> None:
     gather = deploy("group", (0, 1, 2, 3), LINE, "p/gather")
     alone = Task(name="p/alone", act=Go(robot=3, place_m=(9.0, 9.0)))
     beyond = deploy("leap_frog", (2, 1), ((50.0, 0.0), (60.0, 0.0)), "p/beyond")
-    again = reunited(plan_of(gather, alone, beyond), 2)
+    again = reunited(plan_of(gather, alone, beyond), 2, Past())
     found = parts(again)
     assert again is not None
     assert {task.on_failure for task in again.root.subtasks[-1].subtasks} == {"skip"}, "one ends no other"
@@ -77,7 +80,7 @@ def test_each_deployment_keeps_those_of_its_robots_that_end_up_there() -> None:
 
 
 def test_nothing_is_begun_again_that_leads_nowhere() -> None:
-    assert reunited(plan_of(Task(name="p/photo", act=Photo(robot=0))), 2) is None
+    assert reunited(plan_of(Task(name="p/photo", act=Photo(robot=0))), 2, Past()) is None
 
 
 # ---------------------------------------------------------------- how it is played
@@ -113,7 +116,7 @@ def test_who_stands_at_a_place_as_all_go_directly_keeps_that_and_the_others_fill
 @pytest.mark.parametrize("dead", range(4))
 @pytest.mark.parametrize("at_s", [1.0, 15.0, 29.0])
 def test_after_a_death_the_others_go_to_the_first_places_that_are_open(dead: int, at_s: float) -> None:
-    plan = reunited(plan_of(deploy("wave", (0, 1, 2, 3), LINE)), 2)
+    plan = reunited(plan_of(deploy("wave", (0, 1, 2, 3), LINE)), 2, Past())
     assert plan is not None
     scene = Scene(plan, crew_of(4), troubles=Troubles(deaths={dead: at_s})).run()
     body = scene.robots[dead].at_m
@@ -203,15 +206,15 @@ def test_nothing_more_is_sent_to_who_is_lost(monkeypatch: pytest.MonkeyPatch) ->
     assert forgotten == [2]
 
 
-def test_of_the_lost_those_are_still_lost_of_whom_there_are_no_late_news_but_never_oneself() -> None:
+def test_of_the_lost_those_are_still_lost_of_whom_nothing_was_heard_lately_but_never_oneself() -> None:
     team = Team(4)
     team.until(2)
     team.dead = {3}
     team.until(10)
     robot = team.robots[1]
     roll = Roll(1, 4, SILENCE, robot.host.succession, robot.others, robot.note, Records())
-    assert [fact.robot for fact in roll.still_lost({0, 1, 2, 3}, team.now)] == [3]
-    assert [fact.robot for fact in roll.still_lost({0}, team.now + SILENCE)] == [0]
+    assert [fact.robot for fact in roll.still_lost({0, 1, 2, 3}, robot.when, team.now)] == [3]
+    assert [fact.robot for fact in roll.still_lost({0}, robot.when, team.now + SILENCE)] == [0]
 
 
 def test_who_is_found_again_after_a_reunion_is_sent_where_it_belongs() -> None:
