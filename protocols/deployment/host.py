@@ -215,7 +215,7 @@ class Host:
 
     def _call_the_roll(self, play: Play, heard: WhenHeard, now: Time) -> None:
         """Say who is lost, and who is there again: one that would have no part in the play brings all together anew."""
-        over, found = play.over, list[Address]()
+        over, found = play.over or self._meeting is not None, list[Address]()
         for fact in self._roll.call(play.ledger.lost, heard, now, over):
             self.say(fact, now)
             if fact.again:

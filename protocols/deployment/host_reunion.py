@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple, TypeAlias
 
 from cosim.machine import Address
-from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Task
+from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Staging, Task
 from protocols.deployment.standing import ends_m
 
 _ONCE = "/reunited"
@@ -44,6 +44,7 @@ def reunited(plan: Plan, number: int, past: Past) -> Plan | None:
     ends = [] if whole is None else _ends(whole, past)
     if whole is None or not ends:
         return None
+    staging: Staging = "fixed" if is_reunited(plan) else "direct"
     suffix = _AGAIN if is_reunited(plan) else _ONCE
     root = plan.root.name.removesuffix(_AGAIN).removesuffix(_ONCE) + suffix
     acts = _pictures(whole, past)
@@ -52,9 +53,7 @@ def reunited(plan: Plan, number: int, past: Past) -> Plan | None:
         Task(
             name=f"{root}/places/part-{at}",
             label=f"part-{at}",
-            act=Deployment(
-                strategy="direct", robots=tuple(part), places_m=tuple(part.values()), fixed=suffix == _AGAIN
-            ),
+            act=Deployment(strategy=staging, robots=tuple(part), places_m=tuple(part.values())),
             on_failure="skip" if len(ends) > 1 else "fail",
         )
         for at, part in enumerate(ends, start=1)

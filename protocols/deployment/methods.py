@@ -7,7 +7,7 @@ section 5), and all leave ``robots[i]`` at ``places_m[i]``. With k = N - 1, and 
 * wave: at stage i the robots k-i..k drive to the places 0..i at once, so that 1, 2, ..., N robots move;
 * leap-frog: at stage i robot i drives to the places 0..i one after the other, so that always one robot moves.
 
-Our own *direct* is one stage: robot i drives to place i.
+Our own *direct* and *fixed* are one stage: robot i drives to place i.
 
 Nothing here keeps robots out of each other's way: that is the executive's augmentation.
 """
@@ -34,7 +34,7 @@ class Move(NamedTuple):
 def stages(deployment: Deployment) -> list[list[Move]]:
     """Return the moves of each stage (Fig. 3): at once for group and wave, one after the other for leap-frog."""
     size = len(deployment.robots)
-    if deployment.strategy == "direct":
+    if deployment.strategy in ("direct", "fixed"):
         return [[Move(*pair, final=True) for pair in zip(deployment.robots, deployment.places_m, strict=True)]]
     strategy = {"group": _group, "wave": _wave, "leap_frog": _leap_frog}[deployment.strategy]
     return [

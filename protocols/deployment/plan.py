@@ -19,7 +19,7 @@ MOST: Final = 1e9
 Coordinate: TypeAlias = Annotated[float, Field(ge=-MOST, le=MOST)]
 Place: TypeAlias = tuple[Coordinate, Coordinate]
 Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
-Staging: TypeAlias = Strategy | Literal["direct"]
+Staging: TypeAlias = Strategy | Literal["direct", "fixed"]
 """A strategy of Fig. 3, or none: all drive straight to their places at once, from wherever they are."""
 
 ORIGIN: Final = ""
@@ -74,7 +74,8 @@ class Explore(Settings):
 class Deployment(Settings):
     """Robots deploy to as many places by one of the strategies of Fig. 3: ``robots[i]`` ends up at ``places_m[i]``.
 
-    ``direct`` is for teams that are under way already, in no order: who goes to which place is what costs least.
+    ``direct`` is for teams that are under way already, in no order: who goes to which place is what costs least. With
+    ``fixed`` each goes to its own, and nobody to that of one who is lost.
     It stands for the subtasks that the executive makes of it, unless the planner has expanded it.
     """
 
@@ -83,7 +84,6 @@ class Deployment(Settings):
     robots: tuple[Address, ...] = Field(min_length=1)
     places_m: tuple[Place, ...] = Field(min_length=1)
     augmented: bool = Field(default=True, description="offsets, staggered starts, stepping aside (section 5)")
-    fixed: bool = Field(default=False, description="each has its own place, and nobody takes that of one who is lost")
 
     @model_validator(mode="after")
     def _one_place_each(self) -> Self:

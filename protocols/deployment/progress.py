@@ -254,7 +254,7 @@ class Progress:
     def _found(self, robot: Address) -> None:
         self._casting.find(robot)
         for deploying, node in self._under_way():
-            if deploying.misses(robot) and not deploying.act.fixed:
+            if deploying.misses(robot) and not deploying.fixed:
                 self._deploy_again(deploying, node)
 
     def _lose(self, robot: Address, place_m: Place | None) -> None:
@@ -265,7 +265,7 @@ class Progress:
         for deploying, node in self._under_way():
             if robot not in deploying.posts:
                 continue
-            if deploying.act.fixed:
+            if deploying.fixed:
                 deploying.loses(robot)
                 running = [each for each in node.walk() if each.state is State.RUNNING and robot in claims(each.task)]
                 for leaf in running:

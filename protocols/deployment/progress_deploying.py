@@ -59,10 +59,16 @@ class Deploying:
         return tuple(at[post] if post in at else next(others) for post in range(len(self.act.places_m)))
 
     def switch(self, strategy: Strategy) -> bool:
-        """Go on by another strategy, unless all go directly; return whether that is so."""
-        if self.act.strategy != "direct":
+        """Go on by another strategy, if this is by one; return whether that is so."""
+        staged = self.act.strategy not in ("direct", "fixed")
+        if staged:
             self.strategy = strategy
-        return self.act.strategy != "direct"
+        return staged
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nobody takes the place of one who is lost."""
+        return self.act.strategy == "fixed"
 
     def post_m(self, robot: Address) -> Place:
         """Return where a living robot of it is to end up."""
@@ -114,7 +120,7 @@ class Deploying:
 
     def _man(self, casting: Casting) -> None:
         """Give the places to the robots that are left, and to spare ones for as long as there are any."""
-        if self.act.fixed:
+        if self.fixed:
             self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
             return
         size = len(self.act.places_m)

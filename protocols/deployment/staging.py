@@ -31,7 +31,7 @@ class Leg(NamedTuple):
 
 def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[Leg]]:
     """Return the legs of the stages that are left: at once for group and wave, one after the other for leap-frog."""
-    if strategy == "direct":
+    if strategy in ("direct", "fixed"):
         away = [Leg(robot, post) for robot, post in posts.items() if reached[robot] != post]
         return [away] if away else []
     stages = {"group": _group, "wave": _wave, "leap_frog": _leap_frog}[strategy]

@@ -43,7 +43,7 @@ def parts(plan: Plan | None, fixed: bool = False) -> list[dict[int, Place]]:
     found = list[dict[int, Place]]()
     for task in places.subtasks:
         assert isinstance(task.act, Deployment)
-        assert (task.act.strategy, task.act.fixed) == ("direct", fixed)
+        assert task.act.strategy == ("fixed" if fixed else "direct")
         found.append(dict(zip(task.act.robots, task.act.places_m, strict=True)))
     return found
 
