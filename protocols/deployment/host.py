@@ -13,6 +13,7 @@ from protocols.deployment import executive_facts, journal
 from protocols.deployment.executive_facts import Fact, Record
 from protocols.deployment.host_dispatch import Dispatch, Mail
 from protocols.deployment.host_gossip import Gossip
+from protocols.deployment.host_meeting import Meeting
 from protocols.deployment.host_play import Play
 from protocols.deployment.host_reunion import is_reunited, reunited
 from protocols.deployment.host_roll import Roll
@@ -59,10 +60,7 @@ class Host:
         self._central = parameters.executive == "central"
         self.dispatch = Dispatch(me, self._central, mail, gossip, note, records, start)
         self.rumours = Rumours(from_seconds(2.0 * parameters.news_s))
-        self._reunion = 2 * from_seconds(parameters.news_s)
-        """So long after it was found necessary a reunion waits for all who can be heard."""
-        self._meeting: Time | None = None
-        """When there is to be one; until then nobody is ordered anything."""
+        self._meeting = Meeting(2 * from_seconds(parameters.news_s))
         self._early: list[Report] = []
         """Of orders of a plan that it has not been told yet: it may have booted again."""
         self.changes = 0
@@ -111,7 +109,7 @@ class Host:
         """
         rumours, play = self.rumours, self.play
         plays = play is not None and not (rumours.over or (play.over and not rumours.doubtful))
-        return plays or self._meeting is not None or rumours.awaited(self.number)
+        return plays or self._meeting.called or rumours.awaited(self.number)
 
     def wake_at(self) -> Time | None:
         """Return the executive's next deadline."""
@@ -153,7 +151,7 @@ class Host:
             self.play.whereabouts(news.whereabouts(source), now)
         if self.leads and self.succession.rivalled(source, news.host, news.term):
             if news.plan == self.number and news.digest != self.digest:
-                self._meeting = self._meeting or now + self._reunion
+                self._meeting.call(self.number, now)
         elif self.leads or source == self.succession.host:
             self.dispatch.compare(self.play, source, news, self.succession, now)
 
@@ -193,43 +191,43 @@ class Host:
             play.whereabouts(whereabouts, now)
         if self.leads:
             self._call_the_roll(play, heard, now)
-        if self._meeting is not None and now >= self._meeting:
+        if self._meeting.due(now):
             self._reunite(play, heard, now)
 
     def advance(self, now: Time) -> None:
         """Act on all deadlines, and pass on what the executive wants."""
         if self.play is not None and self.play.executive is not None:
             self.play.wake(now)
-            if self._meeting is None:
+            if not self._meeting.called:
                 self.dispatch.advance(self.play, self.leads, self.succession.term, now)
 
     def _reunite(self, play: Play, heard: WhenHeard, now: Time) -> None:
         """End what two hosts have led at once, or without one who is back, and begin again together."""
-        self._meeting, ledger = None, play.ledger
+        ledger = play.ledger
         plan = reunited(ledger.plan, self.newest + 1, play.past())
-        if plan is not None:
+        if plan is None:
+            self._meeting.held_in_vain(self.number)
+        else:
             self.succession.since, starts_m = now, {**self._others.places_m, self.me: self._here_m}
             self.execute(plan, starts_m, ledger.calls, now, self._roll.still_lost(ledger.lost, heard, now))
 
     # ------------------------------------------------------------ who is there
 
     def _call_the_roll(self, play: Play, heard: WhenHeard, now: Time) -> None:
-        """Say who is lost, and who is there again: one that would have no part in the play brings all together anew."""
-        over, found = play.over or self._meeting is not None, list[Address]()
-        for fact in self._roll.call(play.ledger.lost, heard, now, over):
+        """Say who is lost, and who is there again; one that has no part in the play any more brings all together."""
+        over = play.over
+        for fact in self._roll.call(play.ledger.lost, heard, now, over or self._meeting.called):
             self.say(fact, now)
-            if fact.again:
-                found.append(fact.robot)
-            else:
+            if not fact.again:
                 self.mail.forget(fact.robot, now)
-        if (over or is_reunited(play.ledger.plan)) and any(map(play.misses, found)):
-            self._meeting = self._meeting or now + self._reunion
+        if (over or is_reunited(play.ledger.plan)) and any(map(play.misses, play.ledger.found)):
+            self._meeting.call(self.number, now)
 
     def _followed(self, now: Time) -> None:
         """Be led by another host than before, or be it."""
         succession = self.succession
         succession.since = now
-        self._meeting = None
+        self._meeting.off()
         self.rumours.over = False
         self.dispatch.clear()
         self.changes += 1
@@ -257,7 +255,8 @@ class Host:
     def _take(self, told: Told, now: Time) -> None:
         self.play = play = Play(told, self._parameters, self._knowledge)
         plan = play.ledger.plan
-        self.rumours.over, self._meeting = False, None
+        self._meeting.off()
+        self.rumours.over = False
         self._note(journal.PlanTaken(plan.number, plan.play, len(plan.robots)))
         self.dispatch.gossip.clear()
         if self.leads:

@@ -33,6 +33,7 @@ class Ledger:
         self._record = told.record
         self._facts: dict[tuple[Time, int, str], Fact] = {}
         self._lost: set[Address] = set()
+        self._found: set[Address] = set()
         self._ended: dict[tuple[str, Address], Ended] = {}
         self._digest: int | None = None
         self.add(told.record.facts)
@@ -47,6 +48,11 @@ class Ledger:
     def lost(self) -> frozenset[Address]:
         """The robots that are lost, by what was said last of each."""
         return frozenset(self._lost)
+
+    @property
+    def found(self) -> frozenset[Address]:
+        """The robots that were lost, and are not any more."""
+        return frozenset(self._found)
 
     def facts(self) -> Facts:
         """Return all facts, in their order."""
@@ -117,4 +123,5 @@ class Ledger:
             heard = [self._facts[key] for key in sorted(self._facts)]
             last = {fact.robot: fact.again for fact in heard if isinstance(fact, Heard)}
             self._lost = {robot for robot, again in last.items() if not again}
+            self._found = last.keys() - self._lost
         return list(new.values())
