@@ -105,9 +105,9 @@ class Play:
         ledger, known = self.ledger, Past(self.ledger.done_tasks(), self.ledger.given_up())
         if self.executive is None:
             return known
-        progress = self.executive.progress
-        casts = {name: deploying.cast for name, deploying in progress.deployments.items()}
-        return known._replace(casts=casts, roles={robot: progress.role(robot) for robot in ledger.plan.robots})
+        progress, casting = self.executive.progress, self.executive.progress.casting
+        casts = {name: deploying.cast(casting) for name, deploying in progress.deployments.items()}
+        return known._replace(casts=casts, roles={robot: casting.role(robot) for robot in ledger.plan.robots})
 
     def misses(self, robot: Address) -> bool:
         """Return whether a robot that is there again has lost a part that nobody else has taken."""

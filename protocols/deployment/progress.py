@@ -50,11 +50,12 @@ class Progress:
         self._deploying = partial(Deploying, crew, ways, parameters, length)
         self._windows = Timetable(plan, start)
         self._strategy: Strategy | None = None
-        self._casting = Casting(record, crew, length, parameters.draft)
+        self.casting = Casting(record, crew, length, parameters.draft)
+        """Who does what: to look at."""
         self._taken = 0
         self.deployments: dict[str, Deploying] = {}
         """Those that have begun, by name."""
-        self.lost = self._casting.lost
+        self.lost = self.casting.lost
         """Robots that are taken for lost."""
         self.heard: dict[tuple[str, Address], Ended] = {}
         """What robots have reported, by the task's name and theirs."""
@@ -173,7 +174,7 @@ class Progress:
 
     def robots(self, node: Node) -> frozenset[Address] | None:
         """Return who does a leaf; None: those who could are lost."""
-        living = frozenset(self._casting.role(robot) for robot in claims(node.task)) - self.lost
+        living = frozenset(self.casting.role(robot) for robot in claims(node.task)) - self.lost
         return living if living or not claims(node.task) else None
 
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
@@ -182,7 +183,7 @@ class Progress:
         deploying = self.deployments.get(node.task.name)
         if deploying is None:
             deploying = self.deployments[node.task.name] = self._deploying(node.task, self._strategy)
-        return deploying.tasks(self._casting)
+        return deploying.tasks(self.casting)
 
     def once_more(self, node: Node) -> Sequence[Task]:
         """Return what is still to be done for a deployment whose stages have ended."""
@@ -209,7 +210,7 @@ class Progress:
         self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
         if node.state is State.DONE and isinstance(node.task.act, Go) and robots:
             act = node.task.act
-            self._casting.stands_m[robots[0]] = act.place_m
+            self.casting.stands_m[robots[0]] = act.place_m
             for deploying in self.deployments.values():
                 deploying.arrived(node.task.name, robots[0], act.place_m, act.final)
 
@@ -230,16 +231,12 @@ class Progress:
 
     # ------------------------------------------------------------ robots that come and go
 
-    def role(self, robot: Address) -> Address:
-        """Return who plays the part of *robot* now, outside deployments."""
-        return self._casting.role(robot)
-
     def misses(self, robot: Address) -> bool:
         """Return whether what *robot* was to do was left, as it was lost, and nobody has done it in its place."""
         if any(deploying.misses(robot) for deploying in self.deployments.values()):
             return True
         left = any(node.lost and robot in claims(node.task) for node in self.tree.root.walk())
-        return left and self._casting.role(robot) == robot
+        return left and self.casting.role(robot) == robot
 
     def _under_way(self) -> Iterator[tuple[Deploying, Node]]:
         """Yield the deployments that have begun and not ended, outer ones first."""
@@ -249,10 +246,10 @@ class Progress:
                 yield deploying, node
 
     def _deploy_again(self, deploying: Deploying, node: Node) -> None:
-        self.tree.graft(node, deploying.tasks(self._casting), self.time)
+        self.tree.graft(node, deploying.tasks(self.casting), self.time)
 
     def _found(self, robot: Address) -> None:
-        self._casting.find(robot)
+        self.casting.find(robot)
         for deploying, node in self._under_way():
             if deploying.misses(robot) and not deploying.fixed:
                 self._deploy_again(deploying, node)
@@ -261,7 +258,7 @@ class Progress:
         """Give the posts and roles of a robot that fell silent, at a place, to others."""
         if robot in self.lost:
             return
-        self._casting.lose(robot, place_m)
+        self.casting.lose(robot, place_m)
         for deploying, node in self._under_way():
             if robot not in deploying.posts:
                 continue
@@ -273,10 +270,10 @@ class Progress:
             else:
                 self._deploy_again(deploying, node)
         left = _leaves(self.tree.root)
-        leaves = [leaf for leaf in left if robot in {self._casting.role(each) for each in claims(leaf.task)}]
+        leaves = [leaf for leaf in left if robot in {self.casting.role(each) for each in claims(leaf.task)}]
         alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
         if alone:
-            self._casting.recast(robot, [leaf.task for leaf in alone])
+            self.casting.recast(robot, [leaf.task for leaf in alone])
         for leaf in leaves:
             if leaf.state is State.RUNNING and self.robots(leaf) is None:
                 self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)

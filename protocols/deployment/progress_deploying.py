@@ -51,12 +51,16 @@ class Deploying:
         """Whether robots that are deployed make room for others."""
         return self.strategy == "leap_frog" and self.act.augmented
 
-    @property
-    def cast(self) -> tuple[Address, ...]:
-        """Who is to end up at each of the places: who is lost at one that nobody else has taken."""
-        others = iter([robot for robot in self._team if robot not in self.posts])
+    def cast(self, casting: Casting) -> tuple[Address, ...]:
+        """Return who is to end up at each of the places: the lost at those that nobody else has taken, or can."""
+        if self.fixed:
+            return self.act.robots
         at = {post: robot for robot, post in self.posts.items()}
-        return tuple(at[post] if post in at else next(others) for post in range(len(self.act.places_m)))
+        others = sorted([robot for robot in self._team if robot not in self.posts], key=casting.lost.__contains__)
+        free = [post for post in range(len(self.act.places_m)) if post not in at]
+        free.sort(key=lambda post: all(casting.covered(robot, self.act.places_m[post]) for robot in others))
+        at |= dict(zip(free, others, strict=False))
+        return tuple(at[post] for post in range(len(self.act.places_m)))
 
     def switch(self, strategy: Strategy) -> bool:
         """Go on by another strategy, if this is by one; return whether that is so."""
