@@ -106,7 +106,7 @@ class Play:
         if self.executive is None:
             return known
         progress, casting = self.executive.progress, self.executive.progress.casting
-        casts = {name: deploying.cast(casting) for name, deploying in progress.deployments.items()}
+        casts = {name: deploying.cast for name, deploying in progress.deployments.items()}
         return known._replace(casts=casts, roles={robot: casting.role(robot) for robot in ledger.plan.robots})
 
     def misses(self, robot: Address) -> bool:

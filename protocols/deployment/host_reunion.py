@@ -8,7 +8,8 @@ are given up. A deployment remains one, of those of its robots that were to end 
 it as in any other.
 
 Whom a place takes out of reach is lost again, and the others would go and fill its place, hear of it, and be reunited
-again, without end. So from the second time on each has the place that it had the first time, whoever is lost.
+again, without end. So from the second time on each has the place that it had in the play, whoever is lost, and
+whichever host says so.
 """
 
 from collections.abc import Collection, Mapping

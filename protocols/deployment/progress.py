@@ -260,14 +260,7 @@ class Progress:
             return
         self.casting.lose(robot, place_m)
         for deploying, node in self._under_way():
-            if robot not in deploying.posts:
-                continue
-            if deploying.fixed:
-                deploying.loses(robot)
-                running = [each for each in node.walk() if each.state is State.RUNNING and robot in claims(each.task)]
-                for leaf in running:
-                    self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)
-            else:
+            if robot in deploying.posts:
                 self._deploy_again(deploying, node)
         left = _leaves(self.tree.root)
         leaves = [leaf for leaf in left if robot in {self.casting.role(each) for each in claims(leaf.task)}]

@@ -51,16 +51,11 @@ class Deploying:
         """Whether robots that are deployed make room for others."""
         return self.strategy == "leap_frog" and self.act.augmented
 
-    def cast(self, casting: Casting) -> tuple[Address, ...]:
-        """Return who is to end up at each of the places: the lost at those that nobody else has taken, or can."""
-        if self.fixed:
-            return self.act.robots
-        at = {post: robot for robot, post in self.posts.items()}
-        others = sorted([robot for robot in self._team if robot not in self.posts], key=casting.lost.__contains__)
-        free = [post for post in range(len(self.act.places_m)) if post not in at]
-        free.sort(key=lambda post: all(casting.covered(robot, self.act.places_m[post]) for robot in others))
-        at |= dict(zip(free, others, strict=False))
-        return tuple(at[post] for post in range(len(self.act.places_m)))
+    @property
+    def cast(self) -> tuple[Address, ...]:
+        """Whose each of the places was in the beginning; spare ones that were drafted stand in for the lost."""
+        spares = iter([robot for robot in self.posts if robot not in self.act.robots])
+        return tuple(robot if robot in self.posts else next(spares, robot) for robot in self.act.robots)
 
     def switch(self, strategy: Strategy) -> bool:
         """Go on by another strategy, if this is by one; return whether that is so."""
@@ -125,7 +120,7 @@ class Deploying:
     def _man(self, casting: Casting) -> None:
         """Give the places to the robots that are left, and to spare ones for as long as there are any."""
         if self.fixed:
-            self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
+            self._settle(casting)
             return
         size = len(self.act.places_m)
         living = [robot for robot in self._team if robot not in casting.lost]
@@ -139,6 +134,15 @@ class Deploying:
             self.posts = reassigned(
                 self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length, casting.covered
             )
+
+    def _settle(self, casting: Casting) -> None:
+        """Leave each its own place, but where a lost robot's body stands on that: it takes one that is open."""
+        self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
+        for robot, post in self.posts.items():
+            if casting.covered(robot, self.act.places_m[post]):
+                free = set(range(len(self.act.places_m))) - set(self.posts.values())
+                open_ = [post for post in sorted(free) if not casting.covered(robot, self.act.places_m[post])]
+                self.posts[robot] = open_[0] if open_ else post
 
     def _passed(self) -> dict[Address, int]:
         """Return the places that robots have reached; one that is not at its very post has come to that before it."""
@@ -181,10 +185,6 @@ class Deploying:
             self.reached[robot] = self._goals[name]
         elif place_m in self.act.places_m:
             self.reached[robot] = self.act.places_m.index(place_m)
-
-    def loses(self, robot: Address) -> None:
-        """Note that a robot is lost, and that nobody takes its place."""
-        del self.posts[robot]
 
     def misses(self, robot: Address) -> bool:
         """Return whether a robot that was heard again could fill an empty place."""

@@ -179,13 +179,23 @@ def test_with_fixed_places_nobody_takes_that_of_a_lost_robot_nor_is_switched() -
     }
     executive.lost(1, 6 * S)
     executive.switch("group", 7 * S)
-    assert executive.orders() == []
+    orders = executive.orders()
+    assert [order.errand for order in orders] == [Go(robot=2, place_m=LINE[2])]
     assert [executive.progress.misses(robot) for robot in range(4)] == [True, True, False, False]
-    task = "p/stage-1/robot-2"
-    report = Report(plan=2, serial=1000, task=task, robot=2, result=Result.DONE, at=8 * S)
-    executive.report(report, 8 * S)
+    done = Report(plan=2, serial=1001, task=orders[0].task, robot=2, result=Result.DONE, at=8 * S)
+    executive.report(done, 8 * S)
     assert executive.finished
     assert executive.results["p"] is Result.DONE
+
+
+@pytest.mark.parametrize(("body_m", "place_m"), [((30.0, 0.3), LINE[0]), ((25.0, 0.0), LINE[2])])
+def test_who_has_a_fixed_place_on_which_a_lost_robot_stands_takes_an_open_one(body_m: Place, place_m: Place) -> None:
+    act = Deployment(strategy="fixed", robots=(0, 1, 2), places_m=LINE)
+    plan = Plan(number=2, play="p", robots=(0, 1, 2), root=Task(name="p", act=act))
+    record = Record(plan=plan, start=5 * S, facts=(Heard(robot=0, again=False, place_m=body_m, at=5 * S),))
+    executive = Executive.restored(record, crew_of(3), Plain(), ExecutiveParameters(), 5 * S)
+    goals = {order.robot: order.errand.place_m for order in executive.orders() if isinstance(order.errand, Go)}
+    assert goals == {1: LINE[1], 2: place_m}
 
 
 def test_who_goes_directly_is_not_sent_back_by_a_change_of_strategy() -> None:
