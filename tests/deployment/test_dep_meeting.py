@@ -10,7 +10,8 @@ from protocols.deployment.executive import Executive
 from protocols.deployment.executive_facts import Heard, Record, Terminated
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.host_meeting import Meeting
-from protocols.deployment.journal import PlanTaken, RobotFound
+from protocols.deployment.host_reunion import Past, reunited
+from protocols.deployment.journal import PlanTaken, RobotFound, RobotLost
 from protocols.deployment.member_others import Others
 from protocols.deployment.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
@@ -51,6 +52,13 @@ def test_two_parts_of_a_team_that_meet_begin_one_plan_however_many_they_are(
     team.cut |= between(*parts)
     team.until(40)
     team.cut.clear()
+    team.until(41)
+    orders = [len(robot.orders) for robot in team.robots]
+    lost = [len(robot.times(RobotLost)) for robot in team.robots]
+    while team.robots[0].host.number == 1:
+        assert [len(robot.orders) for robot in team.robots] == orders, "nobody is ordered anything until then"
+        team.tick()
+    assert [len(robot.times(RobotLost)) for robot in team.robots] == lost
     team.until(60)
     assert [plans(robot) for robot in team.robots] == [[1, 2]] * size
     assert {robot.host.succession.host for robot in team.robots} == {0}
@@ -181,6 +189,9 @@ def test_with_fixed_places_nobody_takes_that_of_a_lost_robot_nor_is_switched() -
     executive.switch("group", 7 * S)
     orders = executive.orders()
     assert [order.errand for order in orders] == [Go(robot=2, place_m=LINE[2])]
+    executive.found(1, 7 * S)
+    found = [(order.robot, order.errand.act) for order in executive.orders()]
+    assert found == [(1, "halt")], "who is there again has to wait until all begin again"
     assert [executive.progress.misses(robot) for robot in range(4)] == [True, True, False, False]
     done = Report(plan=2, serial=1001, task=orders[0].task, robot=2, result=Result.DONE, at=8 * S)
     executive.report(done, 8 * S)
@@ -223,6 +234,7 @@ def test_what_an_operator_has_ended_is_not_begun_again_as_a_team_meets() -> None
     team.cut.clear()
     team.until(60)
     assert [robot.host.number for robot in team.robots] == [1, 1, 1]
+    assert not team.robots[0].host.busy, "it does not meet again and again to find that nothing is to be done"
 
 
 def test_a_part_of_a_play_that_an_operator_has_ended_is_left_out_as_somebody_comes_back() -> None:
@@ -244,6 +256,28 @@ def test_a_part_of_a_play_that_an_operator_has_ended_is_left_out_as_somebody_com
     assert [robot.orders[-1].errand for robot in team.robots] == [
         Go(robot=robot, place_m=PLACES_M[robot]) for robot in range(3)
     ]
+
+
+def test_whoever_stands_in_for_another_does_so_in_a_reunited_plan_too() -> None:
+    photo = Task(name="p/photo", act=Photo(robot=2))
+    alone = Task(name="p/go", act=Go(robot=4, place_m=(9.0, 9.0)))
+    root = Task(name="p", subtasks=(deploy("group", PLACES_M, "p/d"), photo, alone))
+    plan = Plan(number=1, play="p", robots=(0, 1, 2, 4), root=root)
+    again = reunited(plan, 2, Past(casts={"p/d": (0, 3, 2)}, roles={2: 5, 4: 6}))
+    assert again is not None
+    acts = [task.act for task in again.root.walk()]
+    direct = [act for act in acts if isinstance(act, Deployment)]
+    assert [act.robots for act in direct] == [(0, 3, 2), (6,)]
+    assert [act for act in acts if isinstance(act, Photo)] == [Photo(robot=5)]
+    assert again.robots == (0, 2, 3, 5, 6)
+
+
+def test_a_spare_robot_stands_in_for_the_lost_one_in_the_cast() -> None:
+    act = Deployment(strategy="group", robots=(0, 1, 2), places_m=LINE)
+    plan = Plan(number=2, play="p", robots=(0, 1, 2), root=Task(name="p", act=act))
+    executive = Executive(plan, crew_of(4), Plain(), ExecutiveParameters(), 0)
+    executive.lost(1, S)
+    assert executive.progress.deployments["p"].cast == (0, 3, 2)
 
 
 @pytest.mark.parametrize("root", [drives(3), deploy("group", PLACES_M)])
@@ -281,6 +315,9 @@ def test_who_is_found_before_the_end_and_has_no_part_any_more_is_called_at_the_e
     assert [robot.host.number for robot in team.robots] == [1, 1, 1], "the others are still on their way"
     for robot in (0, 1):
         team.robots[robot].reports(f"p/{robot}")
+    team.until(21)
+    assert over(team.robots[0])
+    assert team.robots[0].host.busy, "it has called a meeting"
     team.until(30)
     assert team.robots[2].orders[-1].errand == Go(robot=2, place_m=PLACES_M[2])
 
