@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from cosim.machine import Address
-from protocols.deployment.plan import Deployment, Go, Place, Task
+from protocols.deployment.plan import UNSTAGED, Deployment, Go, Place, Task
 
 
 class Move(NamedTuple):
@@ -34,7 +34,7 @@ class Move(NamedTuple):
 def stages(deployment: Deployment) -> list[list[Move]]:
     """Return the moves of each stage (Fig. 3): at once for group and wave, one after the other for leap-frog."""
     size = len(deployment.robots)
-    if deployment.strategy in ("direct", "fixed"):
+    if deployment.strategy in UNSTAGED:
         return [[Move(*pair, final=True) for pair in zip(deployment.robots, deployment.places_m, strict=True)]]
     strategy = {"group": _group, "wave": _wave, "leap_frog": _leap_frog}[deployment.strategy]
     return [

@@ -7,7 +7,7 @@ report on any task, end a whole subtree by one command, and expand what the plan
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Final, Literal, Self, TypeAlias
+from typing import Annotated, Final, Literal, Self, TypeAlias, get_args
 
 from pydantic import Field, model_validator
 
@@ -19,8 +19,11 @@ MOST: Final = 1e9
 Coordinate: TypeAlias = Annotated[float, Field(ge=-MOST, le=MOST)]
 Place: TypeAlias = tuple[Coordinate, Coordinate]
 Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
-Staging: TypeAlias = Strategy | Literal["direct", "fixed"]
-"""A strategy of Fig. 3, or none: all drive straight to their places at once, from wherever they are."""
+Unstaged: TypeAlias = Literal["direct", "fixed"]
+"""Instead of a strategy: all drive straight to their places at once, from wherever they are."""
+Staging: TypeAlias = Strategy | Unstaged
+
+UNSTAGED: Final = get_args(Unstaged)
 
 ORIGIN: Final = ""
 """In place of a task's name: the instant at which the plan begins to be executed."""

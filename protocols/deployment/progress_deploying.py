@@ -6,7 +6,7 @@ from cosim.machine import Address
 from protocols.deployment.crew import Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded
-from protocols.deployment.plan import Deployment, Go, Place, Staging, Strategy, Task
+from protocols.deployment.plan import UNSTAGED, Deployment, Go, Place, Staging, Strategy, Task
 from protocols.deployment.progress_casting import Casting
 from protocols.deployment.recovery import Length, reassigned
 from protocols.deployment.staging import NOWHERE, Stager
@@ -59,7 +59,7 @@ class Deploying:
 
     def switch(self, strategy: Strategy) -> bool:
         """Go on by another strategy, if this is by one; return whether that is so."""
-        staged = self.act.strategy not in ("direct", "fixed")
+        staged = self.act.strategy not in UNSTAGED
         if staged:
             self.strategy = strategy
         return staged
@@ -172,7 +172,7 @@ class Deploying:
         """Note that a robot has been sent somewhere."""
         self.stands_m.pop(robot, None)
 
-    def arrived(self, name: str, robot: Address, place_m: Place, final: bool = True) -> None:
+    def arrived(self, name: str, robot: Address, place_m: Place, final: bool) -> None:
         """Note that a robot has done a drive, to a place of this deployment or of one within it.
 
         Who only passes, so that the drive was not *final*, has come as near as those let it that stand there.

@@ -13,7 +13,7 @@ from cosim.machine import Address
 from protocols.deployment.augmenting import Standing, in_line
 from protocols.deployment.crew import Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.plan import Go, Place, Staging, Task
+from protocols.deployment.plan import UNSTAGED, Go, Place, Staging, Task
 from protocols.deployment.ways import Ways
 
 Posts: TypeAlias = Mapping[Address, int]
@@ -31,7 +31,7 @@ class Leg(NamedTuple):
 
 def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[Leg]]:
     """Return the legs of the stages that are left: at once for group and wave, one after the other for leap-frog."""
-    if strategy in ("direct", "fixed"):
+    if strategy in UNSTAGED:
         away = [Leg(robot, post) for robot, post in posts.items() if reached[robot] != post]
         return [away] if away else []
     stages = {"group": _group, "wave": _wave, "leap_frog": _leap_frog}[strategy]

@@ -12,6 +12,7 @@ from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.host_meeting import Meeting
 from protocols.deployment.host_reunion import Past, reunited
 from protocols.deployment.journal import PlanTaken, RobotFound, RobotLost
+from protocols.deployment.member_letters import Told
 from protocols.deployment.member_others import Others
 from protocols.deployment.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
@@ -97,6 +98,39 @@ def test_of_two_hosts_that_begin_a_plan_of_the_same_number_at_once_one_s_is_play
     assert [record.start for record in records] == [records[0].start] * 3
     assert [record.plan for record in records] == [records[0].plan] * 3
     assert len({robot.host.digest for robot in team.robots}) == 1
+
+
+def test_until_a_team_meets_nobody_is_ordered_what_has_become_due() -> None:
+    team = Team(3)
+    team.until(1)
+    team.play(drives(3, "serial"))
+    team.until(3)
+    team.cut |= between((0, 1), (2,))
+    team.until(40)
+    team.cut.clear()
+    team.until(41)
+    host = team.robots[0].host
+    assert host.busy
+    team.robots[0].reports("p/0")
+    while host.number == 1:
+        team.tick()
+    team.until(45)
+    assert {robot.me: {order.plan for order in robot.orders} for robot in team.robots} == {0: {1, 2}, 1: {2}, 2: {1, 2}}
+
+
+def test_a_host_s_plan_replaces_an_equal_one_of_the_same_number_that_began_at_another_time() -> None:
+    team = Team(2)
+    team.until(1)
+    team.play(drives(2))
+    team.until(3)
+    led = team.robots[1].host
+    assert led.play is not None
+    record = led.play.ledger.record()
+    for later, told in ((0, False), (1, True)):
+        again = record.model_copy(update={"start": record.start + later})
+        led.letter(0, Told(host=0, record=again, calls=1), team.now)
+        assert led.play.ledger.record().start == again.start
+        assert (plans(team.robots[1]) == [1, 1]) is told
 
 
 def test_a_meeting_is_held_once_it_is_due_and_not_again_for_a_plan_for_which_it_was_in_vain() -> None:
