@@ -217,6 +217,21 @@ def test_a_change_is_checked_by_itself(page: Any, consoles: Consoles):
     assert focused(page) != "refusal"
 
 
+def test_what_is_tailored_is_executed_whatever_else_has_been_chosen_since(page: Any, consoles: Consoles):
+    tailoring(page)
+    page.select_option("#roles label:has-text('robots-2') select", "0")
+    until(page, "document.getElementById('draft-title').textContent.startsWith('Plan 2')")
+    choose(page, "photo")
+    page.get_by_role("group", name="place").locator("select").select_option("base")
+    page.select_option("#form label:has-text('robot') select", "1")
+    page.click("#execute-tailored")
+    page.wait_for_selector("#tasks li")
+    call = consoles.said("call")[-1]["call"]
+    assert (call["play"], call["parameters"], call["roles"]) == ("deploy/group", {"places": ["posts"]}, {"robots-2": 0})
+    assert page.locator("#roles label").count() == 2
+    assert len(consoles.said("call")) == 3  # what is filled in for another play is no change of this one
+
+
 # ---------------------------------------------------------------- refusals
 
 

@@ -20,6 +20,7 @@ export class Calling {
     this.size = 0;
     this.chosen = null;
     this.tailoring = null; // path of the play that is being tailored
+    this.parameters = {}; // of that play: the form may be another's by now
     this.timer = 0;
     this.asked = 0;
     this.tree = new Tree(find("plays"), { draw: draw_play, picked: (node) => this.choose(node) });
@@ -61,8 +62,10 @@ export class Calling {
   /** Something has been filled in: places on the floor may be others, and the plan that is being tailored too. */
   filled() {
     this.told.changed();
+    if (this.tailoring === null || this.tailoring !== this.chosen?.id) return;
+    this.parameters = this.form.given();
     this.tailor.keep_roles(this.form.roles(), this.size);
-    if (this.tailoring !== null && this.tailoring === this.chosen?.id) this.check_soon();
+    this.check_soon();
   }
 
   // ------------------------------------------------------------ calling
@@ -75,6 +78,7 @@ export class Calling {
   /** Have the chosen play be tailored. */
   begin() {
     this.tailoring = this.chosen.id;
+    this.parameters = this.form.given();
     this.tailor.reset(this.form.roles(), this.size);
     this.find("tailor-none").hidden = true;
     this.find("tailor-part").hidden = false;
@@ -106,7 +110,7 @@ export class Calling {
   }
 
   tailored() {
-    return { play: this.tailoring, parameters: this.form.given(), ...this.tailor.additions() };
+    return { play: this.tailoring, parameters: this.parameters, ...this.tailor.additions() };
   }
 
   async execute_tailored() {
