@@ -276,6 +276,25 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, c
         page.faults.clear()
 
 
+def test_who_waits_for_an_answer_when_the_server_goes_is_told_and_may_ask_again(browser: Browser, consoles: Consoles):
+    served = Served(Still(consoles), page=PAGE)
+    with tab(browser, served) as page:
+        ready(page)
+        tailoring(page)
+        consoles.dead.add(0)
+        page.click("#execute-tailored")
+        page.click("#team button >> nth=0")
+        page.click("#look")
+        until(page, "document.getElementById('robot-said').textContent.startsWith('Waiting for a picture')")
+        assert page.is_disabled("#execute-tailored")
+        served.stop()
+        page.wait_for_selector("#trouble:not([hidden])")
+        for name in ("#execute", "#tailor", "#execute-tailored"):
+            page.wait_for_selector(f"{name}:enabled", timeout=10_000)
+        assert page.inner_text("#trouble-text") == page.inner_text("#robot-said") == "The server has been ended."
+        page.faults.clear()
+
+
 # ---------------------------------------------------------------- for everybody
 
 

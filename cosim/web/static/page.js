@@ -13,10 +13,12 @@ export const find = (id) => document.getElementById(id);
 /** What the pages share; each adds its own to what is taken and shown. */
 export class Page {
   /**
-   * @param {{take: (message: object) => void, show: (now: object) => void}} own take a message, show the latest moment
+   * @param {{take: (message: object) => void, show: (now: object) => void, lost?: (why: string) => void}} own
+   *   take a message, show the latest moment, be told that the connection is lost
    */
-  constructor({ take, show }) {
+  constructor({ take, show, lost = () => {} }) {
     this.show_own = show;
+    this.lost_own = lost;
     this.run = new Run();
     this.floor = new Floor(find("floor"), this.run, (robot) => this.select(robot));
     this.connection = new Connection({ message: take, opened: () => this.trouble(""), lost: (why) => this.lost(why) });
@@ -78,5 +80,6 @@ export class Page {
   lost(why) {
     this.trouble(why, true);
     find("state").textContent = "not connected";
+    this.lost_own(why);
   }
 }

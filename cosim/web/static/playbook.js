@@ -9,7 +9,7 @@ import { paint_places, paint_way } from "./playbook_drawing.js";
 import { Picker } from "./playbook_places.js";
 import { RobotPart } from "./playbook_robot.js";
 
-const page = new Page({ take, show });
+const page = new Page({ take, show, lost: (why) => operator.lost(why) });
 const { run, floor } = page;
 const trouble = (why) => page.trouble(why);
 const picker = new Picker(floor, find("hint"));

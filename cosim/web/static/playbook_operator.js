@@ -16,24 +16,30 @@ export class Operator {
   constructor(send, told) {
     this.send = send;
     this.told = told;
+    this.waiting = new Map();
     this.begin({ page: 0, radii_m: [] });
     setInterval(() => this.look(performance.now()), 500);
   }
 
   /** Forget everything: this is another run, or the connection is new. */
   begin(scene) {
-    for (const each of this.waiting?.values() ?? []) each.reject(new Error("the connection was lost"));
+    this.lost("the connection was lost");
     this.first = scene.page * 2 ** 32; // what others ask has numbers of their own: all are told all answers
     this.next = this.first;
     this.size = scene.radii_m.length;
     this.host = 0;
     this.silent = false;
     this.answered = false;
-    this.waiting = new Map();
     this.probed = { since_ms: -Infinity, since_s: -Infinity };
     this.time_s = 0;
     this.playing = false;
     this.down = new Set();
+  }
+
+  /** What has been asked will not be answered any more: say *why* to whoever waits. */
+  lost(why) {
+    for (const each of this.waiting.values()) each.reject(new Error(why));
+    this.waiting.clear();
   }
 
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
