@@ -242,6 +242,9 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, s
         served.stop()
         page.wait_for_selector("#trouble:not([hidden])")
         assert "server" in page.inner_text("#trouble-text")
+        page.locator("#robots button").nth(1).click()  # what is drawn anew says no other
+        page.wait_for_function("() => document.querySelector('#robots [aria-pressed=true]')")
+        assert page.inner_text("#state") == "not connected"
         page.click("#reconnect")  # nobody is there yet
         page.wait_for_function("() => document.getElementById('trouble-text').textContent.includes('does not answer')")
         serve(live(playing=False, patient=True), port=served.port)

@@ -51,14 +51,18 @@ export class Page {
   }
 
   show(now) {
-    const state = find("state");
-    const words = now.state === "failed" ? `failed: ${now.why}` : now.state;
-    if (state.textContent !== words) state.textContent = words;
-    state.classList.toggle("failed", now.state === "failed");
+    if (this.connection.open) this.show_state(now); // else what it was is all that is known
     this.transport.show(now);
     this.show_own(now);
     const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
     find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${places.join("; ")}`);
+  }
+
+  show_state({ state, why }) {
+    const pill = find("state");
+    const words = state === "failed" ? `failed: ${why}` : state;
+    if (pill.textContent !== words) pill.textContent = words;
+    pill.classList.toggle("failed", state === "failed");
   }
 
   /** Select a robot; null: none. */
@@ -79,7 +83,7 @@ export class Page {
 
   lost(why) {
     this.trouble(why, true);
-    find("state").textContent = "not connected";
+    this.show_state({ state: "not connected" });
     this.lost_own(why);
   }
 }
