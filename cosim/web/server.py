@@ -69,10 +69,10 @@ class Server:
 
     async def _talk(self, page: WebSocket) -> None:
         """Talk with one page until either side has enough."""
+        await page.accept()  # first: no browser tells its page why it was not
         if self.open >= MOST_PAGES:
             await page.close(_TRY_AGAIN, "too many pages are open")
             return
-        await page.accept()
         self.open += 1
         faults: deque[str] = deque(maxlen=_ERRORS)
         tasks = {asyncio.create_task(self._tell(page, faults)), asyncio.create_task(self._listen(page, faults))}

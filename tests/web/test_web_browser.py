@@ -16,7 +16,7 @@ from cosim.web.scenes import scene_of, write_scene
 from cosim.web.session import Session
 from tests.web.browser import Browser, pixels, tab
 from tests.web.console import PLAIN
-from tests.web.served import Served
+from tests.web.served import Served, next_of
 
 pytestmark = pytest.mark.slow
 
@@ -253,6 +253,23 @@ def test_a_page_whose_server_has_gone_says_so_and_comes_back(browser: Browser, s
         assert page.is_hidden("#trouble")
         assert all("WebSocket connection" in fault for fault in page.faults)
         page.faults.clear()
+
+
+def test_a_page_too_many_says_so_and_comes_when_another_has_gone(
+    browser: Browser, serve: Any, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("cosim.web.server.MOST_PAGES", 1)
+    served = serve(live(playing=False, patient=True))
+    page = browser.open()
+    with served.connect() as other:
+        next_of(other, "scene")
+        page.goto(served.address)
+        page.wait_for_function("() => document.getElementById('trouble-text').textContent === 'Too many pages are open.'")
+        state(page, "not connected")
+    served.wait_for(0)
+    page.click("#reconnect")
+    state(page, "paused")
+    page.context.close()
 
 
 def test_a_page_from_elsewhere_cannot_talk_to_the_run(browser: Browser, serve: Any, folder: Path):
