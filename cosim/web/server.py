@@ -27,6 +27,7 @@ from cosim.web.history import Cursor
 from cosim.web.messages import LONGEST, Plain, error, parsed, written
 from cosim.web.pages import STATIC, VIEW, page_path
 from cosim.web.session import Session
+from cosim.web.wire import Wire
 
 MOST_PAGES: Final = 32
 """WebSockets that may be open at once."""
@@ -143,17 +144,20 @@ def serve(
             server.run(sockets=[listener])
 
 
-def config(app: ASGIApp) -> uvicorn.Config:
-    """Return how *app* is served: quietly, with bounded messages, and soon gone when it is to end."""
+def config(app: ASGIApp, patience_s: float = 20.0) -> uvicorn.Config:
+    """Return how *app* is served: quietly, with bounded messages, and soon gone when it is to end.
+
+    *patience_s*: how long a page may read nothing, or not answer a ping.
+    """
     return uvicorn.Config(
         app,
         log_level="warning",
         access_log=False,
         lifespan="on",
-        ws="websockets-sansio",
+        ws=Wire,
         ws_max_size=LONGEST,
         ws_ping_interval=20,
-        ws_ping_timeout=20,
+        ws_ping_timeout=patience_s,
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
         server_header=False,

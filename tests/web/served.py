@@ -21,11 +21,13 @@ from cosim.web.session import Session
 class Served:
     """A server in a thread, at a free port."""
 
-    def __init__(self, session: Session, token: str | None = None, port: int = 0, page: str = VIEW) -> None:
+    def __init__(
+        self, session: Session, token: str | None = None, port: int = 0, page: str = VIEW, patience_s: float = 20.0
+    ) -> None:
         self.server = Server(session, page)
         self.listener = listening(port)
         self.port = self.listener.getsockname()[1]
-        self.uvicorn = uvicorn.Server(config(self.server.app(self.port, token)))
+        self.uvicorn = uvicorn.Server(config(self.server.app(self.port, token), patience_s))
         self.thread = threading.Thread(target=lambda: asyncio.run(self.uvicorn.serve([self.listener])), daemon=True)
         self.thread.start()
 

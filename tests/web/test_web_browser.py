@@ -264,7 +264,9 @@ def test_a_page_too_many_says_so_and_comes_when_another_has_gone(
     with served.connect() as other:
         next_of(other, "scene")
         page.goto(served.address)
-        page.wait_for_function("() => document.getElementById('trouble-text').textContent === 'Too many pages are open.'")
+        page.wait_for_function(
+            "() => document.getElementById('trouble-text').textContent === 'Too many pages are open.'"
+        )
         state(page, "not connected")
     served.wait_for(0)
     page.click("#reconnect")
