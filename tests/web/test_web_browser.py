@@ -53,10 +53,10 @@ def serve() -> Iterator[Any]:
         session.close()
 
 
-def live(playing: bool = True, **parameters: Any) -> Live:
+def live(playing: bool = True, speed: float = 1.0, **parameters: Any) -> Live:
     duration_s = parameters.pop("duration_s", 10)
     protocol = {"use": "tests.web.console:SPEC", "parameters": parameters}
-    return Live(Scenario.model_validate(PLAIN | {"protocol": protocol, "duration_s": duration_s}), 1, playing)
+    return Live(Scenario.model_validate(PLAIN | {"protocol": protocol, "duration_s": duration_s}), 1, playing, speed)
 
 
 def state(page: Any, name: str) -> None:
@@ -86,6 +86,11 @@ def test_a_recorded_run_is_played_by_the_keyboard(browser: Browser, serve: Any, 
         page.keyboard.press("Space")
         state(page, "paused")
         assert 0 < seconds(page) < 8
+        page.locator("#scrub").press("Space")
+        state(page, "playing")
+        page.locator("#scrub").press("Space")
+        state(page, "paused")
+        page.evaluate("document.activeElement.blur()")
         page.keyboard.press("End")
         state(page, "ended")
         end_s = seconds(page)
@@ -198,6 +203,18 @@ def test_a_run_under_way_is_paused_stepped_and_played_to_its_end(browser: Browse
         assert "heard" in metrics
         assert page.is_disabled("#play")
         assert page.locator("#events li").count() == 9
+
+
+def test_a_run_that_has_begun_with_a_speed_of_its_own_shows_it(browser: Browser, serve: Any):
+    session = live(playing=False, speed=30.0)
+    with tab(browser, serve(session)) as page:
+        state(page, "paused")
+        assert page.input_value("#speed") == "30"
+        assert page.locator("#speed option").all_inner_texts()[6:9] == ["10 ×", "20 ×", "30 ×"]
+        page.keyboard.press("-")
+        assert page.input_value("#speed") == "20"
+        while session.look(None)[0][0]["speed"] != 20:
+            page.wait_for_timeout(20)
 
 
 def test_a_second_page_sees_the_same_and_a_closed_one_leaves_nothing(browser: Browser, serve: Any):

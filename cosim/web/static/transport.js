@@ -28,6 +28,7 @@ export class Transport {
     this.clock = document.createElement("output");
     this.clock.id = "time";
     this.clock.className = "number";
+    this.speeds = SPEEDS;
     this.speed = speeds();
     root.replaceChildren(this.start, this.back, this.play, this.step, this.end, this.slider, this.clock, this.speed);
     this.start.addEventListener("click", () => this.seek(0));
@@ -60,8 +61,17 @@ export class Transport {
     const text = `${now.time_s.toFixed(2)} s`;
     this.clock.textContent = `${text} of ${this.duration_s.toFixed(1)} s${this.reached(now)}`;
     this.slider.setAttribute("aria-valuetext", text);
-    const nearest = SPEEDS.reduce((a, b) => (Math.abs(b - now.speed) < Math.abs(a - now.speed) ? b : a));
-    if (document.activeElement !== this.speed) this.speed.value = String(nearest);
+    this.offer(now.speed);
+    if (document.activeElement !== this.speed) this.speed.value = String(now.speed);
+  }
+
+  /** Have the speed of the run be among those that can be chosen: it may have begun with one of its own. */
+  offer(speed) {
+    if (this.speeds.includes(speed)) return;
+    this.speeds = [...SPEEDS, speed].sort((one, other) => one - other);
+    const { value } = this.speed;
+    this.speed.replaceChildren(...this.speeds.map((each) => option(each)));
+    this.speed.value = value;
   }
 
   /** Say how fast time passes really, if that is less than it should: a computer can do only so much. */
@@ -99,13 +109,15 @@ export class Transport {
   }
 
   faster(by) {
-    const at = Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(Number(this.speed.value)) + by));
-    this.speed.value = String(SPEEDS[at]);
-    this.send({ say: "speed", speed: SPEEDS[at] });
+    const at = Math.min(this.speeds.length - 1, Math.max(0, this.speeds.indexOf(Number(this.speed.value)) + by));
+    this.speed.value = String(this.speeds[at]);
+    this.send({ say: "speed", speed: this.speeds[at] });
   }
 
   key(event) {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select, textarea, dialog")) return;
+    const field = event.target.closest?.("input, select, textarea, dialog");
+    const idle = field === this.slider && event.key === " "; // a slider makes nothing of it
+    if (event.ctrlKey || event.altKey || event.metaKey || (field && !idle)) return;
     if (event.key === " " && event.target.closest?.("button")) return;
     const acts = {
       " ": () => this.play.click(),
@@ -162,6 +174,10 @@ function speeds() {
   made.id = "speed";
   made.title = "Speed (+ and −)";
   made.setAttribute("aria-label", "Speed");
-  for (const speed of SPEEDS) made.add(new Option(`${speed} ×`, String(speed), speed === 1, speed === 1));
+  for (const speed of SPEEDS) made.add(option(speed));
   return made;
+}
+
+function option(speed) {
+  return new Option(`${Number(speed.toPrecision(3))} ×`, String(speed), speed === 1, speed === 1);
 }
