@@ -7,7 +7,7 @@ import pytest
 
 from tests.web.browser import Browser, pixels, tab
 from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, choose, playing, ready, tailoring, until
+from tests.web.playbook_hand import PAGE, choose, focused, playing, ready, tailoring, until
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
@@ -155,6 +155,27 @@ def test_the_selected_robot_tells_how_it_stands(page: Any, still: Still):
     page.get_by_role("button", name="robot 2", exact=True).click()
     until(page, "document.getElementById('look').disabled")  # it has no camera
     assert page.is_disabled("#way")
+
+
+def test_a_way_is_asked_for_by_the_keyboard(page: Any, consoles: Consoles):
+    page.get_by_role("button", name="robot 1", exact=True).press("Enter")
+    page.wait_for_selector("#way-to:enabled")
+    page.locator("#way-to").press("Enter")
+    assert "where robot 1 would go" in page.inner_text("#hint")
+    page.keyboard.press("Escape")
+    assert page.is_hidden("#hint")
+    assert focused(page) == "way-to"
+    page.keyboard.press("Enter")
+    page.keyboard.type("20, 3")
+    page.keyboard.press("Enter")
+    assert page.get_attribute("#hint-place", "aria-invalid") == "true"  # that is off the floor
+    page.keyboard.press("Control+a")
+    page.keyboard.type("4, 2.5")
+    page.keyboard.press("Enter")
+    until(page, "document.getElementById('robot-said').textContent === 'The way is 6.0 m.'")
+    assert [(said["robot"], said["to"]) for said in consoles.said("route")] == [(1, [4, 2.5])]
+    assert page.is_hidden("#hint")
+    assert focused(page) == "way-to"
 
 
 def test_a_picture_is_drawn_and_told_in_words(page: Any):

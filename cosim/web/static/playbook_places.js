@@ -2,39 +2,70 @@
 
 import { button, choice, make, place_text, short } from "./playbook_parts.js";
 
-/** Takes the clicks on the floor while somebody wants a place. */
+/** Takes the clicks on the floor while somebody wants a place, or what is typed instead. */
 export class Picker {
   /**
    * @param {import("./floor.js").Floor} floor
-   * @param {HTMLElement} hint says what a click is going to do
+   * @param {HTMLElement} hint says what a click is going to do, and has a field for who does without a mouse
    */
   constructor(floor, hint) {
     this.floor = floor;
     this.hint = hint;
+    this.typed = hint.querySelector("input");
     this.wanted = null;
+    this.from = null; // what had focus before the field
+    this.typed.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter") return;
+      event.preventDefault(); // what has focus afterwards is not to be pressed by it
+      this.type();
+    });
     floor.canvas.addEventListener("click", (event) => this.click(event), { capture: true });
     document.addEventListener("keydown", (event) => {
       if (event.key === "Escape") this.want(null);
     });
   }
 
-  /** Have the next clicks go to *wanted*: {title, take: (place) => boolean (whether more are wanted), over: () => void}. */
+  /**
+   * Have the next clicks go to *wanted*: {title, take: (place) => boolean (whether more are wanted), over: () => void,
+   * typed?: whether the field here is the only one, and has focus therefore}.
+   */
   want(wanted) {
     const before = this.wanted;
     this.wanted = wanted;
     if (before && before !== wanted) before.over();
+    if (!wanted && document.activeElement === this.typed) this.from.focus();
     this.hint.hidden = !wanted;
-    this.hint.textContent = wanted ? `Click on the floor: ${wanted.title}. Escape ends it.` : "";
+    this.hint.querySelector("span").textContent = wanted ? `Click on the floor: ${wanted.title}. Escape ends it.` : "";
     this.floor.canvas.classList.toggle("picking", Boolean(wanted));
+    this.typed.value = "";
+    this.typed.setAttribute("aria-invalid", "false");
+    if (wanted?.typed) this.focus();
+  }
+
+  focus() {
+    if (document.activeElement !== this.typed) this.from = document.activeElement;
+    this.typed.focus();
   }
 
   click(event) {
     if (!this.wanted) return;
     event.stopImmediatePropagation();
-    const [x, y] = this.floor.point(event);
+    this.offer(this.floor.point(event));
+  }
+
+  type() {
+    const place = read(this.typed);
+    if (!place) return;
+    if (this.offer(place)) this.typed.value = "";
+    else this.typed.setAttribute("aria-invalid", "true");
+  }
+
+  /** Take a place, if it is on the floor; return whether it is. */
+  offer([x, y]) {
     const [x_min, y_min, x_max, y_max] = this.floor.run.scene.bounds_m;
-    if (x < x_min || x > x_max || y < y_min || y > y_max) return;
+    if (x < x_min || x > x_max || y < y_min || y > y_max) return false;
     if (!this.wanted.take([Number(x.toFixed(2)), Number(y.toFixed(2))])) this.want(null);
+    return true;
   }
 }
 
@@ -91,11 +122,10 @@ export class Places {
   }
 
   type() {
-    const found = /^\s*(-?\d+(?:\.\d+)?)\s*[,;\s]\s*(-?\d+(?:\.\d+)?)\s*$/.exec(this.typed.value);
-    this.typed.setAttribute("aria-invalid", String(!found && this.typed.value.trim() !== ""));
-    if (!found) return;
+    const place = read(this.typed);
+    if (!place) return;
     this.typed.value = "";
-    this.add([Number(found[1]), Number(found[2])]);
+    this.add(place);
   }
 
   show() {
@@ -109,6 +139,13 @@ export class Places {
         }, { className: "chip-button", aria: { label: `${place_text(place)}: remove` } })),
     );
   }
+}
+
+/** The coordinates that have been typed into a *field*, which tells if they are none; null then, or if it is empty. */
+function read(field) {
+  const found = /^\s*(-?\d+(?:\.\d+)?)\s*[,;\s]\s*(-?\d+(?:\.\d+)?)\s*$/.exec(field.value);
+  field.setAttribute("aria-invalid", String(!found && field.value.trim() !== ""));
+  return found && [Number(found[1]), Number(found[2])];
 }
 
 /** What can be chosen of the places that the floor names, as JSON of what is meant and in words. */

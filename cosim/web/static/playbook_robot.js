@@ -102,7 +102,8 @@ export class RobotPart {
 
   pick_way() {
     const robot = this.selected;
-    this.picker.want({ title: `where robot ${robot} would go`, take: (place) => { this.show_way(robot, place); }, over: () => {} });
+    const take = (place) => { this.show_way(robot, place); };
+    this.picker.want({ title: `where robot ${robot} would go`, take, over: () => {}, typed: true });
   }
 
   async show_way(robot, to) {
