@@ -144,6 +144,7 @@ class Still:
     def __init__(self, answering: Answering) -> None:
         self.answering = answering
         self.time_s = 1.0
+        self.gap_m = 1.0
         self.state = "playing"
         self.down: set[int] = set()
         self.wishes: list[Wish] = []
@@ -185,7 +186,7 @@ class Still:
         with self._lock:
             known = 0 if cursor is None else cursor.operator
             new = Cursor(0, 0, 0, (self.time_s, self.state, tuple(self.down)), len(self._told))
-            robots = [[1.0 + robot, 1.0, 0.0, robot in self.down] for robot in range(3)]
+            robots = [[1.0 + self.gap_m * robot, 1.0, 0.0, robot in self.down] for robot in range(3)]
             now = {"say": "now", "time_s": self.time_s, "state": self.state, "speed": 1.0, "why": "", "robots": robots}
             now |= {"frames": [], "events": [], "left_out": 0}
             now |= {"fresh": True, "trails": []} if cursor is None else {}

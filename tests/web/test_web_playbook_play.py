@@ -1,6 +1,8 @@
 """The playbook page in a real browser: what is being played, robots, the host, and what goes wrong."""
 
+import math
 from collections.abc import Iterator
+from itertools import combinations
 from typing import Any
 
 import pytest
@@ -367,6 +369,28 @@ def test_every_control_has_a_name_and_is_reached_by_the_tabulator(page: Any):
         "play",
         "speed",
     } <= reached | {"constraint-fields"}
+
+
+LABELS = """() => {
+  window.labels = {};
+  const { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+    window.labels[text] = [x, y];
+    fillText.call(this, text, x, y);
+  };
+}"""
+"""Keeps where a page writes what on its canvases."""
+
+
+def test_robots_that_stand_close_together_can_be_told_by_their_labels(page: Any, still: Still):
+    page.evaluate(LABELS)
+    for gap_m in (0.4, 0.1):
+        still.gap_m = gap_m
+        still.time_s += 1
+        shown(page, still.time_s)
+        labels = page.evaluate("[0, 1, 2].map((robot) => window.labels[robot])")
+        apart = [math.dist(one, two) for one, two in combinations(labels, 2)]
+        assert min(apart) > 12, apart
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -5,6 +5,7 @@ export const LINK_MS = 2500;
 const ROBOT_COLOURS = 8;
 const LEAST_RADIUS_PX = 6;
 const MARGIN_PX = 22;
+const ALONE_PX = 40; // who is farther from a robot hardly moves its label
 
 /** Draws a run on a canvas; asks for nothing while nothing changes. */
 export class Floor {
@@ -134,6 +135,7 @@ export class Floor {
     for (const extra of this.extras) extra(pen, this);
     for (const flight of run.flights) this.paint_flight(pen, flight, (wall_ms - flight.wall_ms) / FLIGHT_MS);
     run.now?.robots.forEach((robot, number) => this.paint_robot(pen, number, robot));
+    run.now?.robots.forEach((robot, number) => this.paint_label(pen, number, robot)); // no robot hides the label of another
     pen.globalAlpha = 1;
     if (moving) this.draw();
   }
@@ -252,7 +254,7 @@ export class Floor {
 
   paint_robot(pen, robot, [x_m, y_m, heading, down]) {
     const [x, y] = this.place([x_m, y_m]);
-    const radius = Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
+    const radius = this.radius(robot);
     pen.globalAlpha = 1;
     pen.fillStyle = down ? this.colours.paper : this.colour(robot);
     pen.strokeStyle = down ? this.colours.quiet : this.colours.paper;
@@ -268,10 +270,43 @@ export class Floor {
       pen.arc(x, y, radius + 4, 0, 2 * Math.PI);
       pen.stroke();
     }
-    pen.fillStyle = this.colours.ink;
+  }
+
+  paint_label(pen, robot, [x_m, y_m, , down]) {
+    const text = `${robot}${down ? " †" : ""}`;
     pen.font = "600 12px system-ui, sans-serif";
-    pen.textAlign = "left";
-    pen.fillText(`${robot}${down ? " †" : ""}`, x + radius + 3, y - radius + 2);
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.strokeStyle = this.colours.paper;
+    pen.fillStyle = this.colours.ink;
+    pen.lineWidth = 3;
+    const [right, below] = this.free_side(robot);
+    const [x, y] = this.place([x_m, y_m]);
+    const radius = this.radius(robot);
+    const at = [x + right * (radius + 4 + pen.measureText(text).width / 2), y + below * (radius + 9)];
+    pen.strokeText(text, ...at);
+    pen.fillText(text, ...at);
+    pen.textBaseline = "alphabetic";
+  }
+
+  /** How large a robot is drawn, px. */
+  radius(robot) {
+    return Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
+  }
+
+  /** The direction, of length 1, in which a robot has no others near it; up to the right if there are none at all. */
+  free_side(robot) {
+    const { robots } = this.run.now;
+    const [own_x, own_y] = robots[robot];
+    let [right, down] = [1 / ALONE_PX, -1 / ALONE_PX];
+    for (const [x, y] of robots) {
+      const [away_x, away_y] = [(own_x - x) * this.scale, (y - own_y) * this.scale];
+      const far = Math.max(1, Math.hypot(away_x, away_y));
+      right += away_x / far ** 2; // the nearer, the more it counts
+      down += away_y / far ** 2;
+    }
+    const length = Math.hypot(right, down) || 1;
+    return [right / length, down / length];
   }
 
   triangle(pen, [x, y], size, colour) {
