@@ -8,7 +8,7 @@ A message is one JSON object in one WebSocket text frame; its ``say`` tells its 
 To the page: ``scene`` (what does not change; and ``page``, a number that no other connection to the server has: all
 pages are told what robots answer, and tell by it whom), ``now`` (where everything is, and what has happened since the
 last one), ``operator`` (what a robot says to its operator), ``ended`` (the metrics), ``missed`` and ``error`` (with
-``why``).
+``why``, and the ``data`` that no robot will hear therefore, so that nobody waits for an answer).
 """
 
 import json
@@ -103,6 +103,6 @@ def finite(plain: Any) -> Any:
     return None if isinstance(plain, float) and not math.isfinite(plain) else plain
 
 
-def error(why: str) -> Plain:
-    """Return the message that something that a page said cannot be done."""
-    return {"say": "error", "why": why}
+def error(why: str, wish: Wish | None = None) -> Plain:
+    """Return the message that something that a page said cannot be done: its *wish*, if it was one."""
+    return {"say": "error", "why": why} | ({"data": wish.data} if isinstance(wish, Operate) else {})

@@ -75,7 +75,7 @@ class Server:
             await page.close(_TRY_AGAIN, "too many pages are open")
             return
         self.open += 1
-        faults: deque[str] = deque(maxlen=_ERRORS)
+        faults: deque[Plain] = deque(maxlen=_ERRORS)
         tasks = {asyncio.create_task(self._tell(page, faults)), asyncio.create_task(self._listen(page, faults))}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -88,28 +88,30 @@ class Server:
             if isinstance(fault, Exception) and not isinstance(fault, WebSocketDisconnect | RuntimeError | OSError):
                 raise fault
 
-    async def _tell(self, page: WebSocket, faults: deque[str]) -> None:
+    async def _tell(self, page: WebSocket, faults: deque[Plain]) -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
         await page.send_text(written({"say": "scene"} | self.session.scene | {"page": next(self._numbers)}))
         cursor: Cursor | None = None
         while True:
-            messages: list[Plain] = [error(faults.popleft()) for _ in range(len(faults))]
+            messages = [faults.popleft() for _ in range(len(faults))]
             told, cursor = self.session.look(cursor)
             for message in (*messages, *told):
                 await page.send_text(written(message))
             await asyncio.sleep(_PERIOD_S)
 
-    async def _listen(self, page: WebSocket, faults: deque[str]) -> None:
+    async def _listen(self, page: WebSocket, faults: deque[Plain]) -> None:
         """Pass on what the page asks for; what is malformed, or cannot be, is answered by an error."""
         while True:
             message = await page.receive()
             if message["type"] == "websocket.disconnect":
                 return
             given = message.get("text")
+            wish = None
             try:
-                self.session.wish(parsed(message.get("bytes") or b"" if given is None else given))
+                wish = parsed(message.get("bytes") or b"" if given is None else given)
+                self.session.wish(wish)
             except UserError as fault:
-                faults.append(str(fault))
+                faults.append(error(str(fault), wish))
 
 
 def listening(port: int) -> socket.socket:

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from cosim.errors import UserError
+from cosim.web.messages import Plain
 from tests.web.browser import Browser, pixels, tab
 from tests.web.playbook_double import Consoles, Still
 from tests.web.playbook_hand import PAGE, choose, focused, playing, ready, tailoring, until
@@ -316,6 +318,17 @@ def test_who_waits_for_an_answer_when_the_server_goes_is_told_and_may_ask_again(
             page.wait_for_selector(f"{name}:enabled", timeout=10_000)
         assert page.inner_text("#trouble-text") == page.inner_text("#robot-said") == "The server has been ended."
         page.faults.clear()
+
+
+def test_what_the_server_does_not_pass_on_is_not_waited_for(page: Any, still: Still):
+    def busy(robot: int, data: Plain) -> list[Plain]:
+        raise UserError("the simulation is busy")
+
+    choose(page, "deploy/group")
+    still.answering = busy
+    page.click("#execute")
+    until(page, "document.getElementById('trouble-text').textContent === 'the simulation is busy'")
+    page.wait_for_selector("#execute:enabled", timeout=10_000)
 
 
 # ---------------------------------------------------------------- for everybody

@@ -117,6 +117,8 @@ def test_malformed_messages_are_answered_by_an_error_and_ignored(served: Served)
         for text in ("nonsense", "[1]", '{"say": "fly"}', b"\xff\x00", '{"say": "seek", "time_s": 1}'):
             page.send(text)
             assert next_of(page, "error")["why"]
+        page.send(json.dumps({"say": "operator", "robot": 3, "data": {"request": 7}}))
+        assert next_of(page, "error")["data"] == {"request": 7}  # whoever has asked that need not wait
         page.send(json.dumps({"say": "operator", "robot": 2, "data": {"request": 8}}))
         assert next_of(page, "operator")["data"] == {"answer": 8, "robot": 2}
 

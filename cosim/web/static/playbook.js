@@ -32,7 +32,10 @@ run.seen_marks = () => all_marks().filter(({ kind, name }) => kind !== "mark" ||
 page.connection.connect();
 
 function take(message) {
-  if (message.say === "error") return trouble(message.why);
+  if (message.say === "error") {
+    operator.refuse(message);
+    return trouble(message.why);
+  }
   if (message.say === "missed") return ask_state();
   if (message.say === "operator") {
     operator_time_s = message.time_s;

@@ -42,6 +42,12 @@ export class Operator {
     this.waiting.clear();
   }
 
+  /** The server has not passed something on: if that was a request, nobody will answer it. */
+  refuse({ data, why }) {
+    this.waiting.get(data?.request)?.reject(new Error(why));
+    this.waiting.delete(data?.request);
+  }
+
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
   moment(now) {
     this.time_s = now.time_s;
