@@ -245,7 +245,7 @@ def eventually(holds: Callable[[], bool]) -> None:
 
 
 def test_a_page_that_reads_nothing_for_long_is_given_up():
-    served = Served(Loud(), patience_s=0.5)
+    served = Served(Loud(), patience_s=1.5)
     with deaf(served):
         served.wait_for(0)
         eventually(lambda: not connections(served) and not served.uvicorn.server_state.tasks)
