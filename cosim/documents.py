@@ -50,6 +50,13 @@ class Assignment(NamedTuple):
 class _StrictLoader(yaml.SafeLoader):
     """YAML's safe loader, which refuses a key that stands twice in a mapping."""
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Return the value of *node*; raise on what looks like a number or a date and is none."""
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, TypeError) as error:
+            raise yaml.constructor.ConstructorError(None, None, f"is no value: {error}", node.start_mark) from None
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping of *node*; raise on a key that a reader would believe and the program ignore."""
         seen: set[str] = set()
@@ -95,7 +102,7 @@ def parse_yaml(text: str, source: str) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         raise UserError(f"{source}: {where}{error.problem or error.context}") from None
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, TypeError) as error:  # one of types: a tag that does not fit its node
         raise UserError(f"{source}: is not YAML: {' '.join(str(error).split())}") from None
 
 

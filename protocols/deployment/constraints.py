@@ -5,9 +5,9 @@ terminate whenever another task completes"; the last is ``ends_with`` of a task.
 the play's: ``leap/stage-2``; the empty name is the play itself.
 """
 
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.settings import Settings
 from protocols.deployment.plan import MOST, Between, Instant, Place
@@ -60,6 +60,13 @@ class After(Settings):
     of_edge: Edge = "end"
     at_least_s: Quantity = 0.0
     at_most_s: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _some_time_is_left(self) -> Self:
+        least, most = self.at_least_s, self.at_most_s
+        if isinstance(least, float) and isinstance(most, float) and most < least:
+            raise ValueError(f"is at most {in_seconds(most)} s and at least {in_seconds(least)} s, expected some time")
+        return self
 
 
 class Within(Settings):
@@ -130,12 +137,17 @@ def between(constraint: Constraint, prefix: str, quantities: dict[str, float], w
 def sentence(earlier: Instant, later: Instant, least_s: float, most_s: float | None) -> str:
     """Return a temporal constraint in words."""
     if most_s is None:
-        span = f"at least {least_s:g} s" if least_s else "any time"
+        span = f"at least {in_seconds(least_s)} s" if least_s else "any time"
     elif least_s:
-        span = f"{least_s:g} to {most_s:g} s"
+        span = f"{in_seconds(least_s)} to {in_seconds(most_s)} s"
     else:
-        span = f"at most {most_s:g} s"
+        span = f"at most {in_seconds(most_s)} s"
     return f"{later.task} {later.edge}s {span} after {_instant(earlier)}"
+
+
+def in_seconds(number: float) -> str:
+    """Return *number* as a person may repeat it: none of its tenths is lost, however great it is."""
+    return f"{number:.12g}"
 
 
 def _instant(instant: Instant) -> str:

@@ -22,7 +22,7 @@ from protocols.deployment.crew import Body, Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded, expanded_to
 from protocols.deployment.plan import Between, Deployment, Go, Instant, Place, Plan, Strategy, Task, actors
-from protocols.deployment.planner_mending import Change, Mend, Stuck, out_of_time, short_of_robots
+from protocols.deployment.planner_mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planner_routes import (
     Routes,
     barred,
@@ -35,8 +35,9 @@ from protocols.deployment.planner_routes import (
 )
 from protocols.deployment.planner_tailoring import deployed_by, led, revealed, timed_out
 from protocols.deployment.playbook import Playbook
-from protocols.deployment.plays_binding import MOST_ROBOTS, Role, Site, near
-from protocols.deployment.plays_casting import Casting, cast, picked
+from protocols.deployment.plays import MOST_ROBOTS
+from protocols.deployment.plays_binding import Role, Site, near
+from protocols.deployment.plays_casting import Casting, cast, of_robot, picked
 from protocols.deployment.roles import Shortage, assigned
 from protocols.deployment.staging import Stager
 from protocols.deployment.stn import Network
@@ -44,6 +45,7 @@ from protocols.deployment.timing import (
     Span,
     TimingParameters,
     asked,
+    circle,
     driving,
     ending,
     expected_s,
@@ -303,6 +305,8 @@ class _Calling:
         if isinstance(able, Shortage):  # told before anything is spent on routes
             return short_of_robots(able, roles, template, left_out)
         root = expanded_to(deployed_by(casting.root, self.call.strategy, self.call.augmented))
+        if not casting.unused:  # of drives that are named by their robots nothing is known yet
+            root = led(root, {name: at for name, at in self._via_m(root, casting).items() if not of_robot(name)})
         leaves = in_order(root, precedence(root, casting.between))
         by_number = errands(leaves)
         places_m = {casting.numbers[robot]: places for robot, places in by_number.items()}
@@ -366,11 +370,17 @@ class _Calling:
         constraints += [_before(first, then) for first, then in change.before]
         spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
         constraints = [_respanned(each, spans_s) for each in constraints if each.why not in change.dropped]
-        via_m = {f"{root.name}/{name}" if name else root.name: binding.places_of(at) for name, at in call.via.items()}
+        via_m = self._via_m(root, casting)
         expand = self.planner.parameters.expand if call.expand is None else call.expand
         root = expanded_to(root, {"none": -1, "all": None}[expand] if isinstance(expand, str) else expand)
         root = led(revealed(root, [*via_m, *(name for each in constraints for name in sorted(_tasks_of(each)))]), via_m)
         return timed_out(root, {name: most for name, (_, most) in spans_s.items() if most is not None}), constraints
+
+    def _via_m(self, root: Task, casting: Casting) -> dict[str, tuple[Place, ...]]:
+        """Return the waypoints that the call wants, by the names of drives below *root*."""
+        assert casting.binding is not None
+        via = {f"{root.name}/{name}" if name else root.name: at for name, at in self.call.via.items()}
+        return {name: casting.binding.places_of(at) for name, at in via.items()}
 
     def _picked(self, whole: Task, labels: Sequence[str], crew: Crew) -> Task:
         """Return what *labels* lead to in a deployment; a stage of it stands in line as if it was not called alone."""
@@ -397,6 +407,9 @@ class _Calling:
         network = network_of(whole, spans_of(leaves, starts_m, crew.bodies, self.routes, timing), constraints)
         if not network.consistent:
             return out_of_time(network, [(asked(each), each) for each in constraints], list(timing_out(whole)))
+        round_ = circle(whole, graph, constraints)
+        if round_:
+            return in_a_circle(round_)
         clashes = wanted_at_once(leaves, graph, lambda task: actors(task.act))
         if clashes:
             texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)

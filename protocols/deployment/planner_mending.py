@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from cosim.machine import Address
 from cosim.units import S, Time, to_seconds
-from protocols.deployment.constraints import sentence
+from protocols.deployment.constraints import in_seconds, sentence
 from protocols.deployment.crew import Body
 from protocols.deployment.plan import Between, Place, Task
 from protocols.deployment.plays_binding import Role
@@ -129,14 +129,21 @@ def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed:
         for least_s, most_s in _relaxed(network, hard, bound)
     ]
     mends += [
-        Mend(f"{task.name}: times out after {most_s:g} s", Change(spans_s=((task.name, 0.0, most_s),)))
+        Mend(f"{task.name}: times out after {in_seconds(most_s)} s", Change(spans_s=((task.name, 0.0, most_s),)))
         for bound, task in timed
         if bound in conflict
         for _, most_s in _relaxed(network, hard, bound)
+        if most_s is not None
     ]
     first = [bound for bound, _ in (*asked, *timed) if bound in conflict]
     lasting = [bound for bound in conflict if bound not in soft and (bound.least or bound.most is not None)]
     return Stuck(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
+
+
+def in_a_circle(constraints: Sequence[Between]) -> Stuck:
+    """Return what is told of constraints by which a task waits for its own end."""
+    without = (Mend(f"without: {each.why}", Change(dropped=(each.why,))) for each in constraints)
+    return Stuck(tuple(each.why for each in constraints), tuple(without))
 
 
 def _relaxing(between: Between, least_s: float, most_s: float | None) -> Mend:

@@ -4,6 +4,7 @@ A library is a folder of YAML files, each a play or a folder of plays (:class:`p
 by its file; or one such file that is a folder. An error names the file, the place in it, the value, what was expected.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -11,6 +12,7 @@ from typing import Any, Final, TypeAlias
 from cosim.errors import UserError
 from protocols.deployment.constraints import BASE, Constraint, named_by, quantities_of
 from protocols.deployment.plays import (
+    LABEL,
     DeployStep,
     GatherStep,
     GoStep,
@@ -55,7 +57,7 @@ class Playbook:
         plays, sources = dict[str, Play](), dict[str, str]()
         for path in paths:
             if path.is_dir():
-                read = {file.stem: (reader(file), str(file)) for file in sorted(path.glob("*.yaml"))}
+                read = {_label_of(file): (reader(file), str(file)) for file in sorted(path.glob("*.yaml"))}
             else:
                 folder = reader(path)
                 if folder.tasks:
@@ -109,6 +111,10 @@ class Playbook:
     def _parameter_faults(self, play: Play, name: str, parameter: Parameter) -> Iterator[Fault]:
         if name == BASE or name in STRATEGIES:
             yield f"parameters.{name}", f"{name!r} has a meaning of its own, expected another name"
+        several, _, number = name.rpartition("-")
+        if parameter.kind == "robot" and number.isdecimal() and several in _of_kind(play, "robots"):
+            text = f"{name!r} is what one of the robots {several} is called, expected another name"
+            yield f"parameters.{name}", text
         if isinstance(parameter, RobotsParameter) and parameter.as_many_as is not None:
             places = _of_kind(play, "places")
             if parameter.as_many_as not in places:
@@ -169,6 +175,12 @@ class Playbook:
 
 
 _PLACES: Final = ("place", "places")
+
+
+def _label_of(file: Path) -> str:
+    if not re.fullmatch(LABEL, file.stem):
+        raise UserError(f"{file}: {file.stem!r} is no name of a play, expected a-z, 0-9, _ and - only")
+    return file.stem
 
 
 def _walk(folder: Play, path: str) -> Iterator[tuple[str, Play]]:

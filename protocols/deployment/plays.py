@@ -19,7 +19,7 @@ tree and checks names, :mod:`protocols.deployment.plays_casting` makes tasks of 
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field, JsonValue
 
@@ -28,9 +28,12 @@ from protocols.deployment.constraints import Constraint, PlaceName, Quantity
 from protocols.deployment.plan import Strategy
 
 Order: TypeAlias = Literal["serial", "parallel"]
-Label: TypeAlias = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+LABEL: Final = r"^[a-z0-9][a-z0-9_-]*$"
+Label: TypeAlias = Annotated[str, Field(pattern=LABEL)]
 Names: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 """Parameters that are robots or a robot each."""
+MOST_ROBOTS: Final = 256
+"""Addresses are single bytes: more robots are never asked for, nor more places."""
 
 
 class Needs(Settings):
@@ -59,7 +62,9 @@ class RobotsParameter(Settings):
     about: str = ""
     needs: Needs = Needs()
     as_many_as: str | None = Field(default=None, description="the parameter with as many places")
-    default: int | None = Field(default=None, ge=1, description="how many; None, and no as_many_as: must be told")
+    default: int | None = Field(
+        default=None, ge=1, le=MOST_ROBOTS, description="how many; None, and no as_many_as: must be told"
+    )
 
 
 class PlaceParameter(Settings):

@@ -14,6 +14,7 @@ from cosim.machine import Address
 from protocols.deployment.constraints import BASE, PlaceName, Quantity
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.plays import (
+    MOST_ROBOTS,
     Needs,
     NumberParameter,
     Parameter,
@@ -27,8 +28,6 @@ from protocols.deployment.plays import (
 from protocols.deployment.ways import Ways
 
 STRATEGIES: Final[tuple[Strategy, ...]] = get_args(Strategy)
-MOST_ROBOTS: Final = 256
-"""Addresses are single bytes: more robots are never asked for, nor more places."""
 _PLACE: Final[TypeAdapter[Place | str]] = TypeAdapter(PlaceName)
 
 

@@ -36,6 +36,8 @@ from protocols.deployment.plays_binding import Binder, Binding, Role, Site, near
 
 LEAST_S: Final = 0.1
 """No time-out is shorter."""
+_OF_ROBOT: Final = "robot-"
+"""Before a robot's address: what its drive is called, where several robots drive."""
 
 
 @dataclass
@@ -99,6 +101,10 @@ class _Caster:
     def _addresses(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
         return tuple(self.address(role) for role in binding.roles_of(names))
 
+    def _each_once(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
+        """Return who does what each does once, even if several *names* mean the same robot."""
+        return tuple(dict.fromkeys(self._addresses(binding, names)))
+
     # ------------------------------------------------------------ nets
 
     def net(
@@ -142,7 +148,7 @@ class _Caster:
                 task, left = self._picked(name, self._gather(name, step, binding), inner)
             case _:
                 task, left = Task(name=name, label=label, act=self._act(step, binding)), inner
-        if task.name != name:
+        if inner and isinstance(step, NetStep | PlayStep):
             return task, left
         time_out_s = None if step.time_out_s is None else binding.number_of(step.time_out_s, LEAST_S)
         ends_with = None if step.ends_with is None or "/" not in name else f"{name.rpartition('/')[0]}/{step.ends_with}"
@@ -168,7 +174,7 @@ class _Caster:
             case WaitStep(seconds=seconds):
                 return Wait(seconds=binding.number_of(seconds, 0.0))
             case ExploreStep(robots=robots):
-                explorers = self._addresses(binding, robots)
+                explorers = self._each_once(binding, robots)
                 if not explorers:
                     raise UserError(f"{binding.source}: nobody is to explore, expected one robot at least")
                 return Explore(robots=explorers)
@@ -196,11 +202,11 @@ class _Caster:
     def _return(self, name: str, step: ReturnStep, binding: Binding) -> list[Task]:
         return [
             _go(name, Go(robot=robot, place_m=self._homes_m.get(robot, self.site.base_m)))
-            for robot in dict.fromkeys(self._addresses(binding, step.robots))
+            for robot in self._each_once(binding, step.robots)
         ]
 
     def _gather(self, name: str, step: GatherStep, binding: Binding) -> list[Task]:
-        robots, at = self._addresses(binding, step.robots), binding.place_of(step.at)
+        robots, at = self._each_once(binding, step.robots), binding.place_of(step.at)
         apart_m, towards = binding.number_of(step.apart_m, 0.0), next(iter(binding.places_of(step.towards)), at)
         apart_m = min(apart_m, self.site.apart_m)
         way = self.site.ways.way(self.site.radius_m, at, towards)
@@ -221,8 +227,13 @@ class _Caster:
 
 
 def _go(parent: str, act: Go) -> Task:
-    label = f"robot-{act.robot}"
+    label = f"{_OF_ROBOT}{act.robot}"
     return Task(name=f"{parent}/{label}", label=label, act=act)
+
+
+def of_robot(name: str) -> bool:
+    """Return whether the drive of that name is called by the robot that makes it."""
+    return name.rpartition("/")[2].startswith(_OF_ROBOT)
 
 
 def picked(task: Task, inner: Sequence[str]) -> Task:

@@ -17,7 +17,7 @@ from pydantic import Field
 from cosim.machine import Address
 from cosim.settings import Settings
 from cosim.units import from_seconds, to_seconds
-from protocols.deployment.constraints import sentence
+from protocols.deployment.constraints import in_seconds, sentence
 from protocols.deployment.crew import Body
 from protocols.deployment.plan import ORIGIN, Between, Go, Instant, Photo, Place, Task, Wait
 from protocols.deployment.stn import BEGINNING, Bound, Network, Point
@@ -74,7 +74,7 @@ def standing(task: Task, parameters: TimingParameters) -> Span | None:
     """Return how long a task without subtasks takes that is no drive; None: as long as it wants."""
     match task.act:
         case Wait(seconds=seconds):
-            return Span(seconds, seconds, seconds, f"{task.name}: lasts {seconds:g} s")
+            return Span(seconds, seconds, seconds, f"{task.name}: lasts {in_seconds(seconds)} s")
         case Photo():
             most_s = parameters.photo_s
             return Span(0.0, most_s, most_s, f"{task.name}: a picture takes at most {most_s:g} s")
@@ -92,20 +92,39 @@ def precedence(root: Task, constraints: Sequence[Between]) -> "nx.DiGraph[Point]
         graph.add_edge(bound.earlier, bound.later)
     for each in constraints:
         if each.at_least_s >= 0:
-            graph.add_edge(_point(each.earlier), _point(each.later))
+            graph.add_edge(*_step(each))
     return graph
 
 
 def in_order(root: Task, graph: "nx.DiGraph[Point]") -> list[Task]:
-    """Return the leaves in an order in which they can start; that of the plan where *graph* leaves it open."""
-    leaves = [task for task in root.walk() if task.leaf]
+    """Return the leaves in an order in which they can start; that of the plan where *graph* leaves it open.
+
+    Instants of which none is earlier than the other, as when two tasks start together, are one in that order.
+    """
     number = {(task.name, "start"): at for at, task in enumerate(root.walk())}
     number |= {(name, "end"): at for (name, _), at in list(number.items())}
-    if not nx.is_directed_acyclic_graph(graph):
-        return leaves
-    order = list(nx.lexicographical_topological_sort(graph, key=lambda point: number.get(point, -1)))
-    at = {point: position for position, point in enumerate(order)}
-    return sorted(leaves, key=lambda task: at[task.name, "start"])
+    moments = nx.condensation(graph)
+    moment_of: dict[Point, int] = moments.graph["mapping"]
+    first: dict[int, int] = {}
+    for point, moment in moment_of.items():
+        first[moment] = min(number.get(point, -1), first.get(moment, len(number)))
+    order = nx.lexicographical_topological_sort(moments, key=lambda moment: first[moment])
+    at = {moment: position for position, moment in enumerate(order)}
+    leaves = [task for task in root.walk() if task.leaf]
+    return sorted(leaves, key=lambda task: at[moment_of[task.name, "start"]])
+
+
+def circle(root: Task, graph: "nx.DiGraph[Point]", constraints: Sequence[Between]) -> list[Between]:
+    """Return the *constraints* of a circle, by which a task would have to end before it starts; none if there is none.
+
+    The temporal network allows that to what may take no time; but it would wait for its own end for ever.
+    """
+    for leaf in () if nx.is_directed_acyclic_graph(graph) else root.walk():
+        if leaf.leaf and nx.has_path(graph, (leaf.name, "end"), (leaf.name, "start")):
+            steps = set(pairwise(nx.shortest_path(graph, (leaf.name, "end"), (leaf.name, "start"))))
+            steps -= {(bound.earlier, bound.later) for bound in structure(root)}
+            return [each for each in constraints if each.at_least_s >= 0 and _step(each) in steps]
+    return []
 
 
 def wanted_at_once(
@@ -190,7 +209,7 @@ def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
     """Yield the time-outs, each with its task, which ends by then in any case."""
     for task in root.walk():
         if task.time_out_s is not None:
-            name = f"{task.name}: times out after {task.time_out_s:g} s"
+            name = f"{task.name}: times out after {in_seconds(task.time_out_s)} s"
             yield Bound(name, (task.name, "start"), (task.name, "end"), 0, from_seconds(task.time_out_s)), task
 
 
@@ -198,12 +217,15 @@ def asked(constraint: Between) -> Bound:
     """Return a plan's constraint as a bound, named by who asked for it."""
     most = None if constraint.at_most_s is None else from_seconds(constraint.at_most_s)
     name = constraint.why or sentence(constraint.earlier, constraint.later, constraint.at_least_s, constraint.at_most_s)
-    earlier, later = _point(constraint.earlier), _point(constraint.later)
-    return Bound(name, earlier, later, from_seconds(constraint.at_least_s), most)
+    return Bound(name, *_step(constraint), from_seconds(constraint.at_least_s), most)
 
 
 def _point(instant: Instant) -> Point:
     return BEGINNING if instant.task == ORIGIN else (instant.task, instant.edge)
+
+
+def _step(constraint: Between) -> tuple[Point, Point]:
+    return _point(constraint.earlier), _point(constraint.later)
 
 
 def _fatal(task: Task, fatal: bool = True) -> Iterator[tuple[Task, bool]]:
