@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
-from cosim.units import Time
+from cosim.units import Time, from_seconds
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.exploring import Exploring
 from protocols.deployment.floor import Aim, Floor
@@ -20,6 +20,7 @@ from protocols.deployment.learned import LearnedFloor
 from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.mover import State
 from protocols.deployment.orders import Result
+from protocols.deployment.plan import Place
 from protocols.deployment.traffic import Other
 from protocols.deployment.wheel import Wheel
 
@@ -27,6 +28,12 @@ AHEAD_M: Final = 1.0
 """So far ahead, in the direction in which it is led, a robot aims."""
 
 
+BEYOND_M: Final = 3.0
+"""So far in that direction leads the way of which it tells who is to step aside."""
+PROGRESS_M: Final = 0.1
+"""Who has moved by so much gets on."""
+HELD_S: Final = 3.0
+"""s; who has not got on for so long has not only turned round."""
 BESIDE_M: Final = 0.03
 """The margin to what is scanned is wider by so much: the end of a wall may be between two beams."""
 
@@ -47,6 +54,11 @@ class ExploringMover(PacedMover):
     ) -> None:
         """Take what explores, and what a mover takes."""
         self._exploring = exploring
+        self._wish_rad: float | None = None
+        """Which way it is led; None to stand."""
+        self._at_m: Place = (math.inf, math.inf)
+        self._got_on: Time = 0
+        """Where, and when, it has got on last."""
         super().__init__(floor, me, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         wary = parameters.model_copy(update={"margin_m": parameters.margin_m + BESIDE_M})
         bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
@@ -79,12 +91,37 @@ class ExploringMover(PacedMover):
             self.state = "idle"
         self._led.follow(observation, now)
         self._traffic.look(observation, others, now, self._led.carried)
+        self._look_who_is_in_the_way(wish_rad, now)
         if wish_rad is None:
             return self._led.order(0.0, 0.0)
+        return self._led.order(*self._led.to(Aim(self._ahead(AHEAD_M), AHEAD_M, False), observation, self._traffic))
+
+    @property
+    def wants_m(self) -> Place | None:
+        """Where it would go now, if nobody stood in its way: as it explores, the way in which it is led."""
+        if not self._exploring.on:
+            return super().wants_m
+        return None if self._wish_rad is None else self._ahead(BEYOND_M)
+
+    def _ahead(self, far_m: float) -> Place:
+        assert self._wish_rad is not None
         x, y = self._led.here
-        ahead = x + AHEAD_M * math.cos(wish_rad), y + AHEAD_M * math.sin(wish_rad)
-        return self._led.order(*self._led.to(Aim(ahead, AHEAD_M, False), observation, self._traffic))
+        return x + far_m * math.cos(self._wish_rad), y + far_m * math.sin(self._wish_rad)
+
+    def _look_who_is_in_the_way(self, wish_rad: float | None, now: Time) -> None:
+        """Note who has nothing to do and stands so near that it does not get on, though it would."""
+        here, self._wish_rad, self.blocked_by = self._led.here, wish_rad, None
+        if self._exploring.on and (wish_rad is None or math.dist(here, self._at_m) > PROGRESS_M):
+            self._at_m, self._got_on = here, now
+        if wish_rad is None or now - self._got_on < from_seconds(HELD_S):
+            return
+        for track in self._traffic.tracks(here):
+            near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
+            if track.idle and math.dist(here, track.place_m) <= near_m:
+                self.blocked_by = track.address
+                return
 
     def _begin(self, state: State) -> None:
         self._exploring.halt()
+        self._wish_rad, self._at_m, self._got_on = None, (math.inf, math.inf), 0
         super()._begin(state)

@@ -99,7 +99,7 @@ class Asking:
 
     def step(self, here: Place, others: Others, now: Time) -> list[tuple[Address, Aside]]:
         """Return the request that is due, if one is, with whom it is for; the same again after a while."""
-        other, goal = self._mover.blocked_by, self._mover.goal_m
+        other, goal = self._mover.blocked_by, self._mover.wants_m
         if other is None or goal is None or not others.idle(other):
             return []
         if math.dist(here, others.place_m(other)) > self._near_m:

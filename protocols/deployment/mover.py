@@ -72,6 +72,11 @@ class Mover:
         self._best_m, self._progress, self._made_way, self._held = math.inf, 0, 0, False
         self._started: Time = 0  # when, alone, it would have made its first progress
 
+    @property
+    def wants_m(self) -> Place | None:
+        """Where it would go now, if nobody stood in its way."""
+        return self.goal_m
+
     # ------------------------------------------------------------ what it is told
 
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from cosim.machine import Drive, Event
 from cosim.observation import Observation
+from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S
 from protocols.deployment.crew import Body, Crew
@@ -22,7 +23,20 @@ from protocols.deployment.knowledge import knowledge_of
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.plan import Explore, Plan, Task
 from protocols.deployment.planner import Refusal
-from tests.deployment.crew_scene import PLACES_M, STARTS_M, TICK, Box, call, maker, rows, run, surroundings
+from protocols.deployment.traffic import Other
+from tests.deployment.crew_scene import (
+    PLACES_M,
+    STARTS_M,
+    TICK,
+    WALLS,
+    Box,
+    call,
+    maker,
+    rows,
+    run,
+    scenario,
+    surroundings,
+)
 
 EXPLORE = {"call": {"play": "explore", "parameters": {"robots": 3}}}
 RETURN = {"call": {"play": "return", "parameters": {"robots": 3}}}
@@ -126,6 +140,20 @@ def test_robots_that_explore_keep_the_laws() -> None:
     check_machine(maker(calls=[EXPLORE], **LEARNED, **quick), STARTS_M, 900 * MS)
 
 
+@pytest.mark.slow
+def test_who_has_nothing_to_do_makes_way_for_explorers() -> None:
+    """Robot 1 stands in the only door."""
+    plain = scenario(starts=[(1.0, 1.0), (4.0, 2.9)], calls=[explore([0])], map="learned")
+    door = ((4.0, 0.0, 4.0, 2.45), (4.0, 3.35, 4.0, 6.0))
+    floorplan = plain.floorplan.model_copy(update={"walls": (*WALLS, *door)})
+    outcome = Simulation(plain.model_copy(update={"floorplan": floorplan}), 1).run()
+    assert [(row["source"], row["robot"]) for row in rows(outcome, "SteppedAside")][:1] == [(1, 0)]
+    assert results(outcome) == [(1, "done")]
+    ((empty, _),) = maps(outcome)
+    assert empty > 0.95 * FLOOR_CELLS
+    assert outcome.metrics["collisions"] == outcome.metrics["wall_contacts"] == 0.0
+
+
 # ---------------------------------------------------------------- one robot's part
 
 
@@ -216,6 +244,37 @@ def test_whatever_else_a_robot_is_told_ends_exploring(told: str) -> None:
     if told == "halt":
         assert mover.step(seen(6.0, 3.0), (), 30 * TICK) == Drive(0.0, 0.0)
     assert mover.explored is None
+
+
+@pytest.mark.parametrize(
+    ("at_m", "idle", "moves", "asked"),
+    [
+        ((6.6, 3.0), True, False, True),
+        ((6.6, 3.0), False, False, False),
+        ((8.5, 3.0), True, False, False),
+        ((6.6, 3.0), True, True, False),
+    ],
+)
+def test_an_explorer_that_does_not_get_on_says_who_stands_near_and_has_nothing_to_do(
+    at_m: tuple[float, float], idle: bool, moves: bool, asked: bool
+) -> None:
+    one, _ = exploring()
+    floor = Floor.of(surroundings())
+    mover = ExploringMover(one, floor, 0, 0.25, 0.5, 0.5, floor.parameters, TICK)
+    other = Other(1, *at_m, 0.25, idle=idle)
+    mover.explore(0)
+    named = [False] * 40
+    for tick in range(40):
+        mover.step(seen(6.0 + 0.02 * moves * tick, 3.0), (other,), tick * TICK)
+        named[tick] = mover.blocked_by == 1
+    assert not any(named[:30])
+    assert any(named[30:]) is asked
+    assert mover.wants_m is not None
+    assert math.dist(mover.wants_m, (6.0 + 0.78 * moves, 3.0)) == pytest.approx(3.0)
+    mover.step(seen(7.0, 3.0), (other,), 40 * TICK)
+    assert mover.blocked_by is None
+    mover.halt()
+    assert mover.wants_m is None
 
 
 def test_what_is_no_piece_of_a_map_is_traced() -> None:
