@@ -21,7 +21,7 @@ from protocols.deployment.member_pace import PacedMover
 from protocols.deployment.mover import State
 from protocols.deployment.orders import Result
 from protocols.deployment.plan import Place
-from protocols.deployment.traffic import Other
+from protocols.deployment.traffic import Other, Track
 from protocols.deployment.wheel import Wheel
 
 AHEAD_M: Final = 1.0
@@ -34,6 +34,8 @@ PROGRESS_M: Final = 0.1
 """Who has moved by so much gets on."""
 HELD_S: Final = 3.0
 """s; who has not got on for so long has not only turned round."""
+BACK_S: Final = 4.0
+"""s; for so long it goes back from who is nearest."""
 BESIDE_M: Final = 0.03
 """The margin to what is scanned is wider by so much: the end of a wall may be between two beams."""
 
@@ -53,12 +55,15 @@ class ExploringMover(PacedMover):
         tick: Time,
     ) -> None:
         """Take what explores, and what a mover takes."""
-        self._exploring = exploring
+        self._exploring, self._tick = exploring, tick
         self._wish_rad: float | None = None
         """Which way it is led; None to stand."""
         self._at_m: Place = (math.inf, math.inf)
-        self._got_on: Time = 0
-        """Where, and when, it has got on last."""
+        """Where it has got on last."""
+        self._held_for: Time = 0
+        """How long it would have gone on since, but has not."""
+        self._back_until: Time = 0
+        """When it ends, or has ended, to go back from who is nearest."""
         super().__init__(floor, me, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         wary = parameters.model_copy(update={"margin_m": parameters.margin_m + BESIDE_M})
         bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
@@ -91,37 +96,54 @@ class ExploringMover(PacedMover):
             self.state = "idle"
         self._led.follow(observation, now)
         self._traffic.look(observation, others, now, self._led.carried)
-        self._look_who_is_in_the_way(wish_rad, now)
+        self._look_who_is_in_the_way(wish_rad)
         if wish_rad is None:
             return self._led.order(0.0, 0.0)
-        return self._led.order(*self._led.to(Aim(self._ahead(AHEAD_M), AHEAD_M, False), observation, self._traffic))
+        ahead = self._ahead(self._heading(wish_rad, now), AHEAD_M)
+        return self._led.order(*self._led.to(Aim(ahead, AHEAD_M, False), observation, self._traffic))
 
     @property
     def wants_m(self) -> Place | None:
         """Where it would go now, if nobody stood in its way: as it explores, the way in which it is led."""
         if not self._exploring.on:
             return super().wants_m
-        return None if self._wish_rad is None else self._ahead(BEYOND_M)
+        return None if self._wish_rad is None else self._ahead(self._wish_rad, BEYOND_M)
 
-    def _ahead(self, far_m: float) -> Place:
-        assert self._wish_rad is not None
+    def _ahead(self, heading_rad: float, far_m: float) -> Place:
         x, y = self._led.here
-        return x + far_m * math.cos(self._wish_rad), y + far_m * math.sin(self._wish_rad)
+        return x + far_m * math.cos(heading_rad), y + far_m * math.sin(heading_rad)
 
-    def _look_who_is_in_the_way(self, wish_rad: float | None, now: Time) -> None:
+    def _close(self) -> list[Track]:
+        """Return those so near that they may be in the way, the nearest first."""
+        here, reach_m = self._led.here, self._radius_m + 4.0 * self._own.clear_m
+        tracks = self._traffic.tracks(here)
+        return [track for track in tracks if math.dist(here, track.place_m) <= reach_m + track.radius_m]
+
+    def _look_who_is_in_the_way(self, wish_rad: float | None) -> None:
         """Note who has nothing to do and stands so near that it does not get on, though it would."""
         here, self._wish_rad, self.blocked_by = self._led.here, wish_rad, None
-        if self._exploring.on and (wish_rad is None or math.dist(here, self._at_m) > PROGRESS_M):
-            self._at_m, self._got_on = here, now
-        if wish_rad is None or now - self._got_on < from_seconds(HELD_S):
-            return
-        for track in self._traffic.tracks(here):
-            near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
-            if track.idle and math.dist(here, track.place_m) <= near_m:
-                self.blocked_by = track.address
-                return
+        if math.dist(here, self._at_m) > PROGRESS_M:
+            self._at_m, self._held_for = here, 0
+        elif wish_rad is not None:
+            self._held_for += self._tick
+        if self._held_for >= from_seconds(HELD_S):
+            idle = (track.address for track in self._close() if track.idle)
+            self.blocked_by = next(idle, None)
+
+    def _heading(self, wish_rad: float, now: Time) -> float:
+        """Return the way in which it is led; if it is held for too long, for a while away from who is nearest.
+
+        Who was asked to step aside may be shut in by those who wait for that.
+        """
+        close = self._close()
+        if self._held_for >= from_seconds(self._own.patience_s):
+            self._held_for, self._back_until = 0, now + from_seconds(BACK_S)
+        if not close or now >= self._back_until:
+            return wish_rad
+        (x, y), (other_x, other_y) = self._led.here, close[0].place_m
+        return math.atan2(y - other_y, x - other_x)
 
     def _begin(self, state: State) -> None:
         self._exploring.halt()
-        self._wish_rad, self._at_m, self._got_on = None, (math.inf, math.inf), 0
+        self._wish_rad, self._at_m, self._held_for, self._back_until = None, (math.inf, math.inf), 0, 0
         super()._begin(state)

@@ -17,7 +17,7 @@ from protocols.deployment.crew import Body, Crew
 from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
 from protocols.deployment.exploring_mover import ExploringMover
 from protocols.deployment.exploring_parameters import ExploringParameters
-from protocols.deployment.floor import Floor
+from protocols.deployment.floor import Aim, Floor
 from protocols.deployment.journal import BadBytes
 from protocols.deployment.knowledge import knowledge_of
 from protocols.deployment.parameters import Parameters
@@ -275,6 +275,29 @@ def test_an_explorer_that_does_not_get_on_says_who_stands_near_and_has_nothing_t
     assert mover.blocked_by is None
     mover.halt()
     assert mover.wants_m is None
+
+
+@pytest.mark.parametrize(("at_m", "back"), [((6.6, 3.0), True), ((8.5, 3.0), False)])
+def test_an_explorer_that_is_held_for_long_goes_back_a_while_from_who_is_nearest(
+    at_m: tuple[float, float], back: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, _ = exploring()
+    floor = Floor.of(surroundings())
+    mover = ExploringMover(one, floor, 0, 0.25, 0.5, 0.5, floor.parameters, TICK)
+    drive, aims = mover._led.to, list[tuple[float, float]]()
+
+    def noted(aim: Aim, *more: Any) -> Any:
+        aims.append(aim.place_m)
+        return drive(aim, *more)
+
+    monkeypatch.setattr(mover._led, "to", noted)
+    mover.explore(0)
+    for tick in range(200):
+        mover.step(seen(6.0, 3.0), (Other(1, *at_m, 0.25),), tick * TICK)
+    went = [number for number, aim in enumerate(aims) if math.dist(aim, (5.0, 3.0)) < 1e-9]
+    assert len(aims) > 150, "it wants to go somewhere nearly all the time"
+    first = round(floor.parameters.patience_s * S / TICK)
+    assert went == (list(range(first, first + 40)) if back else [])
 
 
 def test_what_is_no_piece_of_a_map_is_traced() -> None:
