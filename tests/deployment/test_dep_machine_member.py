@@ -24,6 +24,10 @@ class Wheels:
         self.state, self.goal_m, self.blocked_by, self.pace_mps = "idle", None, None, None
         self.told: list[tuple[Any, ...]] = []
 
+    @property
+    def wants_m(self) -> Any:
+        return self.goal_m
+
     def go(self, place_m: Any, via_m: Any = ()) -> None:
         self.state, self.goal_m = "driving", place_m
         self.told.append(("go", place_m))
