@@ -1,6 +1,6 @@
-"""What all tests share: no deadlines, and long campaigns say at the end how many cases they have compared."""
+"""What all tests share: no deadlines; at the end, what campaigns compared, and what was skipped and would run it."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 
 import pytest
 from hypothesis import settings
@@ -16,3 +16,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         counts.update({name: value for name, value in report.user_properties if isinstance(value, int)})
     for name, count in sorted(counts.items()):
         terminalreporter.write_line(f"{count:,} {name}")
+    skipped: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    for report in terminalreporter.getreports("skipped"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        skipped[reason.removeprefix("Skipped: ")][report.nodeid.partition("::")[0]] += 1
+    for reason, files in sorted(skipped.items()):
+        names = ", ".join(f"{name} ({count})" for name, count in sorted(files.items()))
+        terminalreporter.write_line(f"{files.total()} skipped, {reason}: {names}")

@@ -117,7 +117,7 @@ def test_the_complete_algorithms_cover_a_generated_office(algorithm: str, channe
 def on_map(name: str, algorithm: str, channel: str) -> None:
     path = MAPS / name
     if not path.is_file():
-        pytest.skip(f"{path.name} is not there: the maps lie beside the project")
+        pytest.skip(f"{path.name} is not there: the maps lie beside the checkout, in ../shared/maps")
     check_covered(*run(scenario(algorithm, 8, channel, {"map": str(path)}, 100_000)))
 
 
