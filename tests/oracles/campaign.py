@@ -7,7 +7,7 @@ A case is drawn from a ``Choice``, of hypothesis (which shrinks what it finds) o
 import ast
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -121,6 +121,15 @@ def draw_noise(choice: Choice, frames: Sequence[Seen]) -> tuple[Jammer, ...]:
 def soak_count(full: int) -> int:
     """Return how many of *full* cases the environment's SOAK_SHARE asks for."""
     return max(1, round(full * float(os.environ.get("SOAK_SHARE", "1"))))
+
+
+def two_tiers(cases: Iterable[Any], few: int) -> list[Any]:
+    """Return the parameters of a slow test: a *few* of *cases*, evenly spread, and of the others the soak's share."""
+    every = [case if isinstance(case, tuple) else (case,) for case in cases]
+    chosen = {number * len(every) // few for number in range(few)}
+    others = [case for number, case in enumerate(every) if number not in chosen]
+    share = [pytest.param(*case, marks=pytest.mark.soak) for case in others[: soak_count(len(others))]]
+    return [*(pytest.param(*every[number]) for number in sorted(chosen)), *share]
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> ModuleType:

@@ -6,6 +6,7 @@ bodies, not by the protocol's own referee, which is compared with that.
 """
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from cosim.geometry.grids import coverage_grid
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.trace import POSES
-from tests.oracles.campaign import soak_count
+from tests.oracles.campaign import soak_count, two_tiers
 from tests.pseudonet.link_air import LinkAir
 
 FLOOR: dict[str, Any] = {
@@ -116,28 +117,27 @@ def check(case: Case, channel: str, monkeypatch: pytest.MonkeyPatch, loss: float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", two_tiers(range(10), 4))
 def test_teams_of_a_piconet_finish_without_those_who_die(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     check(draw(seed, range(2, 9), 40), "ideal", monkeypatch)
     check(draw(100 + seed, range(2, 9), 60), "links", monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", two_tiers(range(6), 3))
 def test_scatternets_finish_without_those_who_die(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     check(draw(seed, (9, 12, 16), 40), "ideal", monkeypatch)
     check(draw(100 + seed, (9, 12, 16), 60), "links", monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "sizes"), [(0, (4, 8)), (1, (9,)), (2, (12,))])
+@pytest.mark.parametrize(("seed", "sizes"), two_tiers([(0, (4, 8)), (1, (9,)), (2, (12,))], 1))
 def test_over_bluetooth_too(seed: int, sizes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     check(draw(seed, sizes, 60, most_kills=2), "bluetooth", monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(("number", "topology"), two_tiers(product((0, 1), TOPOLOGIES), 3))
 def test_a_master_dies_at_work(topology: str, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(5, 12, (), {"topology": topology})
     undisturbed, _ = run(case, "links", monkeypatch)

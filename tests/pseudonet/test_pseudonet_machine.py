@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ from protocols.pseudonet.messages import Action, Kind, Message, Packet, Reply, S
 from protocols.pseudonet.parameters import Parameters, timing
 from protocols.pseudonet.spec import COLUMN_LIMIT, SPEC, measure
 from protocols.pseudonet.steering import PATIENCE_TICKS
+from tests.oracles.campaign import two_tiers
 
 ALGORITHMS = ("oscard", "random_walk", "boustrophedon", "spanning_tree")
 FREE = (Verdict.POSSIBLE,) * 4
@@ -78,8 +80,7 @@ def started(me: int, size: int, **more: object) -> Pseudonet:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [2, 3, 8])
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize(("algorithm", "size"), two_tiers(product(ALGORITHMS, (2, 3, 8)), 5))
 def test_masters_and_slaves_of_every_algorithm_keep_the_laws(algorithm: str, size: int) -> None:
     check_machine(maker(size, algorithm), surroundings(size).starts_m)
 

@@ -1,6 +1,7 @@
 """Robots of scatternets: the laws of machines, and what they say and do while a scatternet is formed."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 from hypothesis import given
@@ -28,6 +29,7 @@ from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Kind, Message, Missing
 from protocols.pseudonet.topology import Directory, Piconet
 from protocols.pseudonet.wide import Assignment, Census, Dissolution, Welcome, WidePacket, decode, encode
+from tests.oracles.campaign import two_tiers
 from tests.pseudonet.test_pseudonet_machine import maker, messages, started, surroundings
 
 NOBODY = Directory(())
@@ -35,8 +37,9 @@ CLOCKS = 1 << 28
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topology", ["ring", "tree", "bridged"])
-@pytest.mark.parametrize("algorithm", ["oscard", "spanning_tree"])
+@pytest.mark.parametrize(
+    ("algorithm", "topology"), two_tiers(product(("oscard", "spanning_tree"), ("ring", "tree", "bridged")), 2)
+)
 def test_robots_of_scatternets_keep_the_laws(algorithm: str, topology: str) -> None:
     check_machine(maker(6, algorithm, piconet_size=3, topology=topology), surroundings(6).starts_m, duration=5 * S)
 
