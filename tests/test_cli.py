@@ -91,7 +91,7 @@ def test_run_prints_json_for_programs(cosim: Any):
 
 def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.MonkeyPatch):
     outcome = Outcome({"found_s": math.nan, "far_m": math.inf, "heard": 1.0}, "d", Trace([]), 1.0, ())
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: outcome)
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: outcome)
     assert strict(cosim("run", "depot.yaml", "--json").out)["metrics"] == {"found_s": None, "far_m": None, "heard": 1.0}
     made = SimpleNamespace(plain=lambda: {"rows": [{"mean": math.nan}, {"mean": 2.0}]})
     monkeypatch.setattr("cosim.report.report", lambda folder: made)
@@ -288,7 +288,7 @@ def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, mo
 
 
 def test_a_folder_that_cannot_be_made_is_told_before_the_run(cosim: Any, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: pytest.fail("it has run"))
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: pytest.fail("it has run"))
     ended = cosim("run", "depot.yaml", "--trace", "depot.yaml/t")
     assert (ended.code, ended.err) == (1, "[Errno 20] Not a directory: 'depot.yaml/t'\n")
 
@@ -310,7 +310,7 @@ def test_an_interrupt_ends_with_130(cosim: Any, monkeypatch: pytest.MonkeyPatch)
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosim.cli.Simulation", interrupt)
+    monkeypatch.setattr("cosim.simulation.Simulation", interrupt)
     ended = cosim("run", "depot.yaml")
     assert (ended.code, ended.err.strip()) == (130, "interrupted: what is finished is kept")
 
