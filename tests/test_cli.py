@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from cosim import trace
 from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
 from cosim.results import RunStore
@@ -276,7 +275,7 @@ def no_space(table: Any, name: str) -> None:
 
 
 def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(trace.pq, "write_table", no_space)
+    monkeypatch.setattr("pyarrow.parquet.write_table", no_space)
     for words, kept in (
         (("run", "depot.yaml", "--trace", "t"), ""),
         (("sweep", "sweep.yaml", "--jobs", "1", "-o", "t"), ": what is finished is kept"),
