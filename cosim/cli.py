@@ -67,6 +67,18 @@ def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
 
 
+@contextmanager
+def _told_of_compiling() -> Iterator[None]:
+    """Say on a terminal, once, that kernels are being compiled: those that no cache holds, seconds each."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from cosim.jit import before_compiling
+
+    with before_compiling(lambda: print("compiling kernels, once: it may take half a minute", file=sys.stderr)):
+        yield
+
+
 # ---------------------------------------------------------------- run
 
 
@@ -82,6 +94,7 @@ def commands() -> None:
     help="Write the frames of Bluetooth and 802.11 radios there, for Wireshark.",
 )
 @_JSON
+@_told_of_compiling()
 def run(
     scenario: str,
     seed: int | None,
@@ -237,6 +250,7 @@ def _page_options(command: Any) -> Any:
 @commands.command("view")
 @click.argument("what")
 @_page_options
+@_told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
     from cosim.web.live import Live
@@ -260,6 +274,7 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
 @click.argument("scenario")
 @_page_options
 @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
+@_told_of_compiling()
 def playbook(
     scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
 ) -> None:
@@ -290,6 +305,7 @@ def _tell_address(address: str) -> None:
 @_SETS
 @click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
 @_JSON
+@_told_of_compiling()
 def sweep(
     experiment: str,
     replicates: int | None,
@@ -345,6 +361,7 @@ def report(results: Path, as_json: bool) -> None:
 @commands.command("validate")
 @click.argument("file", type=click.Path(path_type=Path))
 @_SETS
+@_told_of_compiling()
 def validate(file: Path, sets: tuple[str, ...]) -> None:
     """Say what is wrong with FILE, a scenario or a sweep.yaml, or print it with all defaults and what they mean."""
     import yaml

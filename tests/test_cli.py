@@ -12,6 +12,7 @@ import yaml
 
 from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
+from cosim.jit import njit
 from cosim.results import RunStore
 from cosim.simulation import Outcome
 from cosim.trace import CALLS, Trace
@@ -364,6 +365,16 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
     Path("again.yaml").write_text(ended.out)
     assert cosim("validate", "again.yaml").out == ended.out
     assert read_yaml(tmp_path / "again.yaml")["team"]["starts"] == [[1.0, 1.0], [2.0, 1.0]]
+
+
+@pytest.mark.parametrize(("terminal", "told"), [(True, "compiling kernels, once: "), (False, "")])
+def test_compiling_is_told_on_a_terminal_only(cosim: Any, terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit(lambda: 1)())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    ended = cosim("validate", "depot.yaml")
+    assert ended.code == 0
+    assert ended.err.startswith(told)
+    assert ended.err.count("\n") == terminal
 
 
 def test_validate_prints_a_mixed_team_without_the_size_that_follows(cosim: Any):
