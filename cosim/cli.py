@@ -1,41 +1,32 @@
 """The command line: results on stdout, progress on stderr, and for wrong input one line and exit 2.
 
 Exit 0: done. 1: a run failed, or the computer did (a full disk). 2: the user's input is wrong. 130: interrupted.
+
+A command imports what it needs when it runs: all of cosim takes seconds to load, and help is wanted at once.
 """
+
+from __future__ import annotations
 
 import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import yaml
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from cosim.documents import read_yaml
 from cosim.errors import UserError
-from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
-from cosim.export.capture import captured_tables, write_capture
-from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
-from cosim.settings import Settings
-from cosim.simulation import Outcome, Simulation
-from cosim.sweep import check_set_up, default_folder, run_sweep
-from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
-from cosim.web.live import Live
-from cosim.web.messages import finite
 from cosim.web.pacing import FASTEST, SLOWEST
-from cosim.web.playbook import PLAYBOOK, attended
-from cosim.web.recorded import Recorded, is_trace
-from cosim.web.scenes import scene_of, write_scene
-from cosim.web.session import Session
-from cosim.web.starting import Showing, check_installed, show
+
+if TYPE_CHECKING:
+    from cosim.scenario import Scenario
+    from cosim.settings import Settings
+    from cosim.simulation import Outcome, Simulation
+    from cosim.trace import Trace
+    from cosim.web.session import Session
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
@@ -76,6 +67,18 @@ def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
 
 
+@contextmanager
+def _told_of_compiling() -> Iterator[None]:
+    """Say on a terminal, once, that kernels are being compiled: those that no cache holds, seconds each."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from cosim.jit import before_compiling
+
+    with before_compiling(lambda: print("compiling kernels, once: it may take half a minute", file=sys.stderr)):
+        yield
+
+
 # ---------------------------------------------------------------- run
 
 
@@ -91,6 +94,7 @@ def commands() -> None:
     help="Write the frames of Bluetooth and 802.11 radios there, for Wireshark.",
 )
 @_JSON
+@_told_of_compiling()
 def run(
     scenario: str,
     seed: int | None,
@@ -100,6 +104,12 @@ def run(
     as_json: bool,
 ) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
+    from cosim.export.capture import captured_tables
+    from cosim.scenario import dump
+    from cosim.simulation import Simulation
+    from cosim.trace import TABLES
+    from cosim.web.scenes import scene_of, write_scene
+
     chosen = _scenario(scenario, sets)
     in_capture = captured_tables(chosen.channel) if pcapng else ()
     if pcapng and not in_capture:
@@ -134,11 +144,17 @@ def run(
 
 def _capture(path: Path, simulation: Simulation, comment: str) -> str:
     """Write the frames of a run to *path*, and return what to tell of it."""
+    from cosim.export.capture import write_capture
+
     count = write_capture(path, simulation.channel, simulation.trace, comment)
     return f"{count} frames in {path}, {path.stat().st_size / 1e6:.1f} MB"
 
 
 def _scenario(text: str, sets: Sequence[str]) -> Scenario:
+    from cosim.documents import read_yaml
+    from cosim.experiment import base_scenario, find_experiment, is_experiment
+    from cosim.scenario import load
+
     path = find_experiment(text)
     return base_scenario(path, sets) if is_experiment(read_yaml(path)) else load(path, sets)
 
@@ -156,6 +172,8 @@ def _naming(source: str, sets: Sequence[str]) -> Iterator[None]:
 
 def _json(plain: Any) -> str:
     """Return *plain* as JSON, which knows no NaN: null stands for it."""
+    from cosim.web.messages import finite
+
     return json.dumps(finite(plain), indent=2, default=str, allow_nan=False)
 
 
@@ -175,6 +193,8 @@ def nested_calls(trace: Trace) -> str:
     Each is what one robot did from a call at depth 0 to its next; of the steps in the middle, the one with the deepest
     calls, and of those the lowest robot's.
     """
+    from cosim.trace import CALLS
+
     columns = trace.columns(CALLS.name)
     calls = list(zip(*(columns[field.name] for field in CALLS.fields), strict=True))
     tops = [number for number, call in enumerate(calls) if call[2] == 0]
@@ -230,8 +250,13 @@ def _page_options(command: Any) -> Any:
 @commands.command("view")
 @click.argument("what")
 @_page_options
+@_told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
+    from cosim.web.live import Live
+    from cosim.web.recorded import Recorded, is_trace
+    from cosim.web.starting import Showing, check_installed, show
+
     check_installed()
     session: Session
     if is_trace(Path(what)):
@@ -249,10 +274,14 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
 @click.argument("scenario")
 @_page_options
 @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
+@_told_of_compiling()
 def playbook(
     scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
 ) -> None:
     """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
+    from cosim.web.playbook import PLAYBOOK, attended
+    from cosim.web.starting import Showing, check_installed, show
+
     check_installed()
     chosen = _scenario(scenario, sets)
     with _naming(scenario, sets):
@@ -276,6 +305,7 @@ def _tell_address(address: str) -> None:
 @_SETS
 @click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
 @_JSON
+@_told_of_compiling()
 def sweep(
     experiment: str,
     replicates: int | None,
@@ -286,6 +316,9 @@ def sweep(
     as_json: bool,
 ) -> int:
     """Make all runs of EXPERIMENT, a name or a sweep.yaml, that are not there yet."""
+    from cosim.experiment import find_experiment, load_experiment
+    from cosim.sweep import default_folder, run_sweep
+
     chosen = load_experiment(find_experiment(experiment), sets, quick, replicates)
     with _keeping(), _bar(chosen.name) as told:
         summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, progress=told)
@@ -312,7 +345,7 @@ def _keeping() -> Iterator[None]:
 @_JSON
 def report(results: Path, as_json: bool) -> None:
     """Print tables and write figures of RESULTS, ours beside the published ones."""
-    from cosim.report import report as make_report  # it loads what draws figures, which takes a second
+    from cosim.report import report as make_report
 
     with _waiting(f"reading {results}"):
         found = make_report(results)
@@ -328,10 +361,20 @@ def report(results: Path, as_json: bool) -> None:
 @commands.command("validate")
 @click.argument("file", type=click.Path(path_type=Path))
 @_SETS
+@_told_of_compiling()
 def validate(file: Path, sets: tuple[str, ...]) -> None:
     """Say what is wrong with FILE, a scenario or a sweep.yaml, or print it with all defaults and what they mean."""
+    import yaml
+
+    from cosim.documents import read_yaml
+    from cosim.experiment import is_experiment, load_experiment
+    from cosim.scenario import dump, load
+    from cosim.simulation import Simulation
+
     plain = read_yaml(file)
     if is_experiment(plain):
+        from cosim.sweep import check_set_up
+
         experiment = load_experiment(file, sets)
         check_set_up(experiment)
         click.echo(yaml.safe_dump(dump(experiment.settings) | {"scenario": experiment.base}, sort_keys=False), nl=False)
@@ -344,6 +387,11 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
 
 def described(settings: Settings, indent: int = 0) -> Iterator[str]:
     """Yield the lines of *settings* as YAML, with the description of each as a comment."""
+    import yaml
+
+    from cosim.scenario import dump
+    from cosim.settings import Settings
+
     plain = dump(settings)
     for name, field in type(settings).model_fields.items():
         if name not in plain:  # it follows from others, and is not to be given beside them
@@ -363,6 +411,10 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
 @_JSON
 def list_all(as_json: bool) -> None:
     """Print the experiments, protocols, channels and maps that there are."""
+    from cosim.documents import read_yaml
+    from cosim.experiment import experiment_folders
+    from cosim.scenario import CHANNELS, protocol_names
+
     found = {
         "experiments": {
             name: str(read_yaml(at / "sweep.yaml").get("about", "")) for name, at in experiment_folders().items()
@@ -382,6 +434,8 @@ def list_all(as_json: bool) -> None:
 
 
 def _about_protocol(name: str) -> str:
+    from cosim.scenario import protocol_spec
+
     try:
         return _first_line(protocol_spec(name).parameters)
     except ValueError as error:  # somebody's package that is broken must not hide the others
@@ -393,6 +447,9 @@ def _first_line(thing: object) -> str:
 
 
 def _maps() -> dict[str, str]:
+    from importlib.metadata import entry_points
+    from importlib.util import find_spec
+
     maps = {"office": "generated from floorplan.office", "walls": "drawn in the scenario: floorplan.walls and polygons"}
     for point in entry_points(group="cosim.maps"):
         spec = find_spec(point.value)
@@ -407,20 +464,33 @@ def _maps() -> dict[str, str]:
 @contextmanager
 def _waiting(text: str) -> Iterator[None]:
     """Show on a terminal that something is under way; its length is not known."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield
         return
-    with console.status(text):
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
         yield
 
 
 @contextmanager
 def _bar(name: str) -> Iterator[Any]:
     """Give a function (done, total) that moves a bar on a terminal and is silent elsewhere."""
-    console = Console(stderr=True)
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task(name, total=None)
         yield lambda done, total: progress.update(bar, completed=done, total=total)
 

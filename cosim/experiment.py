@@ -29,7 +29,6 @@ from pydantic import Field, field_validator, model_validator
 
 from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
 from cosim.errors import UserError
-from cosim.results import FIXED
 from cosim.scenario import Scenario, build, digest, dump, given_here
 from cosim.settings import Settings
 
@@ -318,6 +317,8 @@ def _label(value: Any, axis: AxisSettings) -> Label:
 
 def _columns(sweep: Mapping[str, AxisSettings], source: str) -> dict[str, str]:
     """Return the column of every axis: its own name, or the last parts of its path that no other column has."""
+    from cosim.results import FIXED  # it loads what reads and writes results, and a single run has none
+
     reserved = {field.name for field in FIXED}
     columns: dict[str, str] = {}
     for key in sweep:

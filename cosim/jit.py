@@ -9,13 +9,26 @@ cached there too, and start anew with ours.
 import hashlib
 import os
 import re
+import sys
 import tempfile
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numba
 from numba import njit
+from numba.core import event
 
-__all__ = ["njit"]
+__all__ = ["before_compiling", "njit"]
+
+if "scipy.linalg" not in sys.modules:
+    # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for that
+    # (0.3 s): it is not to look now, but when a kernel wants one, which none of ours does
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+    from numba.np import arraymath
+
+    del sys.modules["scipy.linalg"]
+    arraymath._HAVE_BLAS = True
 
 ROOTS = (Path(__file__).parent, Path(__file__).parent.parent / "protocols")
 
@@ -44,6 +57,27 @@ def _with_imports(names: set[str], sources: dict[str, str]) -> set[str]:
         packages = {other + "." for other in imported}
         names = {n for n in sources if n in imported or any(map(n.startswith, packages))} - found
     return found
+
+
+class _Compiling(event.Listener):  # type: ignore[misc]  # numba ships no types
+    """Listener of numba's that calls *tell* when the first compilation starts."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, _: object) -> None:
+        tell, self._tell = self._tell, None
+        if tell is not None:
+            tell()
+
+    def on_end(self, _: object) -> None:
+        pass
+
+
+def before_compiling(tell: Callable[[], None]) -> AbstractContextManager[object]:
+    """Return a context in which *tell* is called once, before the first kernel that the cache does not hold."""
+    context: AbstractContextManager[object] = event.install_listener("numba:compile", _Compiling(tell))
+    return context
 
 
 def _cache_home() -> Path:

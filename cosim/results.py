@@ -20,15 +20,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim.errors import UserError
 from cosim.protocol import Metric
 from cosim.trace import Field, write_parquet
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Row: TypeAlias = dict[str, Any]
 Key: TypeAlias = tuple[str, int, str]
@@ -122,11 +124,13 @@ class RunStore:
                 f"{self.folder}: holds no results, expected a folder that cosim sweep has written"
             ) from None
 
-    def read(self, table: str = "runs") -> pd.DataFrame:
+    def read(self, table: str = "runs") -> "pd.DataFrame":
         """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too.
 
         Raise UserError for a part that is damaged, as ``done`` and ``units`` do.
         """
+        import pandas as pd  # it takes long to load, and who makes runs writes without it
+
         whole = {part.name for part in self._parts("runs")}
         parts = [self._whole(pq.read_table, part) for part in self._parts(table) if part.name in whole]
         if not parts:
@@ -134,7 +138,7 @@ class RunStore:
         frame: pd.DataFrame = pa.concat_tables(parts, promote_options="permissive").to_pandas()
         return frame
 
-    def present(self, table: str = "runs") -> pd.DataFrame:
+    def present(self, table: str = "runs") -> "pd.DataFrame":
         """Return the rows of *table* that belong to the last sweep into this folder, in the order of its axes."""
         told = self.description()
         frame = self.read(table)

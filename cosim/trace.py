@@ -3,6 +3,8 @@
 Here stand cosim's own tables; a protocol's event types are dataclasses beside its code and share the table ``events``.
 A row costs one append per column. The digest sorts by (time, table, source, sequence), where the sequence numbers the
 rows of one source in one table: the order in which different sources were written has no meaning.
+
+pyarrow is imported by who reads or writes a file: a run that keeps no tables does without.
 """
 
 import dataclasses
@@ -15,14 +17,11 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from cosim.errors import LocalProtocolError, UserError
 
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
-_ARROW: Final[dict[str, Any]] = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_()}
+_ARROW: Final[dict[str, str]] = {"int": "int64", "float": "float64", "str": "string", "bool": "bool"}
 _ARRAY_CODES: Final[dict[Kind, str]] = {"int": "q", "float": "d"}
 _KIND_OF_TYPE: Final[dict[Any, Kind]] = {int: "int", float: "float", str: "str", bool: "bool"}
 
@@ -202,6 +201,8 @@ class Trace:
 
     def arrow(self, name: str, metadata: Mapping[str, str] | None = None) -> Any:
         """Return the table *name* as a pyarrow table, with units and meanings as metadata of its fields."""
+        import pyarrow as pa
+
         fields = self.tables[name].fields
         arrays = [pa.array(c, type=_ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
         return pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
@@ -235,6 +236,9 @@ class StoredTable:
 
     def __init__(self, path: Path) -> None:
         """Read *path*; raise UserError for a file that is no such table."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         try:
             table = pq.read_table(path)
         except (pa.ArrowException, OSError) as error:
@@ -260,6 +264,8 @@ class StoredTable:
 
 def write_parquet(table: Any, path: Path) -> None:
     """Write *table* to *path* whole: to a draft beside it, then renamed; nobody ever reads half a file."""
+    import pyarrow.parquet as pq
+
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         pq.write_table(table, draft)
@@ -279,5 +285,7 @@ def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:
 
 
 def _arrow_field(field: Field) -> Any:
+    import pyarrow as pa
+
     metadata = {"unit": field.unit, "meaning": field.meaning}
     return pa.field(field.name, _ARROW[field.kind], field.optional, metadata)

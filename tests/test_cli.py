@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from cosim import trace
 from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
+from cosim.jit import njit
 from cosim.results import RunStore
 from cosim.simulation import Outcome
 from cosim.trace import CALLS, Trace
@@ -91,7 +91,7 @@ def test_run_prints_json_for_programs(cosim: Any):
 
 def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.MonkeyPatch):
     outcome = Outcome({"found_s": math.nan, "far_m": math.inf, "heard": 1.0}, "d", Trace([]), 1.0, ())
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: outcome)
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: outcome)
     assert strict(cosim("run", "depot.yaml", "--json").out)["metrics"] == {"found_s": None, "far_m": None, "heard": 1.0}
     made = SimpleNamespace(plain=lambda: {"rows": [{"mean": math.nan}, {"mean": 2.0}]})
     monkeypatch.setattr("cosim.report.report", lambda folder: made)
@@ -276,7 +276,7 @@ def no_space(table: Any, name: str) -> None:
 
 
 def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(trace.pq, "write_table", no_space)
+    monkeypatch.setattr("pyarrow.parquet.write_table", no_space)
     for words, kept in (
         (("run", "depot.yaml", "--trace", "t"), ""),
         (("sweep", "sweep.yaml", "--jobs", "1", "-o", "t"), ": what is finished is kept"),
@@ -288,7 +288,7 @@ def test_a_full_disk_is_one_line_and_no_half_file(cosim: Any, tmp_path: Path, mo
 
 
 def test_a_folder_that_cannot_be_made_is_told_before_the_run(cosim: Any, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: pytest.fail("it has run"))
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: pytest.fail("it has run"))
     ended = cosim("run", "depot.yaml", "--trace", "depot.yaml/t")
     assert (ended.code, ended.err) == (1, "[Errno 20] Not a directory: 'depot.yaml/t'\n")
 
@@ -310,7 +310,7 @@ def test_an_interrupt_ends_with_130(cosim: Any, monkeypatch: pytest.MonkeyPatch)
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosim.cli.Simulation", interrupt)
+    monkeypatch.setattr("cosim.simulation.Simulation", interrupt)
     ended = cosim("run", "depot.yaml")
     assert (ended.code, ended.err.strip()) == (130, "interrupted: what is finished is kept")
 
@@ -365,6 +365,16 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
     Path("again.yaml").write_text(ended.out)
     assert cosim("validate", "again.yaml").out == ended.out
     assert read_yaml(tmp_path / "again.yaml")["team"]["starts"] == [[1.0, 1.0], [2.0, 1.0]]
+
+
+@pytest.mark.parametrize(("terminal", "told"), [(True, "compiling kernels, once: "), (False, "")])
+def test_compiling_is_told_on_a_terminal_only(cosim: Any, terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit(lambda: 1)())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    ended = cosim("validate", "depot.yaml")
+    assert ended.code == 0
+    assert ended.err.startswith(told)
+    assert ended.err.count("\n") == terminal
 
 
 def test_validate_prints_a_mixed_team_without_the_size_that_follows(cosim: Any):

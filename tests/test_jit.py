@@ -100,6 +100,29 @@ def test_an_edited_callee_or_constant_in_another_file_is_compiled_anew(package: 
     assert cache_files(package) == compiled
 
 
+TOLD = """
+from cosim.jit import before_compiling
+from cosim.kernels import f
+with before_compiling(lambda: print("compiling")):
+    print(f(1), f(1.0))
+"""
+
+
+@pytest.mark.slow
+def test_compiling_is_told_once_and_not_when_the_cache_has_it(package: Path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
+    for expected in ("compiling\n2 2.0\n", "2 2.0\n"):
+        done = subprocess.run(
+            [sys.executable, "-c", TOLD],
+            cwd=package.parent,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout == expected
+
+
 @pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
 def test_the_cache_lies_where_the_environment_says(variable: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)

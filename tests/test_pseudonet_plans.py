@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
 from cosim.errors import LocalProtocolError
 from cosim.geometry.grids import EAST, NORTH, CoverageGrid, distances
 from protocols.pseudonet.plans.boustrophedon import boustrophedon, sweep_cells
 from protocols.pseudonet.plans.spanning_tree import closed_walks, spanning_tree
-from protocols.pseudonet.plans.tours import Tour, assign, drive_costs, nearest, split
+from protocols.pseudonet.plans.tours import Tour, assign, drive_costs, least_sum, nearest, split
 
 PLANS = [boustrophedon, spanning_tree]
 
@@ -332,6 +333,15 @@ def test_parts_go_to_the_robots_that_drive_least_in_sum():
     assert assign([(0, 1), (5, 4), ()], [4, 7, 9], way) == ((0, 1), (5, 4), ())
     assert assign([(9,)], [0, 8], way) == ((), (9,))
     assert assign([(), ()], [0, 8], way) == ((), ())
+
+
+@given(
+    st.integers(1, 5).flatmap(
+        lambda n: st.lists(st.lists(st.integers(0, 4), min_size=n, max_size=n), min_size=1, max_size=n)
+    )
+)
+def test_an_assignment_is_the_one_of_scipy_also_among_equal_ones(costs: list[list[int]]):
+    assert least_sum(costs) == linear_sum_assignment(costs)[1].tolist()
 
 
 def test_a_part_behind_a_wall_goes_to_the_robot_behind_it():

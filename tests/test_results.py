@@ -6,7 +6,6 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from cosim import trace
 from cosim.errors import UserError
 from cosim.results import RunStore, code_digest, kind_of, provenance
 from cosim.trace import Field
@@ -76,7 +75,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
 
     with store.writing():
         store.append([run_row(1)], [], [], {})
-        monkeypatch.setattr(trace.pq, "write_table", full)
+        monkeypatch.setattr("pyarrow.parquet.write_table", full)
         with pytest.raises(OSError, match="No space left"):
             store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
     assert store.done() == {("c", 1, "k")}

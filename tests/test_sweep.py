@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from cosim import trace
 from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
 from cosim.results import RunStore
@@ -164,7 +163,7 @@ def test_a_full_disk_ends_the_sweep_and_keeps_what_is_written(tmp_path: Path, mo
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(trace.pq, "write_table", full)
+        patch.setattr("pyarrow.parquet.write_table", full)
         with pytest.raises(OSError, match="No space left"):
             run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
     assert not list((tmp_path / "r").rglob("*.part"))

@@ -12,9 +12,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim import trace as trace_module
 from cosim.errors import LocalProtocolError
-from cosim.trace import CALLS, FRAMES, MESSAGES, POSES, TABLES, Field, Trace, event_fields, events_table, write_parquet
+from cosim.trace import (
+    CALLS,
+    FRAMES,
+    MESSAGES,
+    POSES,
+    TABLES,
+    Field,
+    Table,
+    Trace,
+    event_fields,
+    events_table,
+    write_parquet,
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +59,7 @@ def poses(*rows: tuple[int, int, float]) -> Trace:
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
-def test_every_table_begins_with_time_and_source_and_explains_itself(table: trace_module.Table):
+def test_every_table_begins_with_time_and_source_and_explains_itself(table: Table):
     assert [item.name for item in table.fields[:2]] == ["time_ns", "source"]
     assert table.meaning
     assert all(item.meaning for item in table.fields)
@@ -56,7 +67,7 @@ def test_every_table_begins_with_time_and_source_and_explains_itself(table: trac
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
-def test_a_suffix_of_a_column_names_its_unit(table: trace_module.Table):
+def test_a_suffix_of_a_column_names_its_unit(table: Table):
     for item in table.fields:
         suffix = item.name.rpartition("_")[2]
         assert item.unit == suffix or suffix not in {"m", "s", "ns", "rad", "mps"}, item
@@ -271,7 +282,7 @@ def test_a_full_disk_or_an_interrupt_leaves_what_was_there(
         Path(name).write_bytes(b"half a file")
         raise error
 
-    monkeypatch.setattr(trace_module.pq, "write_table", full)
+    monkeypatch.setattr(pq, "write_table", full)
     for target in (path, tmp_path / "frames.parquet"):
         with pytest.raises(type(error)):
             write_parquet(pa.table({"new": [2]}), target)

@@ -96,6 +96,11 @@ def test_the_table_for_the_run_holds_the_exact_rates():
     assert np.abs(table / bit_error_rate(places) - 1).max() < 1e-5
 
 
+def test_every_entry_of_the_table_is_what_the_formula_gives():
+    places = np.arange(-321, 178) / 8
+    np.testing.assert_allclose(errors._LOG_BER, np.log(bit_error_rate(places)), rtol=1e-13, atol=0)
+
+
 def test_beyond_the_table_a_bit_is_guessed_or_never_wrong():
     assert (
         fast_bit_error_rate(-math.inf)

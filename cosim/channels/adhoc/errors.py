@@ -29,11 +29,10 @@ independently, so parts of a frame multiply, and logarithms add.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import special
 
 from cosim.channels.adhoc.phy import HOPPING, Phy, sections
 from cosim.units import Time
@@ -71,11 +70,14 @@ _HIGHEST: Final = 24
 """Above this b nothing is ever wrong: 1e-64."""
 
 
+@cache  # when it is first asked for: few networks have such rates, and scipy takes a quarter of a second to load
 def _cck_table() -> tuple[float, ...]:
     """Return the logarithms of how probably a group of four bits is wrong, for b from -1/8 on.
 
     In the integral y = x + b > 0; its complement to 1 is integrated instead, in which nothing cancels.
     """
+    from scipy import special
+
     b = np.arange(-1, _HIGHEST * _STEPS + 2) / _STEPS
     node, weight = np.polynomial.legendre.leggauss(16)
     share = ((np.arange(8)[:, None] + 0.5 * (node + 1.0)) / 8.0).reshape(-1, 1)  # of the range, in eight parts
@@ -87,9 +89,6 @@ def _cck_table() -> tuple[float, ...]:
     return tuple(np.log(total).tolist())
 
 
-_LOG_WRONG: Final = _cck_table()
-
-
 def _cck(gain: float, sinr: float) -> float:
     """Return a quarter of the logarithm for four bits, b^2 = *gain* *sinr*; a cubic through the nearest entries."""
     b = math.sqrt(gain * sinr)
@@ -98,7 +97,7 @@ def _cck(gain: float, sinr: float) -> float:
     x = b * _STEPS
     at = int(x)
     t = x - at
-    before, low, high, after = _LOG_WRONG[at : at + 4]
+    before, low, high, after = _cck_table()[at : at + 4]
     outer = t * (t - 1.0) * ((t + 1.0) * after - (t - 2.0) * before) / 6.0
     inner = (t + 1.0) * (t - 2.0) * ((t - 1.0) * low - t * high) / 2.0
     return 0.25 * math.log1p(-math.exp(outer + inner))

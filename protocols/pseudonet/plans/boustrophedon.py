@@ -8,14 +8,16 @@ ends) sweep cells end and new ones begin. The adjacency graph of the sweep cells
 """
 
 from collections.abc import Iterable, Iterator
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
 from cosim.geometry.grids import NORTH, WEST, Cell, CoverageGrid
 from protocols.pseudonet.plans.tours import Tour, drive_costs, nearest, split
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Segment: TypeAlias = list[Cell]
 """Cells of one column, from south to north, each a step from the last."""
@@ -35,6 +37,8 @@ def boustrophedon(grid: CoverageGrid, cells: npt.ArrayLike, team: int) -> tuple[
 
 def sweep_cells(grid: CoverageGrid, cells: npt.ArrayLike) -> tuple[list[SweepCell], "nx.Graph[int]"]:
     """Return the sweep cells of *cells*, numbered from west to east and south to north, and their adjacency graph."""
+    import networkx as nx  # it takes longer to load than other algorithms take to plan
+
     segments = list(_segments(grid, set(np.asarray(cells, np.int64).tolist())))
     links = _links(grid, segments)
     degree_west = [0] * len(segments)

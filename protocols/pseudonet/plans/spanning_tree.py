@@ -18,7 +18,6 @@ Kruskal's algorithm, with the joins that cost nothing first, gives the tree with
 from collections.abc import Iterator
 from typing import TypeAlias
 
-import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
@@ -50,13 +49,11 @@ def closed_walks(grid: CoverageGrid) -> tuple[Tour, ...]:
     walk, joined = _rounds(grid)
     free, costly = _joins(grid, walk)
     for (a1, a2), (b1, b2) in free:
-        if joined[a1] != joined[b1]:
-            joined.union(a1, b1)
+        if _join(joined, a1, b1):
             walk -= {(a1, a2), (b2, b1)}
             walk |= {(a1, b1), (b2, a2)}
     for a, b in costly:
-        if joined[a] != joined[b]:
-            joined.union(a, b)
+        if _join(joined, a, b):
             walk |= {(a, b), (b, a)}
     return tuple(_circuits(_reachable(grid), walk))
 
@@ -65,21 +62,32 @@ def _reachable(grid: CoverageGrid) -> list[Cell]:
     return np.flatnonzero(grid.reachable).tolist()
 
 
-def _rounds(grid: CoverageGrid) -> tuple[set[Step], "nx.utils.UnionFind[Cell]"]:
-    """Return the walks inside the mega-cells and which cells they connect."""
+def _rounds(grid: CoverageGrid) -> tuple[set[Step], dict[Cell, Cell]]:
+    """Return the walks inside the mega-cells, and which cells they connect: a union-find forest of parents."""
     steps = grid.steps.tolist()
     walk: set[Step] = set()
-    joined = nx.utils.UnionFind(_reachable(grid))
+    joined = {cell: cell for cell in _reachable(grid)}
     for corner in {_corner(grid, cell) for cell in _reachable(grid)}:
         ring = (corner, corner + 1, corner + grid.nx + 1, corner + grid.nx)
         ahead = zip(ring, (EAST, NORTH, WEST, SOUTH), ring[1:] + ring[:1], strict=True)
         # on the eastern edge of an odd grid corner + 1 is a cell of the next row
-        inside = ((a, way, b) for a, way, b in ahead if a in joined.parents and _corner(grid, a) == corner)
+        inside = ((a, way, b) for a, way, b in ahead if a in joined and _corner(grid, a) == corner)
         inner = {(a, b) for a, way, b in inside if steps[a][way] == b}
         walk |= inner if len(inner) == 4 else inner | {(b, a) for a, b in inner}
         for a, b in inner:
-            joined.union(a, b)
+            _join(joined, a, b)
     return walk, joined
+
+
+def _join(joined: dict[Cell, Cell], a: Cell, b: Cell) -> bool:
+    """Join the trees of *a* and *b* in a union-find forest; return whether they were two."""
+    roots = []
+    for cell in (a, b):
+        while joined[cell] != cell:
+            joined[cell] = cell = joined[joined[cell]]
+        roots.append(cell)
+    joined[roots[0]] = roots[1]
+    return roots[0] != roots[1]
 
 
 def _corner(grid: CoverageGrid, cell: Cell) -> Cell:

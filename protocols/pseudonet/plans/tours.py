@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from cosim.errors import LocalProtocolError
 from cosim.geometry.grids import Cell, CoverageGrid, Ints
@@ -132,6 +131,48 @@ def assign(parts: Sequence[Tour], starts: Sequence[Cell], distances: Callable[[C
     firsts = [part[0] for part in work]
     drives = np.array([distances(start)[firsts] for start in starts], np.int64).reshape(len(starts), len(firsts))
     drives = np.where(drives >= 0, drives, drives.max(initial=0) * len(starts) + 1)
-    robots, chosen = linear_sum_assignment(drives)
-    given = dict(zip(robots.tolist(), chosen.tolist(), strict=True))
+    if len(work) == len(starts):
+        given = dict(enumerate(least_sum(drives.tolist())))
+    else:
+        given = {robot: part for part, robot in enumerate(least_sum(drives.T.tolist()))}
     return tuple(work[given[robot]] if robot in given else () for robot in range(len(starts)))
+
+
+def least_sum(costs: Sequence[Sequence[int]]) -> list[int]:
+    """Return the column of each row, no two the same, so that the sum of *costs* is least; no more rows than columns.
+
+    Shortest augmenting paths (Crouse, "On implementing 2D rectangular assignment algorithms", IEEE Transactions on
+    Aerospace and Electronic Systems 52, 2016). Of several such assignments it is that of scipy.optimize, which does the
+    same, but takes longer to load than the rest of a run to begin.
+    """
+    columns = len(costs[0]) if costs else 0
+    row_dual, column_dual = [0] * len(costs), [0] * columns
+    column_of, row_of, before = [-1] * len(costs), [-1] * columns, [-1] * columns
+    for row in range(len(costs)):
+        length: dict[int, int] = {}  # of the shortest way from this row to a column
+        left = list(reversed(range(columns)))
+        passed, reached, here = [row], 0, row
+        while True:
+            for column in left:
+                through = reached + costs[here][column] - row_dual[here] - column_dual[column]
+                if column not in length or through < length[column]:
+                    length[column], before[column] = through, here
+            reached = min(length[column] for column in left)
+            nearest = [at for at, column in enumerate(left) if length[column] == reached]
+            free = [at for at in nearest if row_of[left[at]] < 0]
+            at = free[-1] if free else nearest[0]
+            end, left[at] = left[at], left[-1]
+            left.pop()
+            if free:
+                break
+            here = row_of[end]
+            passed.append(here)
+        row_dual[row] += reached
+        for other in passed[1:]:
+            row_dual[other] += reached - length[column_of[other]]
+        for column in length.keys() - left:
+            column_dual[column] -= reached - length[column]
+        while end >= 0:  # each row on the way back takes the next one's column, and this row the last
+            row_of[end] = here = before[end]
+            column_of[here], end = end, column_of[here]
+    return column_of
