@@ -164,6 +164,26 @@ def test_a_robot_that_is_dead_does_not_answer_and_that_is_said() -> None:
     assert answers == [{"answer": desk.number, "say": "error", "why": "robot 1 does not answer"}]
 
 
+@pytest.mark.slow
+def test_of_a_robot_that_is_lost_it_is_told_since_when_and_not_that_it_moves() -> None:
+    desk = Desk(faults=[{"kind": "kill", "robot": 1, "at_s": 4.0}])
+    desk.until(1.0)
+    desk.ask("call", call=CALL, execute=True)
+    desk.until(25.0)
+    rows = [{row[0]: row for row in each["robots"]} for each in desk.news("positions")]
+    moves, heard_s = [row[1][5] for row in rows if 1 in row], [row[1][6] for row in rows if 1 in row]
+    assert True in moves
+    assert moves[-1] is None
+    assert all((move is None) == (silent_s > 15.0) for move, silent_s in zip(moves, heard_s, strict=True))
+
+
+def test_names_of_parameters_that_are_missing_are_told() -> None:
+    desk = Desk()
+    answer = desk.ask("call", call={"play": "wean", "parameters": {"crossing": [5, 3]}})
+    assert (answer["say"], answer["missing"]) == ("error", ["leap_places", "group_places"])
+    assert "missing" not in desk.ask("call", call={"play": "waen"})
+
+
 def test_another_robots_console_says_who_is_host() -> None:
     desk = Desk()
     answer = desk.ask("call", at=2, call=CALL)
