@@ -175,6 +175,8 @@ def test_of_a_robot_that_is_lost_it_is_told_since_when_and_not_that_it_moves() -
     assert True in moves
     assert moves[-1] is None
     assert all((move is None) == (silent_s > 15.0) for move, silent_s in zip(moves, heard_s, strict=True))
+    refusal = desk.ask("call", call=CALL)
+    assert refusal["conflicts"][1:] == ["robot 1 has not been heard for 22 s"], "from 4 s to 26 s"
 
 
 def test_names_of_parameters_that_are_missing_are_told() -> None:
