@@ -1,16 +1,20 @@
 """Deployments from places that are drawn: they fit, are the same for all arms of a replicate, and are carried out."""
 
+import json
 import math
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from pydantic import ValidationError
 
 from cosim.experiment import load_experiment
+from cosim.scenario import load
+from cosim.simulation import Simulation
 from experiments.deployment_strategies import deploying
 from experiments.deployment_strategies.deploying import COLUMNS, Parameters, measure
 
@@ -111,6 +115,23 @@ def test_the_typical_scenario_is_carried_out() -> None:
     assert found["collisions"] == found["wall_contacts"] == 0
     assert 45.0 < found["way_m"] < 60.0
     assert found["until_deployed_s"] == found["deployment_s"] > 16.0 * 2 / 0.95
+
+
+@pytest.mark.slow
+def test_the_team_of_the_playbook_is_deployed_and_comes_home() -> None:
+    """With coarser ticks and cells than the playbook's, which cost twice as much."""
+    choices = {"crossing": "B", "leap_places": ["C", "D"], "group_places": ["E", "F"]}
+    calls = [
+        {"at_s": 0, "call": {"play": "wean", "parameters": choices}},
+        {"at_s": 200, "call": {"play": "return", "parameters": {"robots": 4}}},
+    ]
+    own = [f"protocol.parameters.calls={json.dumps(calls)}", "tick_s=0.2", "protocol.parameters.driving.cell_m=0.2"]
+    run = Simulation(load(EXPERIMENTS / "deployment_wean" / "playbook.yaml", own), 1)
+    starts_m = run.fleet.positions_m.copy()
+    metrics = run.run().metrics
+    assert (metrics["plans_done"], metrics["refused"], metrics["robots_lost"]) == (2.0, 0.0, 0.0)
+    assert np.hypot(*(run.fleet.positions_m - starts_m).T).max() < 0.3
+    assert metrics["way_m"] > 2 * 45.0, "in the mean, there and back"
 
 
 @pytest.mark.slow

@@ -22,6 +22,14 @@ touch. So two robots that do this never collide, whether they meet head-on, cros
 
 *Round corners* nobody is seen until it is too late: where somebody may be behind the end of a wall, ahead, half of the
 gap to it is the robot's (:func:`unseen_gap`).
+
+*What differs from the article.* Its weights, 2.0, 0.2 and 0.2, mean the same only roughly: the three terms are others.
+Facing the aim: the article turns the heading that the robot will have when it has braked against the direction from
+where it will be then; here the heading is that one, but the direction is from where the command begins to act. Being
+clear: the article's is the way along the arc until it touches something; here it is how near the stopping path comes
+to anything, up to ``clear``. Getting on: the article's is the speed; here it is the part of it that leads to the aim.
+The sum is not smoothed over neighbouring commands. The hard constraint stands for the article's v <= sqrt(2 dist a);
+borders, and what is said of corners, are not in it: it knows no other robots.
 """
 
 import math

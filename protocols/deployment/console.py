@@ -4,6 +4,10 @@
 monitors, and periodically transmits, the position and status of each robot" (paper 004, section 5); and the page can
 ask for the map, for routes and for pictures. Every message is a JSON object: answers carry the request's number, news
 none. Nothing is said before anybody has asked for anything, so runs without an operator are the same as ever.
+
+A call that lacks parameters is answered with ``say: error``, why in words, and ``missing``, their names. Of a plan
+``expected_s`` is null if nobody knows how long it takes; ``windows`` say how long at least. Positions are rows: robot,
+x, y, heading, task, whether it moves (null: it is taken for lost, nobody knows), s since it was heard, its goal.
 """
 
 import math
@@ -37,6 +41,7 @@ from protocols.deployment.member import Member
 from protocols.deployment.member_letters import Look, Picture
 from protocols.deployment.orders import Result
 from protocols.deployment.plan import Plan
+from protocols.deployment.plays_binding import MissingParametersError
 
 POSITIONS: Final = S // 2
 """From one telling of positions to the next."""
@@ -56,6 +61,7 @@ class Console:
         host: Host,
         member: Member,
         heard: Callable[[Address], Time],
+        silent: Callable[[Address, Time], bool],
         note: Callable[[Event], None],
     ) -> None:
         self.attended = False
@@ -64,7 +70,7 @@ class Console:
         self._knowledge = knowledge
         self._host = host
         self._member = member
-        self._heard = heard
+        self._heard, self._silent = heard, silent
         self._note = note
         self._out: list[bytes] = []
         self._plans: dict[int, Plan] = {}
@@ -94,6 +100,8 @@ class Console:
             return
         try:
             answer = self._answer(asked, now)
+        except MissingParametersError as error:
+            answer = {"say": "error", "why": str(error), "missing": list(error.names)}
         except CosimError as error:
             answer = {"say": "error", "why": str(error)}
         if answer is not None:
@@ -287,7 +295,8 @@ class Console:
             place = own.others.place_m(robot)
             heard_s = round(to_seconds(now - self._heard(robot)), 3)
             goal = news.goal_m
-            row = [robot, *place, news.heading_rad, news.task, news.moves, heard_s, goal and list(goal)]
+            moves = None if self._silent(robot, now) else news.moves
+            row = [robot, *place, news.heading_rad, news.task, moves, heard_s, goal and list(goal)]
             rows.append(row)
         self._out.append(write(say="positions", at_s=to_seconds(now), robots=rows))
 

@@ -6,10 +6,15 @@ piece as a topic of its own, so that it comes over whatever channel there is, an
 way is asked for again by the protocol itself. Who does not explore hears the pieces and asks for what it lacks, so that
 all come to have the map, also who boots again; and it looks about where it stands, since others do not see what is
 under it.
+
+*How long it takes at least.* A robot that has driven s metres has seen nothing that is farther than s + r from where it
+set out, r being how far scans reach, by any way that light can take. So the farthest place of the floor wants
+(distance - r) / speed; and as who drives one metre sees at most 2 r m2 more, the area beyond r wants
+area / (2 r * the sum of the speeds). The longer of the two is a true bound for a team that shares all it sees at once.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from cosim.errors import UserError
@@ -48,6 +53,10 @@ _ELSEWHERE_M: Final = 0.1
 """Who has not moved farther stands where it stood."""
 _STANDS: Final = S
 """Who has stood for so long looks about, if it does not explore."""
+_ASIDE_M: Final = 5.0
+"""Who is asked to step aside goes at most so far ahead of who asked (3 m ahead, and both bodies), and looks about."""
+_ROOM_CELLS: Final = 0.5 + math.sqrt(2.0)
+"""An explorer finds its way where so much room is left beside its body: the slack of its plans, and a wall's cell."""
 _BEYOND: Final = 1.25
 """Frontiers attract from so many times as far as scans reach, if a scenario says no more: the protocol wants more."""
 
@@ -101,6 +110,54 @@ def explorable(found: Plan | Refusal, ground: Ground, crew: Crew) -> Plan | Refu
     return Refusal(
         play=found.play, conflicts=deaf, mend=(f"exploring by some of the robots {others}",) if others else ()
     )
+
+
+class Outlook:
+    """How long it takes to explore a floor of which nobody has seen anything yet."""
+
+    def __init__(
+        self,
+        parameters: ExploringParameters,
+        ground: Ground,
+        floor: Floor,
+        named_m: Mapping[str, Sequence[Place]],
+        least_share: float,
+    ) -> None:
+        """Take the planner's *floor*; *least_share* of its ways is the least that they may be in truth.
+
+        On a floor that is to be learned only places with names, *named_m*, are known to be there; its extent may be
+        empty.
+        """
+        self._own, self._ground, self._floor, self._share = parameters, ground, floor, least_share
+        learned = isinstance(floor, LearnedFloor)
+        self._named = [place for places in named_m.values() for place in places] if learned else []
+        self._asked: dict[tuple[float, tuple[Place, ...], tuple[Place, ...]], Floats] = {}
+
+    def least_s(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place]) -> float:
+        """Return the time (s) that *explorers* take at least, if all robots are at *places_m* then; 0 if unknown."""
+        known = self._ground.known
+        if known is None:
+            return 0.0
+        reach_m = known.range_m + math.sqrt(2.0) * known.frame.cell_m + _ASIDE_M
+        beyond_m = self._away_m(explorers, places_m, known.frame.cell_m) - reach_m
+        to_cells_m = beyond_m[beyond_m > 0.0]
+        to_named_m = (min(math.dist(place, at) for at in places_m.values()) - reach_m for place in self._named)
+        farthest_m = max(to_cells_m.max(initial=0.0), *to_named_m, 0.0)
+        area_m2 = len(to_cells_m) * self._floor.parameters.cell_m**2
+        speeds_mps = [min(body.speed_mps, self._own.protocol.steering.speed_mps) for body in explorers.values()]
+        least_s = max(farthest_m / max(speeds_mps), area_m2 / (2.0 * reach_m * sum(speeds_mps)))
+        return float(min(least_s, self._own.most_s))
+
+    def _away_m(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place], cell_m: float) -> Floats:
+        """Return how far at least each cell that all explorers can get to is from the nearest robot, shape (n,)."""
+        radius_m = max(body.radius_m for body in explorers.values()) + _ROOM_CELLS * cell_m
+        radius_m -= self._floor.parameters.margin_m  # which the floor adds
+        mine = tuple(places_m[robot] for robot in explorers)
+        others = tuple(place for robot, place in places_m.items() if robot not in explorers)
+        key = radius_m, mine, others
+        if key not in self._asked:
+            self._asked = {key: self._share * self._floor.afar_m(*key)}
+        return self._asked[key]
 
 
 def scans(body: Body) -> bool:
@@ -195,6 +252,11 @@ class Exploring:
     def why_not(self) -> str:
         """Why nobody can explore; empty if robots can."""
         return self._ground.why_not
+
+    @property
+    def begun(self) -> bool:
+        """Whether anybody has explored, as far as is known here."""
+        return self._explorer is not None
 
     @property
     def speed_mps(self) -> float:

@@ -135,10 +135,10 @@ class ExploringMover(PacedMover):
 
         Who was asked to step aside may be shut in by those who wait for that.
         """
-        close = self._close()
         if self._held_for >= from_seconds(self._own.patience_s):
             self._held_for, self._back_until = 0, now + from_seconds(BACK_S)
-        if not close or now >= self._back_until:
+        close = self._close() if now < self._back_until else []
+        if not close:
             return wish_rad
         (x, y), (other_x, other_y) = self._led.here, close[0].place_m
         return math.atan2(y - other_y, x - other_x)

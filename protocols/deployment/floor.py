@@ -148,6 +148,23 @@ class Floor:
         """Return the corners of the way of a disc, both ends included; None if there is none."""
         return self.field(radius_m, b).way(a)
 
+    def afar_m(self, radius_m: float, starts: Sequence[Place], others: Sequence[Place]) -> Floats:
+        """Return how far each cell that a disc can get to from *starts* is from the nearest of them and of *others*.
+
+        In metres, shape (n,), one cell after the other: by the way of a point, step by step, as it leads wherever
+        light does. Empty if one of the places is nowhere.
+        """
+        disc, _ = self.grid(radius_m)
+        point, _ = self.grid(0.0)
+        mine = [snapped(disc, place) for place in starts]
+        all_ = [snapped(point, place) for place in (*starts, *others)]
+        if min(*mine, *all_, 0) < 0:
+            return np.zeros(0)
+        even = np.ones(point.free.shape, np.float32)
+        within = np.isfinite(values(disc.free, even, mine))
+        away = values(point.free, even, all_)[within] * point.cell_m
+        return np.asarray(away[np.isfinite(away)], np.float64)
+
     def free(self, radius_m: float, at: Place) -> bool:
         """Return whether a disc can stand at *at*, the margin off all walls."""
         x, y = at

@@ -9,8 +9,10 @@ inconsistencies should be flagged as soon as possible". A mend that is offered h
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Final, Literal
 
+import networkx as nx
 from pydantic import Field, JsonValue
 
 from cosim.errors import UserError
@@ -21,7 +23,7 @@ from protocols.deployment.constraints import Constraint, PlaceName, between, qua
 from protocols.deployment.crew import Body, Crew
 from protocols.deployment.executive_parameters import ExecutiveParameters
 from protocols.deployment.methods import expanded, expanded_to
-from protocols.deployment.plan import Between, Deployment, Go, Instant, Place, Plan, Strategy, Task, actors
+from protocols.deployment.plan import Between, Deployment, Explore, Go, Instant, Place, Plan, Strategy, Task, actors
 from protocols.deployment.planner_mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planner_routes import (
     Routes,
@@ -40,8 +42,9 @@ from protocols.deployment.plays_binding import Role, Site, near
 from protocols.deployment.plays_casting import Casting, cast, of_robot, picked
 from protocols.deployment.roles import Shortage, assigned
 from protocols.deployment.staging import Stager
-from protocols.deployment.stn import Network
+from protocols.deployment.stn import Network, Point
 from protocols.deployment.timing import (
+    LeastExploring,
     Span,
     TimingParameters,
     asked,
@@ -49,6 +52,8 @@ from protocols.deployment.timing import (
     driving,
     ending,
     expected_s,
+    exploring,
+    first_exploration,
     in_order,
     lasting,
     legs_of,
@@ -119,28 +124,38 @@ class Planner:
         places_m: Mapping[str, Sequence[Place]] | None = None,
         homes_m: Mapping[Address, Place] | None = None,
         executing: ExecutiveParameters | None = None,
+        exploring: LeastExploring | None = None,
     ) -> None:
         """Take what does not change from call to call.
 
         *places_m*: places that the floor names; *homes_m*: where each robot stands at base (default: the base's place);
-        *executing*: what the executive augments stages with, for one that is called alone.
+        *executing*: what the executive augments stages with, for one that is called alone; *exploring*: how long that
+        takes at least, if anybody knows.
         """
         self.playbook, self.crew, self.ways = playbook, crew, ways
         self.parameters = parameters or PlannerParameters()
         self._places_m = {name: tuple(places) for name, places in (places_m or {}).items()}
         self._homes_m = dict(homes_m or {})
         self.executing = executing or ExecutiveParameters()
+        self._exploring = exploring
 
-    def call(self, call: Call, starts_m: Mapping[Address, Place], number: int = 0) -> Plan | Refusal:
+    def call(
+        self,
+        call: Call,
+        starts_m: Mapping[Address, Place],
+        number: int = 0,
+        unheard_s: Mapping[Address, float] = MappingProxyType({}),
+    ) -> Plan | Refusal:
         """Return the plan of a *call*, with that *number*; or why there is none.
 
-        *starts_m*: where the robots are that can take part. Raise UserError for a call that means nothing.
+        *starts_m*: where the robots are that can take part; *unheard_s*: for how long others have not been heard. Raise
+        UserError for a call that means nothing.
         """
         path, inner = self.playbook.find(call.play)
         found, refusals, errors = list[Plan](), list[Refusal](), list[UserError]()
         for play in self.playbook.below(path):
             try:
-                outcome = _Calling(self, call, play, inner, starts_m, number).outcome()
+                outcome = _Calling(self, call, play, inner, starts_m, number, unheard_s).outcome()
             except UserError as error:
                 errors.append(error)
                 continue
@@ -149,7 +164,7 @@ class Planner:
             else:
                 refusals.append(outcome)
         if len(found) > 1:
-            return min(found, key=lambda plan: self.expected_s(plan, starts_m))
+            return min(found, key=lambda plan: (self.expected_s(plan, starts_m), self._least_s(plan, starts_m)))
         if found or refusals:
             return found[0] if found else refusals[0]
         raise errors[0]
@@ -157,14 +172,18 @@ class Planner:
     def expected_s(self, plan: Plan, starts_m: Mapping[Address, Place]) -> float:
         """Return when a plan is expected to have ended, s after it began; infinite if nothing can be said."""
         root = expanded_to(plan.root)
-        return expected_s(root, self._spans(root, plan.constraints, starts_m), plan.constraints)
+        return expected_s(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
+
+    def _least_s(self, plan: Plan, starts_m: Mapping[Address, Place]) -> float:
+        earliest_s, _ = self.windows_s(plan, starts_m)[Instant(task=plan.root.name, edge="end")]
+        return earliest_s or 0.0
 
     def windows_s(
         self, plan: Plan, starts_m: Mapping[Address, Place]
     ) -> dict[Instant, tuple[float | None, float | None]]:
         """Return the earliest and latest times of all starts and ends of a plan, s after it began; None: no limit."""
         root = expanded_to(plan.root)
-        network = network_of(root, self._spans(root, plan.constraints, starts_m), plan.constraints)
+        network = network_of(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
         if not network.consistent:
             raise UserError(f"the plan of {plan.play} has no schedule from these places")
         return {
@@ -175,9 +194,51 @@ class Planner:
             for (task, edge), (earliest, latest) in network.windows().items()
         }
 
-    def _spans(self, root: Task, constraints: Sequence[Between], starts_m: Mapping[Address, Place]) -> dict[str, Span]:
-        leaves = in_order(root, precedence(root, constraints))
-        return spans_of(leaves, starts_m, self.crew.bodies, Routes(self.ways), self.parameters.timing)
+    def _spans_of(
+        self, root: Task, constraints: Sequence[Between], starts_m: Mapping[Address, Place]
+    ) -> dict[str, Span]:
+        graph = precedence(root, constraints)
+        return self.spans(in_order(root, graph), graph, starts_m, self.crew.bodies, Routes(self.ways))
+
+    def spans(
+        self,
+        leaves: Sequence[Task],
+        graph: "nx.DiGraph[Point]",
+        starts_m: Mapping[Address, Place],
+        bodies: Sequence[Body],
+        routes: Routes,
+    ) -> dict[str, Span]:
+        """Return how long *leaves*, in their order, take; but those of which nobody knows."""
+        legs, explored_s = legs_of(leaves, starts_m), self._explored_s(leaves, graph, starts_m, bodies)
+        spans: dict[str, Span] = {}
+        for leaf in leaves:
+            span = standing(leaf, self.parameters.timing)
+            if isinstance(leaf.act, Explore):
+                span = exploring(leaf, explored_s.get(leaf.name, 0.0))
+            if leaf.name in legs:
+                leg = legs[leaf.name]
+                length_m = routes.leg_m(leg.places_m, bodies[leg.robot].radius_m)
+                if not isinstance(length_m, str):
+                    span = driving(leg, length_m, bodies[leg.robot], self.parameters.timing)
+            if span is not None:
+                spans[leaf.name] = span
+        return spans
+
+    def _explored_s(
+        self,
+        leaves: Sequence[Task],
+        graph: "nx.DiGraph[Point]",
+        starts_m: Mapping[Address, Place],
+        bodies: Sequence[Body],
+    ) -> dict[str, float]:
+        """Return how long explorations take at least; but those of which that is not known."""
+        if self._exploring is None or len(starts_m) < len(bodies):
+            return {}  # robots that are lost may have seen more than the others know, and may come back
+        first = first_exploration(leaves, graph, starts_m)
+        if first is None:
+            return {}
+        leaf, places_m = first
+        return {leaf.name: self._exploring({robot: bodies[robot] for robot in actors(leaf.act)}, places_m)}
 
     def site(self, routes: Routes, change: Change) -> Site:
         """Return where a play is to take place."""
@@ -188,27 +249,6 @@ class Planner:
     def home_m(self, robot: Address) -> Place:
         """Return where a robot stands at base."""
         return self._homes_m.get(robot, self.crew.base_m)
-
-
-def spans_of(
-    leaves: Sequence[Task],
-    starts_m: Mapping[Address, Place],
-    bodies: Sequence[Body],
-    routes: Routes,
-    parameters: TimingParameters,
-) -> dict[str, Span]:
-    """Return how long *leaves*, in their order, take; but those of which nobody knows."""
-    legs = legs_of(leaves, starts_m)
-    spans: dict[str, Span] = {}
-    for leaf in leaves:
-        span = standing(leaf, parameters)
-        if leaf.name in legs:
-            leg = legs[leaf.name]
-            length_m = routes.leg_m(leg.places_m, bodies[leg.robot].radius_m)
-            span = None if isinstance(length_m, str) else driving(leg, length_m, bodies[leg.robot], parameters)
-        if span is not None:
-            spans[leaf.name] = span
-    return spans
 
 
 def network_of(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> Network:
@@ -232,7 +272,9 @@ class _Calling:
         inner: tuple[str, ...],
         starts_m: Mapping[Address, Place],
         number: int,
+        unheard_s: Mapping[Address, float],
     ) -> None:
+        self.unheard_s = unheard_s
         self.planner, self.call, self.path, self.inner, self.number = planner, call, path, inner, number
         self.starts_m = {robot: place for robot, place in starts_m.items() if robot in planner.crew.robots}
         self.routes = Routes(planner.ways)
@@ -294,16 +336,15 @@ class _Calling:
         self, casting: Casting, crew: Crew, starts_m: Mapping[Address, Place], change: Change
     ) -> dict[str, Address] | Stuck:
         """Return who plays which role."""
-        taking_part = set(starts_m) if self.call.robots is None or change.everybody else set(self.call.robots)
-        taking_part |= set(crew.robots[len(self.planner.crew.bodies) :])
-        bodies = {robot: crew.bodies[robot] for robot in sorted(taking_part & set(starts_m))}
+        bodies = {robot: crew.bodies[robot] for robot in sorted(starts_m) if self._invites(robot, change)}
         roles = self._roles(casting, change)
         template = min(crew.bodies, key=lambda body: body.radius_m, default=Body())
         left_out = [robot for robot in sorted(starts_m) if robot not in bodies]
+        unheard_s = {robot: lost_s for robot, lost_s in self.unheard_s.items() if self._invites(robot, change)}
         cost = self.planner.parameters.cost
         able = assigned(list(roles.values()), list(bodies), prices(roles, {}, bodies, starts_m, self.routes, cost))
         if isinstance(able, Shortage):  # told before anything is spent on routes
-            return short_of_robots(able, roles, template, left_out)
+            return short_of_robots(able, roles, template, left_out, unheard_s)
         root = expanded_to(deployed_by(casting.root, self.call.strategy, self.call.augmented))
         if not casting.unused:  # of drives that are named by their robots nothing is known yet
             root = led(root, {name: at for name, at in self._via_m(root, casting).items() if not of_robot(name)})
@@ -320,8 +361,13 @@ class _Calling:
         costs = in_line(costs, by_role, firsts_m, starts_m, bodies, self.routes)
         found = assigned(list(roles.values()), list(bodies), costs)
         if isinstance(found, Shortage):
-            return short_of_robots(found, roles, template, left_out)
+            return short_of_robots(found, roles, template, left_out, unheard_s)
         return found
+
+    def _invites(self, robot: Address, change: Change) -> bool:
+        """Return whether a robot may take part, as far as the call goes."""
+        invited = self.call.robots
+        return invited is None or change.everybody or robot in invited or robot >= len(self.planner.crew.bodies)
 
     def _roles(self, casting: Casting, change: Change) -> dict[str, Role]:
         roles = casting.roles
@@ -403,8 +449,8 @@ class _Calling:
         whole = expanded_to(root)
         graph = precedence(whole, constraints)
         leaves = in_order(whole, graph)
-        timing = self.planner.parameters.timing
-        network = network_of(whole, spans_of(leaves, starts_m, crew.bodies, self.routes, timing), constraints)
+        spans = self.planner.spans(leaves, graph, starts_m, crew.bodies, self.routes)
+        network = network_of(whole, spans, constraints)
         if not network.consistent:
             return out_of_time(network, [(asked(each), each) for each in constraints], list(timing_out(whole)))
         round_ = circle(whole, graph, constraints)

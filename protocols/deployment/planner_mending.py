@@ -73,15 +73,23 @@ class Stuck(NamedTuple):
 
 
 def short_of_robots(
-    shortage: Shortage, roles: Mapping[str, Role], template: Body, left_out: Sequence[Address]
+    shortage: Shortage,
+    roles: Mapping[str, Role],
+    template: Body,
+    left_out: Sequence[Address],
+    unheard_s: Mapping[Address, float],
 ) -> Stuck:
-    """Return what is told of roles that have too few robots; *template*: the smallest robot of the team."""
+    """Return what is told of roles that have too few robots; *template*: the smallest robot of the team.
+
+    *unheard_s*: who could have come, but has not been heard for so long.
+    """
     count, fit = len(shortage.roles), len(shortage.robots)
     needs = sorted({wanted(roles[name].needs) for name in shortage.roles})
     detail = "" if needs == ["a robot"] else f" ({'; '.join(needs)})"
     wants = f"wants {needs[0]}" if count == 1 else f"want {count} robots{detail}"
     there = f"there are {fit}: {', '.join(map(str, shortage.robots))}" if fit else "there is none"
     conflicts = [f"role{'s' * (count > 1)} {', '.join(shortage.roles)} {wants}, and {there}"]
+    conflicts += [f"robot {robot} has not been heard for {lost_s:.0f} s" for robot, lost_s in unheard_s.items()]
     mends = []
     if left_out:
         mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everybody=True)))

@@ -201,6 +201,19 @@ def _plays_in(tasks: Sequence[Step]) -> Iterator[PlayStep]:
             yield from _plays_in(step.tasks)
 
 
+def named_in(net: Play | NetStep | Step) -> set[str]:
+    """Return all names that a net or a task mentions: of parameters, of places, of strategies."""
+    if not isinstance(net, Play | NetStep):
+        found: list[Any] = [each for _, each in (*_robots_in(net), *_places_in(net), *_quantities_in(net))]
+        found += [net.strategy] if isinstance(net, DeployStep) else []
+        for value in net.given.values() if isinstance(net, PlayStep) else ():
+            found += value if isinstance(value, list) else [value]
+        return {name for name in found if isinstance(name, str)}
+    quantities = {value for each in net.constraints for value in quantities_of(each).values()}
+    names = {name for name in quantities if isinstance(name, str)}
+    return names.union(*(named_in(step) for step in net.tasks))
+
+
 def _robots_in(step: Step) -> list[tuple[str, str]]:
     """Return the names of robots in *step*, and where they stand."""
     if isinstance(step, GoStep | PhotoStep):

@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, NoReturn, get_args
@@ -29,6 +29,15 @@ from protocols.deployment.ways import Ways
 
 STRATEGIES: Final[tuple[Strategy, ...]] = get_args(Strategy)
 _PLACE: Final[TypeAdapter[Place | str]] = TypeAdapter(PlaceName)
+
+
+class MissingParametersError(UserError):
+    """A call does not tell all that its play wants to know."""
+
+    def __init__(self, text: str, names: Sequence[str] = ()) -> None:
+        """Take the line that the user sees, and the names of the parameters that have no value."""
+        super().__init__(text)
+        self.names = tuple(names)
 
 
 class Site(NamedTuple):
@@ -120,10 +129,19 @@ class Binding:
         known: dict[str, Strategy] = {each: each for each in STRATEGIES} | self.strategies
         return known[name] if name in known else self._fail(name, known, "a strategy")
 
+    def want(self, names: Collection[str]) -> None:
+        """Raise MissingParametersError if any of *names* is a parameter without a value; of all such at once."""
+        lacking = {
+            blamed: expected
+            for name, (blamed, expected) in self.missing.items()
+            if name in names and name not in self.site.places_m
+        }
+        if lacking:
+            told = ", ".join(f"{name} ({expected})" for name, expected in lacking.items())
+            raise MissingParametersError(f"{self.source} wants to know more: {told}", tuple(lacking))
+
     def _fail(self, name: str, known: Iterable[str], kind: str) -> NoReturn:
-        if name in self.missing:
-            blamed, expected = self.missing[name]
-            raise UserError(f"{self.source}: parameters.{blamed} is missing, expected {expected}")
+        self.want((name,))
         raise UserError(f"{self.source}: {name!r} is not {kind}{near(name, known)}")
 
 

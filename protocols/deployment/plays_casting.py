@@ -15,7 +15,7 @@ from cosim.geometry.polylines import length_m
 from cosim.machine import Address
 from protocols.deployment.constraints import Constraint, between, quantities_of
 from protocols.deployment.plan import Act, Between, Deployment, Explore, Go, Photo, Place, Task, Wait, actors
-from protocols.deployment.playbook import Playbook
+from protocols.deployment.playbook import Playbook, named_in
 from protocols.deployment.plays import (
     DeployStep,
     ExploreStep,
@@ -112,6 +112,8 @@ class _Caster:
     ) -> tuple[Task, tuple[str, ...]]:
         """Return the task of a net; or, if there are *inner* labels, the task that they lead to, and those left."""
         steps = dict(zip(labels(net.tasks), net.tasks, strict=True))
+        if not inner:
+            binding.want(named_in(net))
         if inner:
             label, *rest = inner
             if label not in steps and len(steps) == 1:  # its only task may be left out
@@ -135,6 +137,8 @@ class _Caster:
         self, name: str, label: str, step: Step, binding: Binding, inner: tuple[str, ...] = ()
     ) -> tuple[Task, tuple[str, ...]]:
         """Return the task of a *step*; or the task that *inner* labels lead to, and those left."""
+        if not (inner and isinstance(step, NetStep)):
+            binding.want(named_in(step))
         match step:
             case NetStep():
                 task, left = self.net(name, step, binding, inner)

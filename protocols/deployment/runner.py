@@ -67,8 +67,8 @@ class Runner:
         mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, knowledge.tick)
         self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
         self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
-        planning = Planning(parameters, knowledge, self.member, self._silent)
-        self.console = Console(planning, knowledge, self.host, self.member, self._heard, note)
+        planning = Planning(parameters, knowledge, self.member, self.exploring, self._silent, self._heard)
+        self.console = Console(planning, knowledge, self.host, self.member, self._heard, self._silent, note)
         self.calls = Calls(parameters, planning, self.host, note, self.records, start)
         self._changes = 0
         """How often the host has changed, as far as the member was told."""

@@ -4,12 +4,15 @@ A drive takes at least the time of its way at full speed (with least_share: ways
 long), and at most a multiple of the time that is expected. Between these the world decides. A task contains its
 subtasks; in a serial one they follow each other. A task that may be cut short (it ends with another, or its time-out is
 skipped) has no least duration. Everything that bounds instants has a name in words: conflicts are told by them.
+
+Exploring takes at least the time in which the floor can have been seen, as far as that is known, and nobody knows how
+much longer; nor where the robots are then, so how long their next drives take.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import networkx as nx
 from pydantic import Field
@@ -19,7 +22,7 @@ from cosim.settings import Settings
 from cosim.units import from_seconds, to_seconds
 from protocols.deployment.constraints import in_seconds, sentence
 from protocols.deployment.crew import Body
-from protocols.deployment.plan import ORIGIN, Between, Go, Instant, Photo, Place, Task, Wait
+from protocols.deployment.plan import ORIGIN, Between, Explore, Go, Instant, Photo, Place, Task, Wait, actors
 from protocols.deployment.stn import BEGINNING, Bound, Network, Point
 
 
@@ -34,11 +37,16 @@ class TimingParameters(Settings):
     photo_s: float = Field(default=5.0, ge=0, description="s, a picture takes at most")
 
 
+LeastExploring: TypeAlias = Callable[[Mapping[Address, Body], Mapping[Address, Place]], float]
+"""Returns the time (s) that robots take to explore at least, by where all robots are then; 0 if nothing is known."""
+
+
 class Span(NamedTuple):
     """How long a task takes; in words, for conflicts."""
 
     least_s: float
     expected_s: float
+    """Infinite if nobody knows."""
     most_s: float | None
     name: str
 
@@ -49,6 +57,8 @@ class Leg(NamedTuple):
     task: str
     robot: Address
     places_m: tuple[Place, ...]
+    from_known: bool = True
+    """False if the robot has been exploring: it set out from the first place then, but comes from anywhere."""
 
 
 def drive_s(length_m: float, body: Body) -> float:
@@ -61,6 +71,8 @@ def drive_s(length_m: float, body: Body) -> float:
 
 def driving(leg: Leg, length_m: float, body: Body, parameters: TimingParameters) -> Span:
     """Return how long a drive of *length_m* takes."""
+    if not leg.from_known:
+        return Span(0.0, math.inf, None, f"{leg.task}: robot {leg.robot} comes from wherever it has explored")
     free_s = drive_s(length_m, body)
     expected_s = free_s + parameters.turns_s
     least_s, most_s = parameters.least_share * free_s, parameters.slack * expected_s
@@ -70,8 +82,13 @@ def driving(leg: Leg, length_m: float, body: Body, parameters: TimingParameters)
     return Span(least_s, expected_s, most_s, name)
 
 
+def exploring(task: Task, least_s: float) -> Span:
+    """Return how long it takes to explore, of which it is only known that it takes *least_s* at least."""
+    return Span(least_s, math.inf, None, f"{task.name}: exploring takes at least {least_s:.1f} s")
+
+
 def standing(task: Task, parameters: TimingParameters) -> Span | None:
-    """Return how long a task without subtasks takes that is no drive; None: as long as it wants."""
+    """Return how long a task takes for which robots stay where they are; None for any other, and for no act."""
     match task.act:
         case Wait(seconds=seconds):
             return Span(seconds, seconds, seconds, f"{task.name}: lasts {in_seconds(seconds)} s")
@@ -148,13 +165,39 @@ def legs_of(leaves: Sequence[Task], starts_m: Mapping[Address, Place]) -> dict[s
 
     A drive begins where the robot's last one ended; after exploring, where it set out.
     """
-    at, legs = dict(starts_m), dict[str, Leg]()
+    at, legs, strayed = dict(starts_m), dict[str, Leg](), set[Address]()
     for leaf in leaves:
         if isinstance(leaf.act, Go):
             go = leaf.act
-            legs[leaf.name] = Leg(leaf.name, go.robot, (at[go.robot], *go.via_m, go.place_m))
+            places_m = (at[go.robot], *go.via_m, go.place_m)
+            legs[leaf.name] = Leg(leaf.name, go.robot, places_m, go.robot not in strayed)
             at[go.robot] = go.place_m
+            strayed.discard(go.robot)
+        elif isinstance(leaf.act, Explore):
+            strayed |= set(leaf.act.robots)
     return legs
+
+
+def first_exploration(
+    leaves: Sequence[Task], graph: "nx.DiGraph[Point]", starts_m: Mapping[Address, Place]
+) -> tuple[Task, dict[Address, Place]] | None:
+    """Return the first exploration among *leaves*, which are in their order, and where all robots are as it begins.
+
+    None if there is none, or if robots may be under way, or explore elsewhere, at the same time: they see, too.
+    """
+    at = dict(starts_m)
+    for leaf in leaves:
+        if isinstance(leaf.act, Go):
+            at[leaf.act.robot] = leaf.act.place_m
+        elif isinstance(leaf.act, Explore):
+            others = [each for each in leaves if actors(each.act) and each != leaf]
+            return (leaf, at) if all(_apart(graph, leaf, each) for each in others) else None
+    return None
+
+
+def _apart(graph: "nx.DiGraph[Point]", a: Task, b: Task) -> bool:
+    """Return whether one of two tasks ends before the other starts."""
+    return any(nx.has_path(graph, (first.name, "end"), (then.name, "start")) for first, then in ((a, b), (b, a)))
 
 
 # ---------------------------------------------------------------- networks
@@ -183,12 +226,16 @@ def lasting(root: Task, spans: Mapping[str, Span]) -> Iterator[Bound]:
 
 
 def expected_s(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> float:
-    """Return when a plan is expected to have ended, s, if everything begins as soon as it may."""
+    """Return when a plan is expected to have ended, s, if everything begins as soon as it may; infinite if unknown."""
     short = _cut_short(root)
+    ended = {inner.name for task in root.walk() if task.ends_with is not None for inner in task.walk()}
+    if any(math.isinf(span.expected_s) for name, span in spans.items() if name not in ended):
+        return math.inf
     bounds = [*structure(root), *ending(root)]
     bounds += [
-        Bound(span.name, (name, "start"), (name, "end"), 0 if name in short else from_seconds(span.expected_s))
+        Bound(span.name, (name, "start"), (name, "end"), from_seconds(span.expected_s))
         for name, span in spans.items()
+        if name not in short
     ]
     bounds += [asked(each)._replace(most=None) for each in constraints]
     network = Network(bounds)

@@ -36,7 +36,12 @@ def call(play: str = "deploy/group", places: Any = PLACES_M, **more: Any) -> dic
 
 
 def scenario(
-    channel: str = "ideal", faults: Any = (), starts: Any = STARTS_M, duration_s: float = 400.0, **parameters: Any
+    channel: str = "ideal",
+    faults: Any = (),
+    starts: Any = STARTS_M,
+    duration_s: float = 400.0,
+    walls: Any = WALLS,
+    **parameters: Any,
 ) -> Scenario:
     """Return a scenario on the small floor; without calls of its own the team deploys as a group."""
     own = {"calls": [call()]} | parameters
@@ -44,7 +49,7 @@ def scenario(
         own["courier"] = {"links": {"silence_s": 6.0, "alone_s": 4.0, "stagger_s": 4.0}}
     plain = {
         "duration_s": duration_s,
-        "floorplan": {"map": "walls", "walls": WALLS},
+        "floorplan": {"map": "walls", "walls": walls},
         "team": {
             "size": len(starts),
             "starts": starts,

@@ -12,6 +12,7 @@ from protocols.deployment.plan import Place, Plan
 from protocols.deployment.planner import Call, Planner, PlannerParameters, Refusal
 from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play
+from protocols.deployment.timing import LeastExploring
 
 
 def reader(path: Path) -> Play:
@@ -57,7 +58,9 @@ class Scene:
         floor: OpenFloor | None = None,
         playbook: Playbook | None = None,
         parameters: PlannerParameters | None = None,
+        exploring: LeastExploring | None = None,
     ) -> None:
+        self.exploring = exploring
         self.floor = floor or OpenFloor()
         self.playbook = playbook or built_in()
         self.parameters = parameters or PlannerParameters()
@@ -66,9 +69,8 @@ class Scene:
         self.planner = self._planner()
 
     def _planner(self) -> Planner:
-        return Planner(
-            self.playbook, self.crew, self.floor, self.parameters, {"hall": [(30.0, 0.0)]}, dict(self.starts_m)
-        )
+        known = self.parameters, {"hall": [(30.0, 0.0)]}, dict(self.starts_m)
+        return Planner(self.playbook, self.crew, self.floor, *known, exploring=self.exploring)
 
     def join(self, body: Body) -> None:
         """Put one more robot to the base."""

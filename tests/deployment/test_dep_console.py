@@ -164,6 +164,48 @@ def test_a_robot_that_is_dead_does_not_answer_and_that_is_said() -> None:
     assert answers == [{"answer": desk.number, "say": "error", "why": "robot 1 does not answer"}]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("robots", [[0], [0, 1, 2]])
+def test_exploring_takes_no_less_time_than_is_told_beforehand(robots: list[int]) -> None:
+    """In a corridor with a bend, of 33 m in all."""
+    walls = ((0, 0, 24, 0), (24, 0, 24, 12), (24, 12, 21, 12), (21, 12, 21, 3), (21, 3, 0, 3), (0, 3, 0, 0))
+    desk = Desk(walls=walls)
+    desk.until(3.0)
+    answer = desk.ask("call", call={"play": "explore", "parameters": {"robots": robots}}, execute=True)
+    assert answer["expected_s"] is None
+    least_s = answer["windows"]["explore"][2]
+    assert least_s > 40.0
+    while not desk.news("ended"):
+        desk.until(desk.run.kernel.now / S + 10.0)
+    assert desk.news("ended") == [{"say": "ended", "plan": 1, "result": "done"}]
+    positions = [each["at_s"] for each in desk.news("positions") if each["robots"][0][4]]
+    assert least_s < positions[-1] - positions[0] < 4 * least_s
+    again = desk.ask("call", call={"play": "explore", "parameters": {"robots": robots}})
+    assert again["windows"]["explore"][2] == 0.0, "what was seen once is seen"
+
+
+@pytest.mark.slow
+def test_of_a_robot_that_is_lost_it_is_told_since_when_and_not_that_it_moves() -> None:
+    desk = Desk(faults=[{"kind": "kill", "robot": 1, "at_s": 4.0}])
+    desk.until(1.0)
+    desk.ask("call", call=CALL, execute=True)
+    desk.until(25.0)
+    rows = [{row[0]: row for row in each["robots"]} for each in desk.news("positions")]
+    moves, heard_s = [row[1][5] for row in rows if 1 in row], [row[1][6] for row in rows if 1 in row]
+    assert True in moves
+    assert moves[-1] is None
+    assert all((move is None) == (silent_s > 15.0) for move, silent_s in zip(moves, heard_s, strict=True))
+    refusal = desk.ask("call", call=CALL)
+    assert refusal["conflicts"][1:] == ["robot 1 has not been heard for 22 s"], "from 4 s to 26 s"
+
+
+def test_names_of_parameters_that_are_missing_are_told() -> None:
+    desk = Desk()
+    answer = desk.ask("call", call={"play": "wean", "parameters": {"crossing": [5, 3]}})
+    assert (answer["say"], answer["missing"]) == ("error", ["leap_places", "group_places"])
+    assert "missing" not in desk.ask("call", call={"play": "waen"})
+
+
 def test_another_robots_console_says_who_is_host() -> None:
     desk = Desk()
     answer = desk.ask("call", at=2, call=CALL)

@@ -1,6 +1,9 @@
 """A floor that was learned: the edges of its occupied cells are walls, and what nobody saw is no way."""
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from cosim.geometry.polylines import length_m
+from protocols.deployment.crew import Body
 from protocols.deployment.driving_parameters import DrivingParameters
+from protocols.deployment.exploring import Outlook, ground_of
+from protocols.deployment.exploring_parameters import ExploringParameters
 from protocols.deployment.floor import Floor
 from protocols.deployment.learned import EXPLORE, LearnedFloor, explained, floor_of, outlines
+from protocols.deployment.plan import Place
 from protocols.deployment.planner import Refusal
+from tests.deployment.crew_scene import RANGE_M, surroundings
 
 BOUNDS_M = (0.0, 0.0, 4.0, 3.0)
 CELL_M = 0.1
@@ -131,3 +140,84 @@ def test_exploring_is_offered_where_ways_are_missing(why: str, helps: bool) -> N
     assert isinstance(found, Refusal)
     assert found.mend == ((EXPLORE, "something else") if helps else ("something else",))
     assert explained(refusal, Floor([], BOUNDS_M, None)) is refusal
+
+
+# ---------------------------------------------------------------- how long it takes
+
+SPEED_MPS = 0.3
+"""Of explorers, by default; their bodies could go faster."""
+
+
+def outlook(width_m: float, height_m: float, walls: Sequence[Sequence[float]] = (), **more: Any) -> Outlook:
+    """Return what is known of a box with *walls* in it."""
+    box = [[0, 0, width_m, 0], [width_m, 0, width_m, height_m], [width_m, height_m, 0, height_m], [0, height_m, 0, 0]]
+    bounds_m = 0.0, 0.0, width_m, height_m
+    around = surroundings(walls_m=np.array([*box, *walls], np.float64), bounds_m=bounds_m, forbidden=_nowhere)
+    parameters = ExploringParameters(most_s=more.pop("most_s", 3600.0))
+    floor = floor_of(Floor.of(around), more.pop("learned", False))
+    return Outlook(parameters, ground_of(parameters, around), floor, more.pop("named_m", {}), 0.9)
+
+
+def _nowhere(points: np.ndarray) -> np.ndarray:
+    return np.zeros(len(points), np.bool_)
+
+
+def least_s(known: Outlook, *places_m: Place, explorers: int = 1) -> float:
+    return known.least_s({robot: Body() for robot in range(explorers)}, dict(enumerate(places_m)))
+
+
+def mown_s(width_m: float, height_m: float, start_m: Place) -> float:
+    """Return how long one robot takes to see an open floor in lanes that are as far apart as it sees on both sides.
+
+    It marks what is as near to it as scans reach, walking in steps of half a metre; all must be marked in the end.
+    """
+    corners = [start_m]
+    for lane, x in enumerate(np.arange(0.7 * RANGE_M, width_m, 1.4 * RANGE_M)):
+        ends = [(float(x), 0.7 * RANGE_M), (float(x), height_m - 0.7 * RANGE_M)]
+        corners += ends[:: 1 if lane % 2 == 0 else -1]
+    x, y = np.meshgrid(np.arange(0.25, width_m, 0.5), np.arange(0.25, height_m, 0.5))
+    unseen = np.ones(x.shape, np.bool_)
+    for (ax, ay), (bx, by) in pairwise(corners):
+        for share in np.linspace(0.0, 1.0, 2 + int(2 * math.dist((ax, ay), (bx, by)))):
+            unseen &= np.hypot(x - ax - share * (bx - ax), y - ay - share * (by - ay)) > RANGE_M
+    assert not unseen.any()
+    return length_m(corners) / SPEED_MPS
+
+
+def test_a_hall_takes_no_longer_than_to_be_mown_and_not_much_less() -> None:
+    known, start_m = outlook(40.0, 40.0), (20.0, 20.0)
+    assert 0.2 * mown_s(40.0, 40.0, start_m) < least_s(known, start_m) <= mown_s(40.0, 40.0, start_m)
+    assert least_s(known, start_m, start_m, explorers=2) == pytest.approx(0.5 * least_s(known, start_m))
+
+
+def test_the_end_of_a_corridor_is_come_near_to_by_whoever_is_nearest() -> None:
+    known = outlook(30.0, 2.0)
+    one_s, end_s = least_s(known, (1.0, 1.0)), (29.0 - RANGE_M) / SPEED_MPS
+    assert 0.6 * end_s < one_s < end_s
+    assert least_s(known, (1.0, 1.0), (1.0, 1.0), explorers=2) == one_s, "nobody is there sooner for company"
+    assert least_s(known, (1.0, 1.0), (29.0, 1.0)) < 0.5 * one_s, "who stands by sees too"
+
+
+def test_a_way_round_walls_counts_as_it_is() -> None:
+    """The far end of a hairpin is 4 m from its beginning."""
+    folded = outlook(60.0, 4.0, [[0.0, 2.0, 57.0, 2.0]])
+    assert least_s(folded, (1.0, 1.0)) > 0.7 * (2 * 57.0 - RANGE_M) / SPEED_MPS
+
+
+def test_what_explorers_cannot_get_to_takes_no_time() -> None:
+    shut = outlook(80.0, 2.0, [[20.0, 0.0, 20.0, 2.0]])
+    assert least_s(shut, (1.0, 1.0)) == least_s(outlook(20.0, 2.0), (1.0, 1.0))
+    slit = outlook(80.0, 2.0, [[20.0, 0.0, 20.0, 0.7], [20.0, 1.3, 20.0, 2.0]])
+    assert least_s(slit, (1.0, 1.0)) == least_s(shut, (1.0, 1.0))
+
+
+def test_of_a_floor_that_is_to_be_learned_only_places_with_names_are_known() -> None:
+    """Its extent may be empty: the floor of deployment_wean fills an eighth of its own."""
+    assert least_s(outlook(80.0, 80.0, learned=True), (1.0, 1.0)) == 0.0
+    far = outlook(80.0, 80.0, learned=True, named_m={"B": [(1.0, 9.0)], "C": [(1.0, 70.0), (5.0, 5.0)]})
+    end_s = (69.0 - RANGE_M) / SPEED_MPS
+    assert 0.8 * end_s < least_s(far, (1.0, 1.0)) < end_s
+
+
+def test_nobody_explores_longer_than_the_longest_time() -> None:
+    assert least_s(outlook(80.0, 2.0, most_s=50.0), (1.0, 1.0)) == 50.0

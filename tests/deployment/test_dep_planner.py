@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Mapping
 from itertools import pairwise, permutations
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ import pytest
 
 from cosim.errors import UserError
 from protocols.deployment.crew import Body
-from protocols.deployment.plan import Deployment, Go
-from protocols.deployment.planner import PlannerParameters
+from protocols.deployment.plan import Deployment, Go, Place, Plan
+from protocols.deployment.planner import Call, PlannerParameters, Refusal
 from protocols.deployment.timing import TimingParameters, drive_s
 from tests.deployment.planner_scene import NEAR_FAR, WEAN, assert_mends, scene_of, schedule
 from tests.deployment.plays_scene import BODY, OpenFloor, Scene
@@ -160,6 +161,17 @@ def test_robots_that_gather_want_a_way_to_stand_on() -> None:
     assert refusal.mend == ("robots gather at most 1 m apart",)
 
 
+def test_who_has_not_been_heard_is_told_where_robots_are_too_few() -> None:
+    scene = Scene()
+    present = {robot: place for robot, place in scene.starts_m.items() if robot in (0, 2)}
+    for robots, lost in ((None, [1, 3]), ((0, 3), [3])):
+        call = Call(play="return", parameters={"robots": 4}, robots=robots)
+        refusal = scene.planner.call(call, present, 7, {1: 1988.2, 3: 31.0})
+        assert isinstance(refusal, Refusal)
+        told = {1: "robot 1 has not been heard for 1988 s", 3: "robot 3 has not been heard for 31 s"}
+        assert list(refusal.conflicts[1:]) == [told[robot] for robot in lost]
+
+
 # ---------------------------------------------------------------- time
 
 
@@ -245,6 +257,97 @@ def test_expected_times_lie_between_the_earliest_and_forever() -> None:
     sum_s = sum(drive_s(length_m, BODY) for length_m in (5.0, 6.0, 5.0))
     assert scene.planner.expected_s(plan, scene.starts_m) == pytest.approx(sum_s, abs=1e-6)
     assert schedule(plan, scene)["leap-frog", "end"] == pytest.approx(sum_s, abs=1e-6)
+
+
+EXPLORED_S = 100.0
+
+
+def exploring(explorers: Mapping[int, Body], places_m: Mapping[int, Place]) -> float:
+    """Return that it takes so long, and a second more for each metre of the first robot from base."""
+    return EXPLORED_S + math.dist(places_m[0], (0.0, 0.0))
+
+
+DEADLINE = {"kind": "deadline", "seconds": 60.0}
+
+
+def test_an_area_that_is_too_large_for_the_time_is_refused_with_the_least_time() -> None:
+    """Paper 004, section 4: "a user might request a team of robots to map an area that is too large"."""
+    refusal = assert_mends(Scene(exploring=exploring), "explore", 1, parameters={"robots": 2}, constraints=[DEADLINE])
+    assert refusal.conflicts == (
+        "the call: explore ends at most 60 s after the plan begins",
+        "explore/explore: exploring takes at least 100.0 s",
+    )
+    assert refusal.mend == ("the call: explore ends at most 100 s after the plan begins",)
+
+
+def test_what_is_offered_for_a_survey_leaves_time_to_explore() -> None:
+    refusal = assert_mends(Scene(exploring=exploring), "survey", 1, places=NEAR_FAR, constraints=[DEADLINE])
+    (least_s,) = re.findall(r"at most ([\d.]+) s", refusal.mend[0])
+    assert float(least_s) > EXPLORED_S + 0.9 * drive_s(5.0, BODY)
+
+
+def test_nobody_knows_how_long_exploring_takes_in_the_end() -> None:
+    scene = Scene(exploring=exploring)
+    for play, more in (("explore", {"parameters": {"robots": 2}}), ("survey", {"places": NEAR_FAR})):
+        plan = scene.plan(play, **more)
+        assert math.isinf(scene.planner.expected_s(plan, scene.starts_m))
+        assert schedule(plan, scene)[plan.root.name, "end"] >= EXPLORED_S
+
+
+def test_a_robot_that_has_explored_may_be_anywhere(tmp_path: Path) -> None:
+    """It may be where it is to go next already; only from there on it is known where it is."""
+    go = {"kind": "go", "robot": "r"}
+    tasks = [
+        {"kind": "explore", "robots": ["r"]},
+        go | {"label": "a", "to": [50, 0]},
+        go | {"label": "b", "to": [0, 0]},
+    ]
+    scene = scene_of(tmp_path, {"parameters": {"r": {"kind": "robot"}}, "tasks": tasks}, exploring=exploring)
+    plan = scene.plan("mine")
+    ends_s = schedule(plan, scene)
+    assert ends_s["mine/explore", "end"] == ends_s["mine/a", "end"] == EXPLORED_S
+    assert ends_s["mine/b", "end"] == pytest.approx(EXPLORED_S + 0.9 * drive_s(50.0, BODY))
+
+
+@pytest.mark.parametrize(
+    ("order", "tasks", "least_s"),
+    [
+        ("serial", ["go", "explore"], EXPLORED_S + 20.0),  # by where the robot is when it begins to explore
+        ("parallel", ["go", "explore"], 0.0),  # who drives about meanwhile sees, too
+        ("serial", ["explore", "explore"], EXPLORED_S),  # what was seen once is seen
+    ],
+)
+def test_what_else_is_seen_makes_exploring_shorter(
+    tmp_path: Path, order: str, tasks: list[str], least_s: float
+) -> None:
+    steps = {"go": {"kind": "go", "robot": "r", "to": [20, 0]}, "explore": {"kind": "explore", "robots": ["q"]}}
+    robots = {"r": {"kind": "robot"}, "q": {"kind": "robot"}}
+    play = {"parameters": robots, "order": order, "tasks": [steps[name] for name in tasks]}
+    scene = scene_of(tmp_path, play, exploring=exploring)
+    plan = scene.plan("mine", roles={"r": 0, "q": 1} if "go" in tasks else {})
+    times_s = schedule(plan, scene)
+    explored = [name for name, edge in times_s if edge == "end" and "explore" in name]
+    assert sum(times_s[name, "end"] - times_s[name, "start"] for name in explored) == pytest.approx(least_s)
+
+
+def test_nobody_knows_what_robots_that_are_lost_have_seen() -> None:
+    scene = Scene(exploring=exploring)
+    del scene.starts_m[3]
+    assert isinstance(scene.call("explore", parameters={"robots": 2}, constraints=[DEADLINE]), Plan)
+
+
+def test_a_play_of_which_it_is_known_how_long_it_takes_is_taken_for_the_quicker(tmp_path: Path) -> None:
+    explore = {"kind": "explore", "robots": ["r"]}
+    stand = {"kind": "wait", "seconds": 5000}
+    robot = {"parameters": {"r": {"kind": "robot"}}}
+    plays = {
+        "a": robot | {"tasks": [explore, {"kind": "wait", "seconds": 9}]},
+        "b": robot | {"tasks": [explore]},
+        "c": robot | {"order": "parallel", "tasks": [explore | {"ends_with": "wait"}, stand]},
+    }
+    assert scene_of(tmp_path, {"plays": plays}, exploring=exploring).plan("mine").play == "mine/c"
+    del plays["c"]
+    assert scene_of(tmp_path, {"plays": plays}, exploring=exploring).plan("mine").play == "mine/b"
 
 
 def test_robots_of_one_team_differ_in_speed() -> None:

@@ -9,6 +9,8 @@ from cosim.errors import UserError
 from protocols.deployment.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
 from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play, labels
+from protocols.deployment.plays_binding import MissingParametersError
+from tests.deployment.planner_scene import scene_of
 from tests.deployment.plays_scene import Scene, built_in, paths_of, playbook_of, reader
 from tests.deployment.random_plays import RandomCall, random_calls
 from tests.deployment.tiers import tiers
@@ -118,8 +120,38 @@ def test_a_stage_is_called_without_the_only_task_of_its_play() -> None:
 def test_a_task_wants_only_the_parameters_that_it_makes_use_of() -> None:
     given = {"leap_places": [[20, 0], [30, 0]]}
     assert Scene().plan("wean/beyond/leap", parameters=given).robots == (0, 1)
-    with pytest.raises(UserError, match=r"wean: parameters.group_places is missing, expected places: "):
-        Scene().call("wean", parameters=given)
+    with pytest.raises(MissingParametersError) as error:
+        Scene().call("wean/beyond", parameters=given)
+    assert error.value.names == ("group_places",)
+
+
+def test_all_parameters_that_are_missing_are_told_at_once() -> None:
+    with pytest.raises(MissingParametersError) as error:
+        Scene().call("wean")
+    assert error.value.names == ("crossing", "leap_places", "group_places")
+    assert str(error.value) == (
+        "wean wants to know more: crossing (a place: [x, y] in metres, or a name), "
+        "leap_places (places: [[x, y], ...] in metres, or names), "
+        "group_places (places: [[x, y], ...] in metres, or names)"
+    )
+
+
+def test_missing_are_those_that_waypoints_plays_within_and_constraints_make_use_of(tmp_path: Path) -> None:
+    known = ["corner", "goal", "how", "latest", "spots", "unused"]
+    kinds = dict(zip(known, ["place", "place", "strategy", "number", "places", "number"], strict=True))
+    play = {
+        "parameters": {"r": {"kind": "robot"}} | {name: {"kind": kind} for name, kind in kinds.items()},
+        "tasks": [
+            {"kind": "go", "robot": "r", "to": "goal", "via": [[1, 1], "corner"]},
+            {"kind": "play", "play": "survey", "given": {"places": ["spots"], "strategy": "how", "robots": 2}},
+        ],
+        "constraints": [{"kind": "deadline", "seconds": "latest"}],
+    }
+    scene = scene_of(tmp_path, play)
+    for path, names in (("mine", known[:-1]), ("mine/go", ["corner", "goal"]), ("mine/play", ["how", "spots"])):
+        with pytest.raises(MissingParametersError) as error:
+            scene.call(path)
+        assert list(error.value.names) == names
 
 
 def test_a_folder_is_the_quickest_play_in_it() -> None:
@@ -303,7 +335,7 @@ def test_plays_that_are_tasks_of_each_other_are_refused(tmp_path: Path) -> None:
         ({"pause": [3]}, "parameters.pause: [3], expected a number >= 0"),
         ({"how": "swarm"}, "'swarm' is not a strategy, expected one of group, leap_frog, wave"),
         ({"robots": [9]}, "roles: robots-1 is to be robot 9, expected one of 0 to 3"),
-        ({}, "parameters.near is missing, expected a place: [x, y] in metres, or a name"),
+        ({}, "out wants to know more: near (a place: [x, y] in metres, or a name)"),
         ({"near": [0, 5], "robots": 2}, "2 robots are to deploy to 1 places, expected one place each"),
     ],
 )

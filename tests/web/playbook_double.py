@@ -91,6 +91,7 @@ class Consoles:
         self.host = 0
         self.dead: set[int] = set()
         self.refused = False
+        self.expected_s: float | None = 12.5
         self.number = 0
         self.asked: list[tuple[int, Plain]] = []
         self.playing: Plain | None = None
@@ -135,7 +136,13 @@ class Consoles:
         made = plan(self.number)
         if data["execute"]:
             self.playing = made
-        return {"say": "plan", "plan": made, "expected_s": 12.5, "windows": WINDOWS, "executed": data["execute"]}
+        return {
+            "say": "plan",
+            "plan": made,
+            "expected_s": self.expected_s,
+            "windows": WINDOWS,
+            "executed": data["execute"],
+        }
 
 
 class Still:

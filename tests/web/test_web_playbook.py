@@ -128,6 +128,15 @@ def test_what_is_left_open_is_not_said(page: Any, consoles: Consoles):
 # ---------------------------------------------------------------- tailoring
 
 
+def test_of_a_plan_of_which_nobody_knows_how_long_it_takes_the_least_time_is_told(page: Any, consoles: Consoles):
+    consoles.expected_s = None
+    tailoring(page)
+    assert page.inner_text("#draft-title") == "Plan 1: time unknown, at least 12.5 s"
+    page.click("#execute-tailored")
+    until(page, "document.getElementById('played-title').textContent.startsWith('Plan 2')")
+    assert page.inner_text("#played-state").endswith("s, time unknown, at least 12.5 s")
+
+
 def test_tailoring_shows_the_plan_with_its_windows_and_executes_nothing(page: Any, consoles: Consoles):
     tailoring(page)
     assert page.inner_text("#draft-title") == "Plan 1: about 12.5 s"

@@ -1,7 +1,7 @@
 // What is being played: the tree of its tasks as they stand, another strategy, an end before the end; and the two tabs.
 
 import { STRATEGIES } from "./playbook_form.js";
-import { make, seconds } from "./playbook_parts.js";
+import { duration, make, seconds } from "./playbook_parts.js";
 import { Tasks } from "./playbook_tasks.js";
 
 const TABS = ["played", "tailored"];
@@ -95,8 +95,9 @@ export class Board {
   }
 }
 
-function standing({ result, expected_s, since_s, ended_s }, now_s) {
-  const about = expected_s === null || expected_s === undefined ? "" : `, expected about ${seconds(expected_s)}`;
+function standing(current, now_s) {
+  const { result, expected_s, since_s, ended_s } = current;
+  const about = expected_s === undefined ? "" : `, ${expected_s === null ? "" : "expected "}${duration(current)}`;
   if (result) return `${result}${ended_s !== null && since_s !== null ? ` after ${seconds(ended_s - since_s)}` : ""}${about}`;
   return `running${since_s === null ? "" : ` for ${Math.floor(now_s - since_s)} s`}${about}`;
 }

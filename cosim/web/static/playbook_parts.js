@@ -59,3 +59,10 @@ export function seconds(value) {
   if (value === null || value === undefined) return "any time";
   return value < 100 ? `${Number(value.toFixed(1))} s` : `${Math.round(value)} s`;
 }
+
+/** How long a plan takes, in words, by an answer's `expected_s`, null if nobody knows, and its windows. */
+export function duration({ plan, expected_s, windows }) {
+  if (expected_s !== null) return `about ${seconds(expected_s)}`;
+  const least_s = windows?.[plan.root.name]?.[2];
+  return least_s ? `time unknown, at least ${seconds(least_s)}` : "time unknown";
+}

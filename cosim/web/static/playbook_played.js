@@ -67,7 +67,7 @@ export class Played {
   stands({ plan, tasks }) {
     if (plan === null) return false;
     const known = this.plans.get(plan.number);
-    if (this.current?.number !== plan.number) this.begin({ expected_s: null, ...known, plan }, null);
+    if (this.current?.number !== plan.number) this.begin({ ...known, plan }, null);
     for (const [task, state] of Object.entries(tasks)) {
       if (this.current.tasks.get(task)?.state !== state) this.current.tasks.set(task, { state, robot: null, why: "" });
     }

@@ -1,7 +1,7 @@
 // Tailoring: what is added to a called play before it is executed, checked by the planner at every change.
 
 import { STRATEGIES } from "./playbook_form.js";
-import { button, choice, labelled, make, number, place_text, seconds } from "./playbook_parts.js";
+import { button, choice, duration, labelled, make, number, place_text } from "./playbook_parts.js";
 import { Places } from "./playbook_places.js";
 import { Tasks } from "./playbook_tasks.js";
 
@@ -58,8 +58,7 @@ export class Tailor {
   /** Show the plan that the additions lead to. */
   show_plan(answer) {
     this.plan = answer.plan;
-    const expected = answer.expected_s === null ? "nobody can say how long it takes" : `about ${seconds(answer.expected_s)}`;
-    this.find("draft-title").textContent = `Plan ${answer.plan.number}: ${expected}`;
+    this.find("draft-title").textContent = `Plan ${answer.plan.number}: ${duration(answer)}`;
     const nodes = this.tasks.show(answer.plan, answer.windows, null);
     const top = answer.plan.root.name; // constraints and waypoints name tasks by what follows it
     const parts = flat(nodes).map((node) => [node.id === top ? "" : node.id.slice(top.length + 1), node]);
