@@ -8,8 +8,6 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +16,12 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from cosim import __version__
 from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
 from cosim.export.capture import captured_tables, write_capture
+from cosim.installed import installed_folders
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
 from cosim.settings import Settings
 from cosim.simulation import Outcome, Simulation
@@ -71,7 +71,7 @@ def _complain(line: str, code: int) -> int:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="cosim")
+@click.version_option(__version__)
 def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
 
@@ -394,10 +394,8 @@ def _first_line(thing: object) -> str:
 
 def _maps() -> dict[str, str]:
     maps = {"office": "generated from floorplan.office", "walls": "drawn in the scenario: floorplan.walls and polygons"}
-    for point in entry_points(group="cosim.maps"):
-        spec = find_spec(point.value)
-        for location in (spec.submodule_search_locations or ()) if spec else ():
-            maps |= {str(path): "a floor of ours" for path in sorted(Path(location).glob("*.yaml"))}
+    for folder in installed_folders("cosim.maps").values():
+        maps |= {str(path): "a floor of ours" for path in sorted(folder.glob("*.yaml"))}
     return maps
 
 

@@ -26,6 +26,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cosim import __version__
 from cosim.errors import UserError
 from cosim.protocol import Metric
 from cosim.trace import Field, write_parquet
@@ -59,7 +60,7 @@ OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the r
 """The columns of ``observations`` that every sweep has; its axes and what it observes follow."""
 
 PACKAGES: Final = ("cosim", "protocols", "experiments")
-_LIBRARIES: Final = ("cosim", "simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
+_LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
 
 class RunStore:
@@ -235,7 +236,8 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
 
 def provenance() -> dict[str, str]:
     """Return the versions of the libraries and the commit of the sources, for the metadata of files."""
-    return {f"version.{name}": _version(name) for name in _LIBRARIES} | {"commit": _commit()}
+    versions = {"cosim": __version__} | {name: _version(name) for name in _LIBRARIES}
+    return {f"version.{name}": version for name, version in versions.items()} | {"commit": _commit()}
 
 
 def _version(name: str) -> str:
