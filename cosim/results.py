@@ -216,11 +216,17 @@ def _short_digest(rows: Sequence[Row]) -> str:
 
 
 def code_digest(packages: Iterable[str] = PACKAGES) -> str:
-    """Return the SHA-256 of all Python sources of *packages* (or single modules): other code gives other results."""
-    result = hashlib.sha256()
+    """Return the SHA-256 of all Python sources of *packages* (or single modules): other code gives other results.
+
+    What stands below another, such as ``protocols.mine``, is taken with all that stands beside it in its folder.
+    """
+    sources: dict[Path, str] = {}
     for name in sorted(set(packages)):
         for root, path in _sources(name):
-            result.update(f"{name}/{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes() + b"\0")
+            sources.setdefault(path, f"{name}/{path.relative_to(root).as_posix()}")
+    result = hashlib.sha256()
+    for path, called in sources.items():
+        result.update(f"{called}\0".encode() + path.read_bytes() + b"\0")
     return result.hexdigest()
 
 
@@ -229,6 +235,8 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
     if spec is None:
         return []
     roots = [Path(root) for root in spec.submodule_search_locations or ()]
+    if "." in name:
+        roots = [place.parent for place in roots or [Path(spec.origin or "")]]
     if roots:
         return [(root, path) for root in roots for path in sorted(root.rglob("*.py"))]
     return [(Path(spec.origin).parent, Path(spec.origin))] if spec.origin else []
