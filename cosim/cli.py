@@ -19,7 +19,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cosim import __version__
 from cosim.documents import read_yaml
 from cosim.errors import UserError
-from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
+from cosim.experiment import (
+    base_scenario,
+    experiment_folders,
+    find_experiment,
+    find_playbook,
+    is_experiment,
+    load_experiment,
+)
 from cosim.export.capture import captured_tables, write_capture
 from cosim.installed import installed_folders
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
@@ -254,7 +261,7 @@ def playbook(
 ) -> None:
     """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
     check_installed()
-    chosen = _scenario(scenario, sets)
+    chosen = _scenario(str(find_playbook(scenario)), sets)
     with _naming(scenario, sets):
         session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
     show(session, Showing(**showing), _tell_address, PLAYBOOK)

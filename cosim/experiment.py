@@ -156,6 +156,13 @@ def find_experiment(text: str) -> Path:
     raise UserError(f"{text}: is neither a file nor an experiment{nearest(text, folders)}")
 
 
+def find_playbook(text: str) -> Path:
+    """Return the scenario that *text* means to who calls plays: an experiment's playbook.yaml, if it has one."""
+    path = find_experiment(text)
+    beside = path.with_name("playbook.yaml")
+    return beside if path != Path(text) and beside.is_file() else path
+
+
 def is_experiment(plain: Mapping[str, Any]) -> bool:
     """Return whether a document is a sweep.yaml rather than a scenario."""
     return bool({"sweep", "run", "replicates", "scenario"} & plain.keys())
