@@ -1,4 +1,4 @@
-"""The wheel in a clean environment: every command, typed where a user has folders of her own that are called as ours.
+"""The wheel in a clean environment: every command, typed where a user has folders of her own that have our names.
 
 The libraries are those of the environment that runs the tests: a .pth file names its folder, whose own .pth files, and
 so an editable install, are not read then. Kernels are not compiled: a new folder would have them compiled anew.
@@ -108,7 +108,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
 
 @pytest.fixture(params=["", "__init__.py"], ids=["folders", "packages"])
 def home(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """Return a user's folder, with folders in it that are called as ours, or packages."""
+    """Return a user's folder, with folders in it that have our names, or packages."""
     for name in ("protocols", "experiments", "tests"):
         (tmp_path / name).mkdir()
         if request.param:
@@ -152,7 +152,7 @@ def test_the_wheel_holds_all_files_and_no_others(installed: Installed) -> None:
 def test_every_command_runs_beside_a_users_folders_of_our_names(installed: Installed, home: Path) -> None:
     (site,) = installed.bin.parent.glob("lib/python*/site-packages")
     assert "heard " in installed.done(home, "cosim", "run", "mine.yaml")
-    told = json.loads(installed.done(home, "python", "-m", "cosim", "run", "ours.yaml", "--trace", "out", "--json"))
+    told = json.loads(installed.done(home, "python", "-m", "cosim", "run", "ours.yaml", "--json"))
     assert told["parameters"]["protocol"]["use"] == "gathering"
     sweep = ("sweep", "sweep.yaml", "--jobs", "2")
     assert installed.done(home, "cosim", *sweep) == "4 runs, 0 of them were there already, in results/tiny\n"
@@ -177,7 +177,12 @@ def test_every_command_runs_beside_a_users_folders_of_our_names(installed: Insta
     assert not [about for about in listed["protocols"].values() if "is not a protocol" in about]
     assert again == "4 runs, 4 of them were there already, in results/tiny\n"
     assert "figure: results/tiny/" in reported
-    assert b"<canvas" in page_of(installed, home, "view", "out")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("home", ["__init__.py"], indirect=True, ids=["packages"])
+def test_pages_are_shown_beside_a_users_packages_of_our_names(installed: Installed, home: Path) -> None:
+    assert b"<canvas" in page_of(installed, home, "view", "mine.yaml")
     assert b'id="plays"' in page_of(installed, home, "playbook", "deployment_wean")
 
 
