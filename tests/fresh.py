@@ -50,7 +50,7 @@ class Block(NamedTuple):
     language: str
     """``indented`` for lines that are not fenced."""
     before: str
-    """The text line above it."""
+    """The text line above it, if there is one between it and the last block."""
     text: str
 
 
@@ -63,11 +63,13 @@ def blocks(text: str) -> Iterator[Block]:
         if lines[at].startswith("```"):
             at = next(number for number in range(at + 1, len(lines)) if lines[number].startswith("```"))
             yield Block(start + 1, lines[start][3:].strip(), before, "\n".join(lines[start + 1 : at]) + "\n")
+            before = ""
         elif lines[at].startswith("    ") and (start == 0 or not lines[at - 1].strip()):
             while at < len(lines) and (lines[at].startswith("    ") or not lines[at].strip()):
                 at += 1
             at -= 1
             yield Block(start + 1, "indented", before, "\n".join(line[4:] for line in lines[start : at + 1]) + "\n")
+            before = ""
         elif lines[at].strip():
             before = lines[at]
         at += 1
@@ -77,7 +79,7 @@ def commands(block: Block) -> list[str]:
     """Return the commands of *block*, without remarks; none if it holds something else."""
     if block.language not in {*SHELLS, "indented"}:
         return []
-    lines = [without_remark(line) for line in block.text.replace("\\\n", " ").splitlines()]
+    lines = [without_remark(line) for line in re.sub(r"\s*\\\n\s*", " ", block.text).splitlines()]
     lines = [line.removeprefix("$ ") for line in lines if line and not line.startswith("#")]
     if block.language == "indented" and not all(program_of(line) in PROGRAMS for line in lines):
         return []
@@ -231,8 +233,8 @@ def perform(place: Place, step: str) -> None:
     elif words[:1] == ["cosim"] and words[1] in PAGES:
         show(place, words)
     else:
-        if "venv" in words:
-            shutil.rmtree(place.folder / words[-1], ignore_errors=True)  # it is to be made, not to be found
+        if words[1:3] == ["-m", "venv"]:  # it is to be made, not to be found
+            shutil.rmtree(place.folder / words[3], ignore_errors=True)
         code, said = run(place, ["bash", "-o", "pipefail", "-c", step])
         if code:
             raise StepError(f"exit code {code}\n{said}")

@@ -149,6 +149,19 @@ def test_the_wheel_holds_all_files_and_no_others(installed: Installed) -> None:
 
 
 @pytest.mark.slow
+def test_an_editable_install_is_a_folder_to_look_in_as_the_wheels_is(installed: Installed) -> None:
+    """One by a finder of its own comes after all folders: a user's folder would hide ours, with or without a root."""
+    source = installed.wheel.parent / "source"
+    build = "import sys; from setuptools.build_meta import build_editable; build_editable(sys.argv[1])"
+    words = [sys.executable, "-P", "-c", build, installed.bin]
+    subprocess.run(words, cwd=source, env=environment(), capture_output=True, check=True)
+    (built,) = installed.bin.glob("*.whl")
+    with ZipFile(built) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".pth"))
+        assert archive.read(name).decode().split() == [str(source)]
+
+
+@pytest.mark.slow
 def test_every_command_runs_beside_a_users_folders_of_our_names(installed: Installed, home: Path) -> None:
     (site,) = installed.bin.parent.glob("lib/python*/site-packages")
     assert "heard " in installed.done(home, "cosim", "run", "mine.yaml")
