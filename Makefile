@@ -7,7 +7,7 @@ STAMP := $(VENV)/.set-up
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 SOAK_SHARE ?= 1.0
 
-.PHONY: setup run sweep report test fast soak check bench format clean
+.PHONY: setup run sweep report test fast soak check bench fresh format clean
 
 setup: $(STAMP)
 
@@ -20,6 +20,8 @@ $(STAMP): pyproject.toml constraints.txt
 run: $(STAMP)
 	$(BIN)/cosim sweep pseudonet_coverage --quick --jobs $(JOBS)
 	$(BIN)/cosim report results/pseudonet_coverage-quick
+	@echo
+	@echo 'the command: . $(BIN)/activate, then cosim ...; or $(BIN)/cosim ...'
 
 # make sweep E=messaging_delay
 sweep: $(STAMP)
@@ -49,6 +51,10 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+# what README.md tells, line by line, in a fresh clone of HEAD and then with the wheel; make fresh ALL=1: what takes long too
+fresh:
+	$(PYTHON) tests/fresh.py $(if $(ALL),--all)
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage build *.egg-info

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cosim import __version__
 from cosim.errors import UserError
 from cosim.units import to_seconds
 from cosim.web.pacing import FASTEST, SLOWEST
@@ -62,7 +63,7 @@ def _complain(line: str, code: int) -> int:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="cosim")
+@click.version_option(__version__)
 def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
 
@@ -279,11 +280,12 @@ def playbook(
     scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
 ) -> None:
     """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
+    from cosim.experiment import find_playbook
     from cosim.web.playbook import PLAYBOOK, attended
     from cosim.web.starting import Showing, check_installed, show
 
     check_installed()
-    chosen = _scenario(scenario, sets)
+    chosen = _scenario(str(find_playbook(scenario)), sets)
     with _naming(scenario, sets):
         session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
     show(session, Showing(**showing), _tell_address, PLAYBOOK)
@@ -447,14 +449,11 @@ def _first_line(thing: object) -> str:
 
 
 def _maps() -> dict[str, str]:
-    from importlib.metadata import entry_points
-    from importlib.util import find_spec
+    from cosim.installed import installed_folders
 
     maps = {"office": "generated from floorplan.office", "walls": "drawn in the scenario: floorplan.walls and polygons"}
-    for point in entry_points(group="cosim.maps"):
-        spec = find_spec(point.value)
-        for location in (spec.submodule_search_locations or ()) if spec else ():
-            maps |= {str(path): "a floor of ours" for path in sorted(Path(location).glob("*.yaml"))}
+    for folder in installed_folders("cosim.maps").values():
+        maps |= {str(path): "a floor of ours" for path in sorted(folder.glob("*.yaml"))}
     return maps
 
 

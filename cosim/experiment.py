@@ -20,8 +20,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias
 
@@ -29,6 +27,7 @@ from pydantic import Field, field_validator, model_validator
 
 from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
 from cosim.errors import UserError
+from cosim.installed import find_named, installed_folders
 from cosim.scenario import Scenario, build, digest, dump, given_here
 from cosim.settings import Settings
 
@@ -139,13 +138,8 @@ class Experiment:
 
 def experiment_folders() -> dict[str, Path]:
     """Return the folders of the installed experiments by name."""
-    found = {}
-    for point in sorted(entry_points(group="cosim.experiments"), key=lambda point: point.name):
-        spec = find_spec(point.value)
-        for location in (spec.submodule_search_locations or ()) if spec else ():
-            if (Path(location) / "sweep.yaml").is_file():
-                found[point.name] = Path(location)
-    return found
+    folders = installed_folders("cosim.experiments")
+    return {name: folder for name, folder in folders.items() if (folder / "sweep.yaml").is_file()}
 
 
 def find_experiment(text: str) -> Path:
@@ -161,6 +155,13 @@ def find_experiment(text: str) -> Path:
     raise UserError(f"{text}: is neither a file nor an experiment{nearest(text, folders)}")
 
 
+def find_playbook(text: str) -> Path:
+    """Return the scenario that *text* means to who calls plays: an experiment's playbook.yaml, if it has one."""
+    path = find_experiment(text)
+    beside = path.with_name("playbook.yaml")
+    return beside if path != Path(text) and beside.is_file() else path
+
+
 def is_experiment(plain: Mapping[str, Any]) -> bool:
     """Return whether a document is a sweep.yaml rather than a scenario."""
     return bool({"sweep", "run", "replicates", "scenario"} & plain.keys())
@@ -168,10 +169,9 @@ def is_experiment(plain: Mapping[str, Any]) -> bool:
 
 def find_function(name: str, source: str) -> Callable[[dict[str, Any], int], Any]:
     """Return the function that ``run: module:function`` names; raise UserError if it is not there."""
-    module, _, function = name.partition(":")
     try:
-        found: Callable[[dict[str, Any], int], Any] = getattr(import_module(module), function)
-    except (ImportError, AttributeError, ValueError) as error:
+        found: Callable[[dict[str, Any], int], Any] = find_named(name)
+    except ImportError as error:
         raise UserError(f"{source}: run: {name!r} is not module:function: {error}") from None
     return found
 

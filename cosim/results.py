@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cosim import __version__
 from cosim.errors import UserError
 from cosim.protocol import Metric
 from cosim.trace import Field, write_parquet
@@ -61,7 +62,7 @@ OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the r
 """The columns of ``observations`` that every sweep has; its axes and what it observes follow."""
 
 PACKAGES: Final = ("cosim", "protocols", "experiments")
-_LIBRARIES: Final = ("cosim", "simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
+_LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
 
 class RunStore:
@@ -219,11 +220,17 @@ def _short_digest(rows: Sequence[Row]) -> str:
 
 
 def code_digest(packages: Iterable[str] = PACKAGES) -> str:
-    """Return the SHA-256 of all Python sources of *packages* (or single modules): other code gives other results."""
-    result = hashlib.sha256()
+    """Return the SHA-256 of all Python sources of *packages* (or single modules): other code gives other results.
+
+    What stands below another, such as ``protocols.mine``, is taken with all that stands beside it in its folder.
+    """
+    sources: dict[Path, str] = {}
     for name in sorted(set(packages)):
         for root, path in _sources(name):
-            result.update(f"{name}/{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes() + b"\0")
+            sources.setdefault(path, f"{name}/{path.relative_to(root).as_posix()}")
+    result = hashlib.sha256()
+    for path, called in sources.items():
+        result.update(f"{called}\0".encode() + path.read_bytes() + b"\0")
     return result.hexdigest()
 
 
@@ -232,6 +239,8 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
     if spec is None:
         return []
     roots = [Path(root) for root in spec.submodule_search_locations or ()]
+    if "." in name:
+        roots = [place.parent for place in roots or [Path(spec.origin or "")]]
     if roots:
         return [(root, path) for root in roots for path in sorted(root.rglob("*.py"))]
     return [(Path(spec.origin).parent, Path(spec.origin))] if spec.origin else []
@@ -239,7 +248,8 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
 
 def provenance() -> dict[str, str]:
     """Return the versions of the libraries and the commit of the sources, for the metadata of files."""
-    return {f"version.{name}": _version(name) for name in _LIBRARIES} | {"commit": _commit()}
+    versions = {"cosim": __version__} | {name: _version(name) for name in _LIBRARIES}
+    return {f"version.{name}": version for name, version in versions.items()} | {"commit": _commit()}
 
 
 def _version(name: str) -> str:

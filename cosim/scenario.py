@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias
@@ -46,6 +45,7 @@ from cosim.documents import (
 )
 from cosim.errors import UserError
 from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
+from cosim.installed import find_named, loaded
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
@@ -78,12 +78,11 @@ def protocol_spec(use: str) -> ProtocolSpec:
 
     Raise ValueError for a name that leads nowhere.
     """
-    module, colon, name = use.partition(":")
-    if not colon and use not in _installed():
+    if ":" not in use and use not in _installed():
         raise ValueError(f"is not a protocol: expected one of {', '.join(protocol_names())}, or module:name")
     try:
-        found = getattr(import_module(module), name) if colon else _installed()[use].load()
-    except (ImportError, AttributeError, ValueError) as error:
+        found = find_named(use) if ":" in use else loaded(_installed()[use])
+    except ImportError as error:
         raise ValueError(f"is not a protocol: {error}") from None
     if not isinstance(found, ProtocolSpec):
         raise ValueError(f"is not a protocol: a {type(found).__name__}, expected a ProtocolSpec")

@@ -252,7 +252,13 @@ def _packages(experiment: Experiment) -> set[str]:
     """Return the packages whose sources decide the results: ours, and those of a user's protocol or function."""
     modules = {arm.scenario.protocol.spec.parameters.__module__ for arm in experiment.arms if arm.scenario is not None}
     modules |= {arm.run for arm in experiment.arms if arm.run is not None}
-    return {*PACKAGES, *(module.partition(":")[0].partition(".")[0] for module in modules)} - {"__main__"}
+    return {*PACKAGES, *map(_package, modules)} - {"__main__"}
+
+
+def _package(module: str) -> str:
+    """Return the package that *module* belongs to; a user's own below ``protocols`` is none of ours."""
+    top, *below = module.partition(":")[0].split(".")
+    return ".".join((top, *below[:1])) if top in PACKAGES else top
 
 
 # ---------------------------------------------------------------- processes

@@ -1,6 +1,7 @@
 """The laws of the house, read from the sources: who imports whom, which third parties, how large things get."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,14 +14,14 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors jit",
+    "units errors jit installed",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",
     "world",
     "robots channels",
     "node faults scenario simulation results experiment sweep",
-    "report export web testing data_dictionary cli",
+    "report export web testing data_dictionary cli __main__",
 )
 """The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
@@ -47,6 +48,11 @@ OWNERS = {
 """Modules from outside that only these rooms of cosim may import; the wall clock only where a run is timed."""
 PROTOCOL_PARTIES = {"numpy", "scipy", "networkx", "pydantic"}
 
+VERSION = r"__version__ = '[\d.]+'"
+EXTENSIBLE = ("protocols", "experiments")
+"""Packages to which users add folders of their own that have the same name."""
+EXTENDED = ["from pkgutil import extend_path", "__path__ = extend_path(__path__, __name__)"]
+
 FILE_LINES, FUNCTION_LINES, PUBLIC_METHODS = 800, 60, 20
 
 
@@ -70,7 +76,8 @@ def imports(tree: ast.AST) -> Iterator[str]:
             assert node.level == 0, f"line {node.lineno}: a relative import hides the layer"
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
-                yield inner if inner in MODULES else str(node.module)
+                if inner != "cosim.__version__":  # a literal in a package root: it loads nothing
+                    yield inner if inner in MODULES else str(node.module)
 
 
 def room(module: str) -> str:
@@ -148,6 +155,19 @@ def oversized(tree: ast.Module, lines: int) -> list[str]:
     return faults
 
 
+def root_fault(package: str, tree: ast.Module) -> str | None:
+    """Return one sentence if *tree*, the root of *package*, is silent or does more than to say what lives there."""
+    told = ast.get_docstring(tree)
+    if package in PACKAGES and not (told and 5 <= len(told.splitlines()) <= 15):
+        return f"the root of {package} does not say in 5 to 15 lines what lives there and where to begin"
+    for statement in tree.body[told is not None :]:
+        source = ast.unparse(statement)
+        version = package == "cosim" and re.fullmatch(VERSION, source)
+        if not version and not (package in EXTENSIBLE and source in EXTENDED):
+            return f"the root of {package} re-exports or does something: {source}"
+    return None
+
+
 TREES = {module_name(path): ast.parse(path.read_text(encoding="utf-8"), str(path)) for path in SOURCES}
 LENGTHS = {module_name(path): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
 
@@ -178,9 +198,12 @@ def test_files_functions_and_classes_keep_their_budgets():
     assert not faults, faults[0]
 
 
-def test_package_roots_are_empty():
-    full = [str(path.relative_to(ROOT)) for path in SOURCES if path.name == "__init__.py" and path.read_text().strip()]
-    assert not full, f"{full[0]} re-exports or does something, package roots are empty"
+def test_package_roots_say_what_lives_there_and_do_nothing():
+    roots = {module_name(path): TREES[module_name(path)] for path in SOURCES if path.name == "__init__.py"}
+    faults = [fault for package, tree in roots.items() if (fault := root_fault(package, tree))]
+    assert not faults, faults[0]
+    for package in EXTENSIBLE:
+        assert [ast.unparse(statement) for statement in roots[package].body[1:]] == EXTENDED
 
 
 def test_units_load_no_simulator():
@@ -251,6 +274,24 @@ def test_a_forbidden_import_is_told_in_one_sentence(importer: str, imported: str
 )
 def test_an_import_upwards_is_allowed(importer: str, imported: str):
     assert import_fault(importer, imported) is None
+
+
+TOLD = '"""' + "A line.\n" * 6 + '"""\n'
+
+
+@pytest.mark.parametrize(
+    ("package", "source"),
+    [
+        ("cosim", "__version__ = '1.0'"),
+        ("cosim", TOLD + "import os"),
+        ("cosim", TOLD + "__version__ = version('cosim')"),
+        ("protocols", TOLD + "__version__ = '1.0'"),
+        ("protocols", TOLD.replace("A line.\n", "A line.\n" * 3)),
+        ("cosim.web", "from cosim.web.server import serve"),
+    ],
+)
+def test_a_root_that_is_silent_or_does_something_is_noticed(package: str, source: str):
+    assert f"the root of {package} " in str(root_fault(package, ast.parse(source)))
 
 
 def test_imports_below_type_checking_count():

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from cosim.errors import UserError
-from cosim.experiment import base_scenario, experiment_folders, find_experiment, load_experiment
+from cosim.experiment import base_scenario, experiment_folders, find_experiment, find_playbook, load_experiment
 
 DATA = Path(__file__).parent / "data"
 SCENARIO = {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}}
@@ -184,6 +184,14 @@ def test_columns_have_names_of_their_own():
 
 def test_installed_experiments_are_found_by_name():
     assert find_experiment("pseudonet_coverage") == experiment_folders()["pseudonet_coverage"] / "sweep.yaml"
+
+
+def test_the_playbook_of_an_experiment_is_found_by_its_name_if_it_has_one():
+    folders = experiment_folders()
+    wean = folders["deployment_wean"]
+    assert find_playbook("deployment_wean") == find_playbook(str(wean)) == wean / "playbook.yaml"
+    assert find_playbook(str(wean / "sweep.yaml")) == wean / "sweep.yaml"  # who names a file means it
+    assert find_playbook("deployment_channels") == folders["deployment_channels"] / "sweep.yaml"
     with pytest.raises(
         UserError, match=r"^pseudonet_covrage: is neither .*, did you mean pseudonet_coverage( or .*)?\?$"
     ):

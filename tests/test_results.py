@@ -6,6 +6,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+import protocols
 from cosim.errors import UserError
 from cosim.results import RunStore, code_digest, kind_of, provenance
 from cosim.trace import Field
@@ -183,6 +184,21 @@ def test_the_code_digest_notices_an_edit(tmp_path: Path, monkeypatch: pytest.Mon
     assert edited != before
     (tmp_path / "single_gadget.py").write_text("y = 2\n")
     assert code_digest(["gadget", "single_gadget"]) not in (before, edited)
+
+
+def test_what_stands_beside_ours_in_a_folder_of_the_users_is_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "protocols").mkdir()
+    for name in ("mine_gadget", "shared"):
+        (tmp_path / "protocols" / f"{name}.py").write_text("x = 1\n")
+    ours = code_digest(["protocols"])
+    monkeypatch.setattr("protocols.__path__", [*protocols.__path__, str(tmp_path / "protocols")])
+    assert code_digest(["protocols", "protocols.gathering"]) == code_digest(["protocols"]) == ours
+    before = code_digest(["protocols", "protocols.mine_gadget"])
+    (tmp_path / "protocols" / "shared.py").write_text("x = 2\n")
+    assert code_digest(["protocols"]) == ours
+    assert code_digest(["protocols", "protocols.mine_gadget"]) not in (before, ours)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
-from importlib.metadata import version
 from itertools import compress
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from cosim import __version__
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
@@ -44,7 +44,7 @@ def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> i
             interfaces += [ieee80211.interface(robot, radio, name) for robot, name in zip(carriers, names, strict=True)]
             sources.append(_placed(ieee80211.packets(_rows(trace, TRANSMISSIONS, radio), radio), places))
     packets = merge(*sources, key=attrgetter("time"))
-    return write_pcapng(path, interfaces, packets, f"cosim {version('cosim')}", comment)
+    return write_pcapng(path, interfaces, packets, f"cosim {__version__}", comment)
 
 
 def _rows(trace: Trace, table: Table, radio: int) -> Mapping[str, Sequence[Any]]:

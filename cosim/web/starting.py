@@ -4,14 +4,18 @@ Nothing here loads the server before it is asked to: it is an extra that an inst
 """
 
 import secrets
+import shlex
 import webbrowser
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cosim.errors import UserError
 from cosim.web.pages import VIEW
 from cosim.web.session import Session
+
+NEEDED: Final = ("starlette>=0.40", "uvicorn>=0.54", "websockets>=13")
+"""What the server is made of: the extra ``web`` of pyproject.toml."""
 
 
 class Showing(NamedTuple):
@@ -27,9 +31,9 @@ class Showing(NamedTuple):
 
 def check_installed() -> None:
     """Raise UserError if what the server is made of is not installed."""
-    missing = [name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None]
+    missing = [needed for needed in NEEDED if find_spec(needed.partition(">=")[0]) is None]
     if missing:
-        raise UserError(f"pages need {', '.join(missing)}, not installed here: pip install 'cosim[web]'")
+        raise UserError(f"pages need what is not installed here: pip install {shlex.join(missing)}")
 
 
 def show(session: Session, showing: Showing, told: Callable[[str], None], page: str = VIEW) -> None:

@@ -1,6 +1,6 @@
 """The floors of aggregation_scaling: squares of alike rooms, any number of them along a side.
 
-    python -m experiments.aggregation_scaling.floors experiments/floors
+    python -P -m experiments.aggregation_scaling.floors experiments/floors
 
 writes ``rooms_50.yaml``, ``rooms_100.yaml`` and so on, the floors that the sweep uses. Rooms are 25 m x 25 m, with a
 door of 2 m in every wall between two of them. Doors stand off the middle of their walls, in another place from wall to

@@ -1,7 +1,7 @@
 """How far the answers depend on what paper 002 leaves open: the claims of a search's published.csv, choice by choice.
 
     cosim sweep experiments/aggregation_search/alternatives.yaml
-    python -m experiments.aggregation_search.alternatives results/aggregation_alternatives
+    python -P -m experiments.aggregation_search.alternatives results/aggregation_alternatives
 
 It reads the results of a sweep with an axis ``choice``, of this experiment or of a sister that has one, and judges each
 claim for the runs of each choice alone. Into the folder of the results go claims_by_choice.csv and its picture. Claims

@@ -1,6 +1,6 @@
 """The floors of the exploration experiments: squares of 40 m x 40 m (paper 001, section 4.1), ours but for the size.
 
-    python -m experiments.exploration_teams.floors experiments/floors
+    python -P -m experiments.exploration_teams.floors experiments/floors
 
 writes ``explore_empty.yaml``, ``explore_corridor.yaml`` and ``explore_office.yaml``. Doors stand off the middle of
 their walls, in another place from room to room, so that nobody sees far through several.

@@ -1,6 +1,6 @@
 """One exploration from above: the map as it grows, and the ways of the robots.
 
-    python -m experiments.exploration_teams.growing PICTURE.png [--seed N] [--set PATH=VALUE ...]
+    python -P -m experiments.exploration_teams.growing PICTURE.png [--seed N] [--set PATH=VALUE ...]
 
 The run is that of the experiment; ``--set`` chooses as with ``cosim sweep``: ``map=office``, ``robots=8``,
 ``algorithm=utility``, ``scenario.floorplan.map=my.yaml``, ``'choice={protocol.parameters.escape.enabled: false}'``.

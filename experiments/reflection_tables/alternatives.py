@@ -1,7 +1,7 @@
 """How far the answers depend on what the paper leaves open: claims, and what helpers save, choice by choice.
 
     cosim sweep experiments/reflection_tables/alternatives.yaml
-    python -m experiments.reflection_tables.alternatives results/reflection_alternatives
+    python -P -m experiments.reflection_tables.alternatives results/reflection_alternatives
 
 It reads the results of a sweep with an axis ``choice``, of this experiment or of a sister that has one, and judges the
 claims of that experiment's published.csv for each choice alone. Into the folder of the results go claims_by_choice.csv

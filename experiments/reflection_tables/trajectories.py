@@ -1,6 +1,6 @@
 """A picture like Figs 6 and 10 of paper 000: one short run from above, with the ghosts that the seeker headed for.
 
-    python -m experiments.reflection_tables.trajectories PICTURE.png [--seed N] [--set PATH=VALUE ...]
+    python -P -m experiments.reflection_tables.trajectories PICTURE.png [--seed N] [--set PATH=VALUE ...]
 
 The settings are those of the experiment, with three targets; ``--set`` changes them as with ``cosim run``.
 """

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 
 from cosim.cli import main
 from cosim.web.pages import STATIC
+from cosim.web.starting import NEEDED
 from tests.web.commanded import ROOT, Commanded, commanded
 from tests.web.console import PLAIN
 from tests.web.served import next_of, until_closed
@@ -104,7 +105,12 @@ def test_what_is_not_installed_is_named_in_one_line(
         main(["view", "pseudonet_coverage"])
     told = capsys.readouterr()
     assert (ended.value.code, told.out) == (2, "")
-    assert told.err == "pages need uvicorn, not installed here: pip install 'cosim[web]'\n"
+    assert told.err == "pages need what is not installed here: pip install 'uvicorn>=0.54'\n"
+
+
+def test_what_is_needed_is_the_extra():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert list(NEEDED) == extras["web"]
 
 
 def test_what_a_browser_loads_is_part_of_the_package():
