@@ -379,7 +379,8 @@ def validate(file: Path, sets: tuple[str, ...]) -> None:
 
         experiment = load_experiment(file, sets)
         check_set_up(experiment)
-        click.echo(yaml.safe_dump(dump(experiment.settings) | {"scenario": experiment.base}, sort_keys=False), nl=False)
+        base = "parameters" if experiment.settings.scenario is None else "scenario"
+        click.echo(yaml.safe_dump(dump(experiment.settings) | {base: experiment.base}, sort_keys=False), nl=False)
         return
     scenario = load(file, sets)
     with _naming(str(file), sets):

@@ -2,7 +2,8 @@
 
 Events are executed in the order (time, priority, insertion). The priorities are the phases of one instant:
 
-    STOP  -2   the end of a run; a run is half-open, so nothing at its end is executed
+    STOP  -3   the end of a run; a run is half-open, so nothing at its end is executed
+    FAULT -2   something fails, or works again
     WORLD -1   robots move, then sense
     (0)        SimPy's own urgent events
     DELIVER 1  frames and link events arrive
@@ -23,7 +24,8 @@ from simpy.core import StopSimulation
 from cosim.errors import LocalProtocolError
 from cosim.units import Time
 
-STOP: Final = -2
+STOP: Final = -3
+FAULT: Final = -2
 WORLD: Final = -1
 DELIVER: Final = 1
 WAKE: Final = 2

@@ -1,6 +1,6 @@
 """Faults of hosts: crashes and reboots, clocks that jump, batteries; and faults of any kind that come with a rate."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -9,12 +9,16 @@ import pytest
 from pydantic import ValidationError
 from scipy import stats
 
-from cosim.faults.instants import spans
+from cosim.errors import UserError
+from cosim.faults import course
+from cosim.faults.instants import Agenda, Happening, spans
 from cosim.faults.settings import KillSettings, RadioOffSettings
+from cosim.kernel import WORLD
 from cosim.machine import Discovered, Inquire, Lost, Page, Role, RoleChanged, Scan, SwitchRole
 from cosim.randomness import Streams
 from cosim.scenario import load
 from cosim.simulation import Simulation, simulate
+from cosim.trace import POSES
 from cosim.units import MS, S, Time
 from tests.fault_scene import TICK, Driver, executed, kill, radio_off, rows, scenario
 
@@ -307,14 +311,14 @@ def test_gaps_are_exponential_from_a_stream_of_their_own():
 
 def test_each_lasts_as_long_as_is_said_and_has_no_end_after_the_run():
     fault = RadioOffSettings(robot=0, at_s=0.0, rate_per_s=1.0, for_s=2.0)
-    happening = spans(fault, Streams(3)("fault", 0), 100 * S)
+    happening = list(spans(fault, Streams(3)("fault", 0), 100 * S))
     assert {end - start for start, end in happening if end is not None} == {2 * S}
     assert [end is None for start, end in happening] == [start >= 98 * S for start, _ in happening]
     once = RadioOffSettings(robot=0, at_s=1.0, for_s=2.0)
-    assert spans(once, Streams(3)("fault", 0), 100 * S) == [(1 * S, 3 * S)]
-    assert spans(once, Streams(3)("fault", 0), 3 * S) == [(1 * S, None)]
+    assert list(spans(once, Streams(3)("fault", 0), 100 * S)) == [(1 * S, 3 * S)]
+    assert list(spans(once, Streams(3)("fault", 0), 3 * S)) == [(1 * S, None)]
     for_ever = RadioOffSettings(robot=0, at_s=1.0)
-    assert spans(for_ever, Streams(3)("fault", 0), 100 * S) == [(1 * S, None)]
+    assert list(spans(for_ever, Streams(3)("fault", 0), 100 * S)) == [(1 * S, None)]
 
 
 def test_two_faults_that_are_alike_happen_at_times_of_their_own():
@@ -347,6 +351,61 @@ def test_rates_of_many_kinds_at_once_leave_a_run_that_can_be_repeated():
     one, other = simulate(made, 1), simulate(made, 1)
     assert one.digest == other.digest != simulate(made, 2).digest
     assert {*one.trace.columns("events")["event"]} >= {"Crashed", "Rebooted", "Carried", "ClockStepped", "Thawed"}
+
+
+def every_kind_with_a_rate(seed: int) -> list[dict[str, Any]]:
+    """Return faults of all hosts and bodies, many of which happen at one instant: at a tick, or several in one."""
+    random = np.random.default_rng(seed)
+    faults: list[dict[str, Any]] = []
+    for kind in ("crash", "radio_off", "camera_off", "frozen", "moved", "moved", "clock_step", "kill"):
+        fault = {"kind": kind, "robot": int(random.integers(3)), "at_s": float(random.choice([0.0, 0.3, 1.0]))}
+        if kind != "kill":
+            fault["rate_per_s"] = float(random.choice([0.7, 3.0, 25.0]))
+        faults.append(fault | ({"by_s": 0.4} if kind == "clock_step" else {}))
+        if kind in ("crash", "radio_off", "camera_off", "frozen"):
+            faults[-1]["for_s"] = float(random.choice([0.1, 0.25]))
+            faults.append({**faults[-1], "robot": (fault["robot"] + 1) % 3, "at_s": 0.5, "rate_per_s": None})
+    return [*faults, battery(0, 3.0, idle_w=1.0, drive_j_per_m=0.5)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_drawing_instants_as_they_come_is_the_same_as_drawing_all_of_them_before_the_run(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+):
+    class AtOnce(Agenda):
+        """All that will happen is entered into the kernel before the run, in the phase in which robots move."""
+
+        def enter(self, number: int, happenings: Iterable[Happening]) -> None:
+            for happening in happenings:
+                for time, act in happening:
+                    self._kernel.at(time, act, WORLD)
+
+    made = scenario(*every_kind_with_a_rate(seed), size=3, far_m=3.0, duration_s=4.0)
+    lazy = simulate(made, seed, [POSES])
+    monkeypatch.setattr(course, "Agenda", AtOnce)
+    at_once = simulate(made, seed, [POSES])
+    assert lazy.digest == at_once.digest
+    assert lazy.metrics == at_once.metrics
+    assert [lazy.trace.columns(table) for table in ("events", "poses")] == [
+        at_once.trace.columns(table) for table in ("events", "poses")
+    ]
+
+
+def test_a_rate_costs_nothing_before_its_instants_come():
+    always = {"at_s": 0.0, "rate_per_s": 1000.0}
+    faults = [{"kind": "frozen", "robot": 0, **always, "for_s": 0.01}, {"kind": "moved", "robot": 1, **always}]
+    simulation = Simulation(scenario(*faults, duration_s=1e9), 1)
+    simulation.begin()
+    assert not simulation.advance(S // 10)
+    frozen = [event for event in simulation.trace.columns("events")["event"] if event == "Frozen"]
+    assert 0 < len(frozen) < 200
+
+
+def test_a_jammer_that_begins_too_often_is_refused():
+    often = {"kind": "jammer", "x_m": 1.0, "y_m": 1.0, "at_s": 0.0, "rate_per_s": 10.0, "for_s": 0.01}
+    made = scenario(often, duration_s=1e9, channel={"kind": "bluetooth"})
+    with pytest.raises(UserError, match=r"^faults\[0\]: a jammer with rate_per_s 10 begins more than 10000 times$"):
+        Simulation(made, 1)
 
 
 # ---------------------------------------------------------------- what cannot happen

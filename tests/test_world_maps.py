@@ -1,13 +1,18 @@
 """Maps from files: every rule of map_server on single pixels, orientation, and what is said of broken files."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from cosim.errors import UserError
-from cosim.world.maps import RosMapSettings, occupancy_percent, read_image, read_movingai_map, read_ros_map
+from cosim.geometry import occupancy
+from cosim.geometry.occupancy import outline
+from cosim.world import maps
+from cosim.world.floorplan import FloorplanSettings, load_floorplan
+from cosim.world.maps import RosMapSettings, occupancy_percent, read_movingai_map, read_percent, read_ros_map
 
 KEYS = {"image": "m.pgm", "resolution": 0.5, "origin": [0.0, 0.0, 0.0], "negate": 0}
 KEYS |= {"occupied_thresh": 0.65, "free_thresh": 0.25}
@@ -98,9 +103,23 @@ def test_the_origin_is_the_pose_of_the_lower_left_corner(tmp_path):
 )
 def test_all_kinds_of_pgm_are_read(tmp_path, image):
     (tmp_path / "m.pgm").write_bytes(image)
-    np.testing.assert_allclose(
-        read_image(tmp_path / "m.pgm")[:, :, 0], np.array([[0, 254], [205, 254]]) / 255, atol=1e-4
-    )
+    scaled = RosMapSettings(**KEYS | {"mode": "scale", "occupied_thresh": 1, "free_thresh": 0})
+    assert read_percent(tmp_path / "m.pgm", scaled).tolist() == [[100, 0], [20, 0]]
+
+
+@pytest.mark.parametrize(("block", "tile"), [(1, 1), (3, 2), (10, 3), (1 << 20, 512)])
+def test_an_image_is_the_same_in_pieces_of_any_size(tmp_path, monkeypatch, block, tile):
+    monkeypatch.setattr(maps, "_BLOCK", block)
+    monkeypatch.setattr(maps, "_TILE", tile)
+    levels = np.arange(35).reshape(5, 7)
+    words = " ".join(f"{level}#12\r" if level % 4 == 3 else f"{level}" for level in levels.ravel())
+    (tmp_path / "m.pgm").write_text(f"P2 7 5 100 # 3 4 5\n{words} 9 x")
+    raw = RosMapSettings(**KEYS | {"mode": "raw"})
+    expected = np.floor(255 * levels / 100 + 0.5)
+    assert read_percent(tmp_path / "m.pgm", raw).tolist() == np.where(expected <= 100, expected, -1).tolist()
+    colours = np.stack((levels, levels, levels * 0, levels * 0 + 255), axis=2).astype(np.uint8)
+    Image.fromarray(colours).save(tmp_path / "m.png")
+    assert read_percent(tmp_path / "m.png", raw).tolist() == np.floor(2 * levels / 3 + 0.5).tolist()
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "LA", "P", "1", "I;16"])
@@ -125,6 +144,11 @@ def test_all_kinds_of_png_are_read(tmp_path, mode):
         ({"free_thresh": 0.7}, "free_thresh 0.7 is not < occupied_thresh 0.65"),
         ({"image": "no.pgm"}, "m.yaml: image: 'no.pgm': there is no such file beside the map"),
         ({"image": "[1"}, "m.yaml: line "),
+        ({"image": "a" * 5000}, "there is no such file beside the map"),
+        ({"origin": "[0, 0, 1.0e+19]"}, "m.yaml: origin: [0, 0, 1e+19] is turned by 1e+19 rad, expected -2 pi to 2 pi"),
+        ({"origin": "[0, -2.0e+6, 0]"}, "m.yaml: origin: [0, -2000000.0, 0] is not within 1e+06 m"),
+        ({"resolution": "1.0e+300"}, "m.yaml: resolution: 1e+300 m is no size of a cell of a map of 2 x 2, expected "),
+        ({"resolution": "1.0e-300"}, "m.yaml: resolution: 1e-300 m is no size of a cell"),
     ],
 )
 def test_bad_keys_are_named(tmp_path, keys, message):
@@ -142,7 +166,13 @@ def test_bad_keys_are_named(tmp_path, keys, message):
         (b"", "not an image"),
         (b"\x89PNG\r\n\x1a\n broken", "not an image"),
         (b"P5 2 2 255\n\x00", "pixels: 1 found, expected 2 x 2"),
-        (b"P5 2 x 255\n\x00", "b'x' is not a whole number"),
+        (b"P5 2 x 255\n\x00", "header: height: 'x' is not a whole number"),
+        (b"P5 2 \xb2 255\n\x00", "header: height: '²' is not a whole number"),
+        (b"P5 2 0 255\n\x00", "header: height: '0' is not a whole number"),
+        (b"P5 " + b"9" * 5000 + b" 2 255\n\x00", "header: width: a number of 5000 digits is not <= 100000000"),
+        (b"P5 10001 10000 255\n\x00", "header: 10001 x 10000 are 100010000 cells, expected at most 100000000"),
+        (b"P5 99999999 99999999 255\n\x00", "expected at most 100000000"),
+        (b"P2 1 1 255 " + b"9" * 5000, "9223372036854775807 is not <= 65535"),
         (b"P5 2", "is not a whole number"),
         (b"P5 2 2 70000\n", "maxval 70000"),
         (b"P2 1 1 7 9", "9 is not <= maxval 7"),
@@ -175,7 +205,13 @@ def test_movingai_letters_and_rows(tmp_path):
         ("octile", "tile", "m.map: type: 'tile' is not 'octile'"),
         ("height 2", "height 3", "m.map: map: 2 rows found, expected 3"),
         ("width 4", "width x", "m.map: width: 'x' is not a whole number > 0"),
-        ("width 4\n", "", "m.map: width: None is not a whole number > 0"),
+        ("width 4\n", "", "m.map: width: '' is not a whole number > 0"),
+        ("width 4", "width ²", "m.map: width: '²' is not a whole number > 0"),
+        ("width 4", "width " + "9" * 5000, "m.map: width: a number of 5000 digits is not <= 100000000"),
+        ("width 4", "width 50000001", "m.map: header: 50000001 x 2 are 100000002 cells, expected at most 100000000"),
+        ("S.OW", "S.OWW", "m.map: line 6: 5 cells found, expected 4"),
+        (".G@T", ".G@", "m.map: line 5: 3 cells found, expected 4"),
+        ("S.OW", "S.\u20acW", "m.map: line 6: '\u20ac' is not one of"),
         ("\nmap", "", "m.map: header: no line 'map' found"),
         ("S.OW", "S.O", "m.map: line 6: 3 cells found, expected 4"),
         ("S.OW", "S.O?", "m.map: line 6: '?' is not one of"),
@@ -191,5 +227,53 @@ def test_a_broken_movingai_map_is_named(tmp_path, old, new, message):
 
 def test_a_map_that_is_not_text_is_named(tmp_path):
     (tmp_path / "m.map").write_bytes(b"type\xff")
-    with pytest.raises(UserError, match="byte 4 is not UTF-8 text"):
+    with pytest.raises(UserError, match="header: no line 'map' found"):
         read_movingai_map(tmp_path / "m.map", 1.0)
+
+
+@pytest.mark.parametrize("ends", ["\r\n", "\r"])
+def test_a_movingai_map_may_end_its_lines_as_other_systems_do(tmp_path, ends):
+    (tmp_path / "m.map").write_bytes(MOVINGAI.rstrip().replace("\n", ends).encode())
+    assert read_movingai_map(tmp_path / "m.map", 1.0).occupied.tolist() == [[False, False, True, True]] * 2
+
+
+@pytest.mark.parametrize("cell_m", [1e300, 3e5, 1e-4])
+def test_cells_that_make_no_floor_are_refused(tmp_path, cell_m):
+    (tmp_path / "m.map").write_text(MOVINGAI)
+    with pytest.raises(UserError, match=r"^floorplan.resolution_m: \S+ m is no size of a cell of a map of 4 x 2"):
+        load_floorplan(FloorplanSettings(map="m.map", resolution_m=cell_m), tmp_path)
+
+
+def test_the_outline_is_the_same_in_bands_of_any_height(monkeypatch):
+    cells = np.random.default_rng(1).random((9, 13)) < 0.5
+    at_once = outline(cells).tolist()
+    for band in (1, 30, 50):
+        monkeypatch.setattr(occupancy, "_BAND", band)
+        assert outline(cells).tolist() == at_once
+    assert len(outline(cells, len(at_once))) == len(at_once)
+    with pytest.raises(ValueError, match="more segments than it may have"):
+        outline(cells, len(at_once) - 1)
+
+
+def test_a_map_of_too_many_walls_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(maps, "MOST_SIDES", 5)
+    write(tmp_path)
+    with pytest.raises(UserError, match=r"^floorplan\.map: 'm\.yaml': its solid cells have more than "):
+        load_floorplan(FloorplanSettings(map="m.yaml"), tmp_path)
+
+
+def test_a_large_map_takes_at_most_four_bytes_a_cell_beside_its_file(tmp_path):
+    pixels = np.full((1000, 1000), 254, np.uint8)
+    pixels[::50] = 0
+    files = {"m.pgm": b"P5 1000 1000 255\n" + pixels.tobytes()}
+    letters = np.where(pixels, ord("."), ord("@")).astype(np.uint8)
+    rows = b"\n".join(row.tobytes() for row in letters)
+    (tmp_path / "m.map").write_bytes(b"type octile\nheight 1000\nwidth 1000\nmap\n" + rows)
+    path = write(tmp_path, files["m.pgm"])
+    for read in (lambda: read_ros_map(path), lambda: read_movingai_map(tmp_path / "m.map", 0.1)):
+        tracemalloc.start()
+        try:
+            read()
+            assert tracemalloc.get_traced_memory()[1] < 5e6  # the file and at most four bytes a cell
+        finally:
+            tracemalloc.stop()

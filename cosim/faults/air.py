@@ -1,20 +1,23 @@
 """Faults of the air: jammers, and walls of loss. They are nobody's, so their events have no robot."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from itertools import islice
 from typing import Final
 
 from cosim.channels.base import Channel
 from cosim.channels.propagation import Barrier
 from cosim.errors import UserError
 from cosim.faults.events import JammerOff, JammerOn, WallDown, WallUp
-from cosim.faults.instants import Span
+from cosim.faults.instants import Agenda, Span, lasting
 from cosim.faults.settings import JammerSettings, WallSettings
-from cosim.kernel import WORLD, Kernel
+from cosim.kernel import Kernel
 from cosim.trace import Trace
 from cosim.units import Time
 
 NOBODY: Final = -1
+MOST_JAMMINGS: Final = 10_000
+"""How often a jammer may be on the air in a run: radios are told of all of them before it begins."""
 
 
 class AirFaults:
@@ -23,15 +26,22 @@ class AirFaults:
     Where robots have several radios, it is the channels of those that a fault names, or of all that take it.
     """
 
-    def __init__(self, kernel: Kernel, channel: Channel, trace: Trace) -> None:
+    def __init__(self, kernel: Kernel, agenda: Agenda, channel: Channel, trace: Trace) -> None:
         self._kernel = kernel
+        self._agenda = agenda
         self._channel = channel
         self._trace = trace
         self._barriers: dict[Channel, list[Barrier]] = {part: [] for part in channel.parts}
 
-    def jam(self, number: int, fault: JammerSettings, spans: Sequence[Span], run_end: Time) -> None:
-        """Have the jammer that is fault *number* on the air at *spans*; raise UserError if no radio could notice it."""
-        jammers = [fault.jammer(begin, run_end if end is None else end) for begin, end in spans]
+    def jam(self, number: int, fault: JammerSettings, spans: Iterable[Span], run_end: Time) -> None:
+        """Have the jammer that is fault *number* on the air at *spans*.
+
+        Raise UserError if no radio could notice it, or if there are more than MOST_JAMMINGS of them.
+        """
+        known = list(islice(spans, MOST_JAMMINGS + 1))
+        if len(known) > MOST_JAMMINGS:
+            raise UserError(f"a jammer with rate_per_s {fault.rate_per_s:g} begins more than {MOST_JAMMINGS} times")
+        jammers = [fault.jammer(begin, run_end if end is None else end) for begin, end in known]
 
         def jam(part: Channel) -> None:
             if not hasattr(part, "jam"):
@@ -40,10 +50,10 @@ class AirFaults:
                 part.jam(jammer)
 
         self._willing(fault.radio, jam)
-        for span in spans:
-            self._schedule(span, partial(self._note, JammerOn(number)), partial(self._note, JammerOff(number)))
+        on, off = partial(self._note, JammerOn(number)), partial(self._note, JammerOff(number))
+        self._agenda.enter(number, (lasting(span, on, off) for span in known))
 
-    def obstruct(self, number: int, fault: WallSettings, spans: Sequence[Span]) -> None:
+    def obstruct(self, number: int, fault: WallSettings, spans: Iterable[Span]) -> None:
         """Have the wall that is fault *number* in the way at *spans*; raise UserError if no radio could notice it."""
 
         def ask(part: Channel) -> None:
@@ -53,9 +63,8 @@ class AirFaults:
 
         parts = self._willing(fault.radio, ask)
         barrier = Barrier(*fault.from_m, *fault.to_m, fault.loss_db)
-        for span in spans:
-            up, down = (partial(self._wall, number, parts, barrier, stands) for stands in (True, False))
-            self._schedule(span, up, down)
+        up, down = (partial(self._wall, number, parts, barrier, stands) for stands in (True, False))
+        self._agenda.enter(number, (lasting(span, up, down) for span in spans))
 
     def _willing(self, radio: int | None, act: Callable[[Channel], None]) -> list[Channel]:
         """Return for which channels of *radio*, or of all, *act* raises no UserError; raise its first if for none."""
@@ -72,11 +81,6 @@ class AirFaults:
         if not willing:
             raise errors[0]
         return willing
-
-    def _schedule(self, span: Span, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        self._kernel.at(span[0], begin, WORLD)
-        if span[1] is not None:
-            self._kernel.at(span[1], end, WORLD)
 
     def _wall(self, number: int, parts: Sequence[Channel], barrier: Barrier, stands: bool) -> None:
         self._note(WallUp(number) if stands else WallDown(number))

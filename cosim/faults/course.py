@@ -1,4 +1,4 @@
-"""What faults do in the course of a run; carried out in the phase WORLD.
+"""What faults do in the course of a run; carried out in the phase FAULT.
 
 A fault of the instant of a world tick comes before the tick.
 
@@ -36,7 +36,7 @@ from cosim.faults.events import (
     Rebooted,
     Thawed,
 )
-from cosim.faults.instants import Span, spans
+from cosim.faults.instants import Agenda, Happening, Span, lasting, spans
 from cosim.faults.places import check_places, drawn_places
 from cosim.faults.settings import (
     BatterySettings,
@@ -107,11 +107,12 @@ class Faults:
         self._coasting: dict[Address, Time] = {}
 
     def schedule(self, run_end: Time) -> None:
-        """Enter all faults into the kernel, before anything else of the instants at which they happen.
+        """Have all faults happen, before anything else of their instants.
 
         Raise UserError for a jammer or a wall on a channel that has no radio.
         """
-        air = AirFaults(self._kernel, self._channel, self._trace)
+        agenda = Agenda(self._kernel)
+        air = AirFaults(self._kernel, agenda, self._channel, self._trace)
         for number, fault in enumerate(self._settings):
             if isinstance(fault, BatterySettings):
                 self._supply(fault)
@@ -124,28 +125,27 @@ class Faults:
                     case WallSettings():
                         air.obstruct(number, fault, happening)
                     case _:
-                        for span in happening:
-                            self._schedule(number, fault, span)
+                        agenda.enter(number, map(partial(self._happening, number, fault), happening))
             except UserError as error:
                 raise UserError(f"faults[{number}]: {error}") from None
+        agenda.begin()
 
-    def _schedule(self, number: int, fault: FaultSettings, span: Span) -> None:
-        start, end = span
+    def _happening(self, number: int, fault: FaultSettings, span: Span) -> Happening:
+        start = span[0]
         match fault:
             case KillSettings(robot=robot):
-                self._at(start, partial(self._kill, robot))
+                return ((start, partial(self._kill, robot)),)
             case ClockStepSettings(robot=robot):
-                self._at(start, partial(self._step_clock, robot, from_seconds(fault.by_s)))
+                return ((start, partial(self._step_clock, robot, from_seconds(fault.by_s))),)
             case MovedSettings():
                 tick = self._fleet.tick
-                self._at(
-                    max(1, -(-start // tick)) * tick, partial(self._carry, fault, ("fault", number, "place", start))
-                )
+                carry = partial(self._carry, fault, ("fault", number, "place", start))
+                return ((max(1, -(-start // tick)) * tick, carry),)
             case CrashSettings() | RadioOffSettings() | CameraOffSettings() | FrozenSettings():
                 radio = fault.radio if isinstance(fault, RadioOffSettings) else None
-                self._at(start, partial(self._count, fault.kind, fault.robot, radio, 1))
-                if end is not None:
-                    self._at(end, partial(self._count, fault.kind, fault.robot, radio, -1))
+                begin, end = (partial(self._count, fault.kind, fault.robot, radio, change) for change in (1, -1))
+                return lasting(span, begin, end)
+        raise AssertionError(f"{fault.kind} does not happen at instants")
 
     def deaths(self, run_is_over: bool = False) -> list[Death]:
         """Return those of the dead whose bodies have come to rest, each once; all that are left if *run_is_over*."""
@@ -162,9 +162,6 @@ class Faults:
     def _death(self, robot: Address, at: Time) -> Death:
         x_m, y_m = self._fleet.positions_m[robot].tolist()
         return Death(robot, at, x_m, y_m, float(self._fleet.radii_m[robot]))
-
-    def _at(self, time: Time, act: "partial[None]") -> None:
-        self._kernel.at(time, act, WORLD)
 
     def _note(self, robot: Address, event: object) -> None:
         self._trace.event(self._kernel.now, robot, event)

@@ -16,7 +16,7 @@ from cosim.units import Time, from_seconds
 
 LAST_CHANNEL: Final = 78
 MOST_OFTEN_PER_S: Final = 1e3
-"""All faults of a run are entered into the kernel before it begins."""
+"""Once a millisecond: a run is to get on."""
 LONGEST_STEP_S: Final = 1e9
 """Thirty years: what a clock then reads still is an integer of 64 bits, in the tables too."""
 MODES: Final = {"constant": CONSTANT, "sweeping": SWEEPING, "pulsed": PULSED}

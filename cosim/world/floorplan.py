@@ -22,7 +22,7 @@ from cosim.documents import nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
 from cosim.settings import Settings
-from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
+from cosim.world.maps import MOST_SIDES, OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
@@ -151,7 +151,7 @@ class Floorplan:
         x_min, y_min, x_max, y_max = self.bounds_m
         mask: Bools = (x < x_min) | (x > x_max) | (y < y_min) | (y > y_max)
         if self.occupancy is not None:
-            mask |= self.occupancy.look_up(self.occupancy.solid(self.unknown_is_occupied), points, outside=True)
+            mask |= self.occupancy.solid_at(points, self.unknown_is_occupied)
         for polygon in self._solids:
             mask |= shapely.intersects_xy(polygon, x, y)
         return mask
@@ -270,7 +270,12 @@ def _drawn(
 
 
 def _mapped(name: str, settings: FloorplanSettings, occupancy: OccupancyMap) -> Floorplan:
-    outline = occupancy.walls_m(occupancy.solid(settings.unknown_is_occupied))
+    try:
+        outline = occupancy.walls_m(occupancy.solid(settings.unknown_is_occupied))
+    except ValueError:
+        raise UserError(
+            f"floorplan.map: {settings.map[:60]!r}: its solid cells have more than {MOST_SIDES} sides"
+        ) from None
     walls = [_Walls(outline, settings.wall_kind, 0.5), *_walls_of(settings)]
     return Floorplan(
         name,

@@ -11,19 +11,26 @@ one more colour. p = 1 - shade, or the shade itself if the map is negated. Then
 Row 0 of the image is the top of the map; the origin is the pose (x, y, yaw) of its lower left corner. For our purpose a
 cell is occupied, free or unknown. In ``trinary`` and ``scale`` 100 is occupied and 0 free; in ``raw``, which is not
 thresholded, more than 100 occupied_thresh is occupied and less than 100 free_thresh free. All else is unknown.
+
+Maps are large: what is read takes a byte or two a cell beside the file, and arithmetic on shades is done for each shade
+that there can be, or tile by tile.
 """
 
 import io
 import math
+import os
+import re
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeAlias
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from cosim.documents import read_bytes, read_text, read_yaml, validated
+from cosim.documents import read_bytes, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
 from cosim.settings import Settings
@@ -31,10 +38,36 @@ from cosim.settings import Settings
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Percents: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
+Samples: TypeAlias = np.ndarray[Any, np.dtype[np.uint8 | np.uint16]]
 
 UNKNOWN: Final = -1
+MOST_CELLS: Final = 100_000_000
+"""The size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
+FARTHEST_M: Final = 1e6
+"""The largest extent, and coordinate of the origin, of a map."""
+SMALLEST_CELL_M: Final = 1e-3
+"""The size of the smallest cells."""
+MOST_SIDES: Final = 1_000_000
+"""The largest number of sides that the solid cells of a map may have together: walls take more room than cells."""
+LARGEST_YAW_RAD: Final = 2 * math.pi
+"""By how much a map may be turned; more is no angle in radians that anybody means."""
+_TILE: Final = 512
+"""The side of the tiles of an image whose shades are computed at once, in pixels."""
+_BLOCK: Final = 1 << 20
+"""The number of bytes of a plain graymap that are split into words at once."""
+_SPACE: Final = re.compile(rb"\s")
+_LINE: Final = re.compile(rb"[\r\n]")
+_COMMENT: Final = re.compile(rb"#[^\r\n]*")
+_HEADER: Final = re.compile(rb"(?:\s|#[^\n]*)*+([^\s#]*)")
+"""The next word of the header of a graymap, past spaces and comments."""
 _PASSABLE: Final = frozenset(".GS")
 _BLOCKED: Final = frozenset("@OTW")
+_FREE, _SOLID, _LINE_END, _STRANGE = range(4)
+_CODES: Final = bytes(
+    {**dict.fromkeys(_PASSABLE, _FREE), **dict.fromkeys(_BLOCKED, _SOLID), "\n": _LINE_END}.get(chr(byte), _STRANGE)
+    for byte in range(256)
+)
+"""What each byte of the rows of a MovingAI map stands for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +86,17 @@ class OccupancyMap:
         """Return which cells, shape (ny, nx), a robot must stay out of."""
         return self.occupied | self.unknown if unknown_is_occupied else self.occupied
 
+    def solid_at(self, points_m: Floats, unknown_is_occupied: bool) -> Bools:
+        """Return at which of *points_m* (n, 2) in the world frame a robot cannot be: also off the map."""
+        solid = self.look_up(self.occupied, points_m, outside=True)
+        return solid | self.look_up(self.unknown, points_m, outside=True) if unknown_is_occupied else solid
+
     def walls_m(self, solid: Bools) -> Floats:
-        """Return the outline of the cells *solid*, and of the map, as wall segments (n, 4) in the world frame."""
-        ends = outline(solid).reshape(-1, 2)
+        """Return the outline of the cells *solid*, and of the map, as wall segments (n, 4) in the world frame.
+
+        Raise ValueError if there are more than MOST_SIDES of them.
+        """
+        ends = outline(solid, MOST_SIDES).reshape(-1, 2)
         return self._to_world(ends).reshape(-1, 4)
 
     def bounds_m(self) -> tuple[float, float, float, float]:
@@ -98,6 +139,16 @@ class RosMapSettings(Settings):
     negate: bool = False
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
+    @field_validator("origin")
+    @classmethod
+    def _within_reach(cls, origin: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, yaw = origin
+        if max(abs(x), abs(y)) > FARTHEST_M:
+            raise ValueError(f"is not within {FARTHEST_M:g} m")
+        if abs(yaw) > LARGEST_YAW_RAD:
+            raise ValueError(f"is turned by {yaw:g} rad, expected -2 pi to 2 pi")
+        return origin
+
     @model_validator(mode="after")
     def _thresholds_in_order(self) -> Self:
         if self.free_thresh >= self.occupied_thresh:
@@ -109,14 +160,26 @@ def read_ros_map(path: Path) -> OccupancyMap:
     """Read a ROS map from its YAML file; the image is looked for beside it. Raise UserError for what is wrong."""
     settings = validated(RosMapSettings, read_yaml(path), str(path))
     image = path.parent / settings.image
-    if not image.is_file():
-        raise UserError(f"{path}: image: {settings.image!r}: there is no such file beside the map")
-    percent = occupancy_percent(read_image(image), settings)[::-1]
+    if not os.path.isfile(image):  # Path.is_file raises for a name that is too long
+        raise UserError(f"{path}: image: {settings.image[:60]!r}: there is no such file beside the map")
+    percent = read_percent(image, settings)[::-1]
+    _check_extent(percent.shape, settings.resolution, f"{path}: resolution")
     occupied, free = percent == 100, percent == 0
     if settings.mode == "raw":
         occupied = percent > 100 * settings.occupied_thresh
         free = (percent != UNKNOWN) & (percent < 100 * settings.free_thresh)
-    return OccupancyMap(occupied, ~occupied & ~free, settings.resolution, settings.origin)
+    known = np.logical_or(occupied, free, out=free)
+    return OccupancyMap(occupied, np.logical_not(known, out=known), settings.resolution, settings.origin)
+
+
+def _check_extent(shape: tuple[int, ...], cell_m: float, place: str) -> None:
+    """Raise UserError, naming *place*, for a size of cells that makes no floor of a map of *shape* (ny, nx)."""
+    ny, nx = shape
+    if not SMALLEST_CELL_M <= cell_m <= FARTHEST_M / max(nx, ny):
+        raise UserError(
+            f"{place}: {cell_m:g} m is no size of a cell of a map of {nx} x {ny}, "
+            f"expected {SMALLEST_CELL_M:g} to {FARTHEST_M / max(nx, ny):g}"
+        )
 
 
 def occupancy_percent(pixels: Floats, settings: RosMapSettings) -> Percents:
@@ -142,66 +205,130 @@ def occupancy_percent(pixels: Floats, settings: RosMapSettings) -> Percents:
     return percent.astype(np.int8)
 
 
-def read_image(path: Path) -> Floats:
-    """Return the pixels of a PGM (P2, P5), PNG or other image, 0 to 1, shape (ny, nx, channels), row 0 at the top.
+def read_percent(path: Path, settings: RosMapSettings) -> Percents:
+    """Return the occupancy, shape (ny, nx), row 0 at the top, of a PGM (P2, P5), PNG or other image.
 
-    Raise UserError if the file is not an image.
+    Raise UserError if the file is not an image, or one of more than MOST_CELLS pixels.
     """
     content = read_bytes(path)
     if content[:2] in (b"P2", b"P5"):
-        return _pgm(content, path)[:, :, np.newaxis]
+        samples, largest = _pgm(content, path)
+        table, percent = _of_shades(largest, settings), np.empty(samples.shape, np.int8)
+        for tile in _tiles(*samples.shape):  # NumPy makes 8 bytes of each sample that it looks up
+            percent[tile] = table[samples[tile]]
+        return percent
     try:
-        with Image.open(io.BytesIO(content)) as image:
-            if image.mode.startswith("I;16"):
-                return np.asarray(image, np.float64)[:, :, np.newaxis] / 65535
-            clear = "A" in image.getbands() or "transparency" in image.info
-            plain = image.convert("RGBA" if clear else "RGB")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is another
+            image = Image.open(io.BytesIO(content))
+        with image:
+            _check_cells(*image.size, f"{path}: header")
+            return _of_image(image, settings)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:  # Pillow's ways to say no
         reason = "unknown format" if isinstance(error, UnidentifiedImageError) else str(error)
         raise UserError(f"{path}: not an image, expected PGM or PNG: {reason}") from None
-    return np.asarray(plain, np.float64) / 255
 
 
-def _pgm(content: bytes, path: Path) -> Floats:
-    """Decode a plain (P2) or raw (P5) portable graymap with comments; more than one byte a sample if maxval > 255."""
+def _check_cells(width: int, height: int, place: str) -> None:
+    if width * height > MOST_CELLS:
+        raise UserError(f"{place}: {width} x {height} are {width * height} cells, expected at most {MOST_CELLS}")
+
+
+def _of_image(image: Image.Image, settings: RosMapSettings) -> Percents:
+    """Return the occupancy, shape (ny, nx), of *image*."""
+    clear = "A" in image.getbands() or "transparency" in image.info
+    deep = image.mode.startswith("I;16")
+    table = _of_shades(65535 if deep else 255, settings) if deep or (image.mode in ("1", "L") and not clear) else None
+    percent = np.empty(image.size[::-1], np.int8)
+    for rows, columns in _tiles(*percent.shape):
+        tile = image.crop((columns.start, rows.start, columns.stop, rows.stop))
+        if table is not None:
+            percent[rows, columns] = table[np.asarray(tile if deep else tile.convert("L"))]
+        else:
+            colours = np.asarray(tile.convert("RGBA" if clear else "RGB"), np.float64) / 255
+            percent[rows, columns] = occupancy_percent(colours, settings)
+    return percent
+
+
+def _of_shades(largest: int, settings: RosMapSettings) -> Percents:
+    """Return the occupancy of each grey from 0 to *largest*, which is white, shape (largest + 1,)."""
+    shades = np.arange(largest + 1, dtype=np.float64) / largest
+    return occupancy_percent(shades[:, np.newaxis, np.newaxis], settings)[:, 0]
+
+
+def _tiles(ny: int, nx: int) -> Iterator[tuple[slice, slice]]:
+    """Yield rows and columns of the tiles that cover an image."""
+    for top in range(0, ny, _TILE):
+        for left in range(0, nx, _TILE):
+            yield slice(top, min(top + _TILE, ny)), slice(left, min(left + _TILE, nx))
+
+
+def _pgm(content: bytes, path: Path) -> tuple[Samples, int]:
+    """Decode a plain (P2) or raw (P5) portable graymap with comments; more than one byte a sample if maxval > 255.
+
+    Return its samples, shape (ny, nx), and its maxval.
+    """
     numbers: list[int] = []
     at = 2
-    while len(numbers) < 3:
-        token, at = _token(content, at)
-        if not token.isdigit() or int(token) < 1:
-            raise UserError(f"{path}: header: {token[:20]!r} is not a whole number > 0, expected width, height, maxval")
-        numbers.append(int(token))
+    for name in ("width", "height", "maxval"):
+        word = _HEADER.match(content, at)
+        assert word is not None  # it matches nothing, too
+        numbers.append(_whole(word[1].decode("latin-1"), f"{path}: header: {name}"))
+        at = word.end()
     width, height, largest = numbers
     if largest > 65535:
         raise UserError(f"{path}: header: maxval {largest} is not <= 65535")
+    _check_cells(width, height, f"{path}: header")
     if content[:2] == b"P5":
         kind = np.dtype(">u2" if largest > 255 else "u1")
-        body = content[at + 1 : at + 1 + width * height * kind.itemsize]
-        samples = np.frombuffer(body[: len(body) // kind.itemsize * kind.itemsize], kind).astype(np.float64)
+        start = min(at + 1, len(content))
+        samples = np.frombuffer(content, kind, min(width * height, (len(content) - start) // kind.itemsize), start)
     else:
-        words = b" ".join(line.split(b"#")[0] for line in content[at:].splitlines()).split()[: width * height]
-        if not all(word.isdigit() for word in words):
-            raise UserError(f"{path}: pixels: not all of them are whole numbers")
-        samples = np.array([int(word) for word in words], np.float64)
+        samples = _plain_samples(content, at, width * height, path)
     if len(samples) < width * height:
         raise UserError(f"{path}: pixels: {len(samples)} found, expected {width} x {height}")
     if samples.max() > largest:
-        raise UserError(f"{path}: pixels: {samples.max():.0f} is not <= maxval {largest}")
-    return samples.reshape(height, width) / largest
+        raise UserError(f"{path}: pixels: {samples.max()} is not <= maxval {largest}")
+    return samples.reshape(height, width), largest
 
 
-def _token(content: bytes, at: int) -> tuple[bytes, int]:
-    """Return the next word of a PGM header from *at* on, past spaces and comments, and where it ends."""
-    while at < len(content) and (content[at : at + 1].isspace() or content[at : at + 1] == b"#"):
-        if content[at : at + 1] == b"#":
-            line_end = content.find(b"\n", at)
-            at = line_end if line_end >= 0 else len(content)
-        else:
-            at += 1
-    start = at
-    while at < len(content) and not content[at : at + 1].isspace() and content[at : at + 1] != b"#":
-        at += 1
-    return content[start:at], at
+def _plain_samples(content: bytes, at: int, count: int, path: Path) -> Samples:
+    """Return the first *count* numbers of a plain graymap from *at* on, or all if there are fewer, shape (n,)."""
+    samples = np.empty(count, np.uint16)
+    found = 0
+    while found < count and at < len(content):
+        end = _end_of(_SPACE, content, at + _BLOCK)
+        comment = content.rfind(b"#", at, end)
+        if comment >= 0:
+            end = max(end, _end_of(_LINE, content, comment))
+        words = _COMMENT.sub(b" ", content[at:end]).split()[: count - found]
+        if not all(word.isdigit() for word in words):
+            raise UserError(f"{path}: pixels: not all of them are whole numbers")
+        numbers = np.fromstring(b" ".join(words), np.int64, sep=" ")
+        if numbers.max(initial=0) > 65535:
+            raise UserError(f"{path}: pixels: {numbers.max()} is not <= 65535")
+        samples[found : found + len(words)] = numbers
+        found, at = found + len(words), end
+    return samples[:found]
+
+
+def _end_of(pattern: re.Pattern[bytes], content: bytes, at: int) -> int:
+    """Return where *pattern* is found first from *at* on; the end of *content* if it is not."""
+    match = pattern.search(content, at)
+    return match.start() if match else len(content)
+
+
+def _whole(text: str, place: str) -> int:
+    """Return the number that *text* in ASCII digits is; raise UserError, naming *place*, for 0 and what is none.
+
+    So it is for one that is larger than any number in a map can be: Python takes no number of 5000 digits.
+    """
+    digits = text.lstrip("0")
+    if not (digits.isascii() and digits.isdigit()):
+        raise UserError(f"{place}: {text[:20]!r} is not a whole number > 0")
+    if len(digits) > len(str(MOST_CELLS)):
+        raise UserError(f"{place}: a number of {len(digits)} digits is not <= {MOST_CELLS}")
+    return int(digits)
 
 
 def read_movingai_map(path: Path, cell_m: float) -> OccupancyMap:
@@ -210,26 +337,47 @@ def read_movingai_map(path: Path, cell_m: float) -> OccupancyMap:
     ``.``, ``G`` and ``S`` (swamp) can be driven on; ``@``, ``O``, ``T`` (trees) and ``W`` (water) cannot. Raise
     UserError for what is wrong.
     """
-    lines = read_text(path).splitlines()
-    if "map" not in lines[:8]:
+    content = read_bytes(path).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if not content.endswith(b"\n"):
+        content += b"\n"
+    stream = io.BytesIO(content)
+    lines: list[str] = []
+    while len(lines) < 8 and "map" not in lines:
+        lines.append(stream.readline().decode(errors="replace").removesuffix("\n"))
+    if "map" not in lines:
         raise UserError(f"{path}: header: no line 'map' found, expected type, height, width, map")
-    start = lines.index("map") + 1
-    header = dict(line.split(maxsplit=1) for line in lines[: start - 1] if len(line.split(maxsplit=1)) == 2)
+    header = dict(line.split(maxsplit=1) for line in lines[:-1] if len(line.split(maxsplit=1)) == 2)
     if header.get("type", "").strip() != "octile":
-        raise UserError(f"{path}: type: {header.get('type')!r} is not 'octile'")
-    for key in ("height", "width"):
-        if not header.get(key, "").strip().isdigit() or int(header[key]) < 1:
-            raise UserError(f"{path}: {key}: {header.get(key)!r} is not a whole number > 0")
-    rows = lines[start : start + int(header["height"])]
-    if len(rows) < int(header["height"]):
-        raise UserError(f"{path}: map: {len(rows)} rows found, expected {header['height'].strip()}")
-    for number, row in enumerate(rows, start=start + 1):
-        _check_row(row, int(header["width"]), f"{path}: line {number}")
-    occupied = np.array([[letter in _BLOCKED for letter in row] for row in rows])[::-1]
-    return OccupancyMap(occupied, np.zeros_like(occupied), cell_m)
+        raise UserError(f"{path}: type: {header.get('type', '')[:20]!r} is not 'octile'")
+    height, width = (_whole(header.get(key, "").strip(), f"{path}: {key}") for key in ("height", "width"))
+    _check_cells(width, height, f"{path}: header")
+    _check_extent((height, width), cell_m, "floorplan.resolution_m")
+    occupied = _blocked(stream, content, (height, width), path)[::-1]
+    return OccupancyMap(occupied, np.zeros(occupied.shape, np.bool_), cell_m)
+
+
+def _blocked(stream: io.BytesIO, content: bytes, shape: tuple[int, int], path: Path) -> Bools:
+    """Return which cells of a MovingAI map, whose rows begin where *stream* of its *content* stands, are blocked."""
+    height, width = shape
+    start = stream.tell()
+    found = content.count(b"\n", start)
+    if found < height:
+        raise UserError(f"{path}: map: {found} rows found, expected {height}")
+    whole = min(height, (len(content) - start) // (width + 1))  # there are fewer if rows are too short
+    body = content[start : start + whole * (width + 1)].translate(_CODES)
+    codes = np.frombuffer(body, np.uint8).reshape(whole, width + 1)
+    wrong = np.flatnonzero((codes[:, :-1] > _SOLID).any(axis=1) | (codes[:, -1] != _LINE_END))
+    row = int(wrong[0]) if len(wrong) else whole
+    if row < height:
+        stream.seek(start + row * (width + 1))
+        lines = content.count(b"\n", 0, start)
+        text = stream.readline().decode(errors="replace").removesuffix("\n")
+        _check_row(text, width, f"{path}: line {lines + row + 1}")
+    return codes[:, :-1] == _SOLID
 
 
 def _check_row(row: str, width: int, place: str) -> None:
+    """Raise UserError, naming *place*, for a row of a MovingAI map."""
     if len(row) != width:
         raise UserError(f"{place}: {len(row)} cells found, expected {width}")
     strange = sorted(set(row) - _PASSABLE - _BLOCKED)
