@@ -31,7 +31,7 @@ from cosim.documents import Assignment, Place, assign, nearest, parse_assignment
 from cosim.errors import UserError
 from cosim.results import FIXED
 from cosim.scenario import Scenario, build, digest, dump, given_here
-from cosim.settings import Settings
+from cosim.settings import Count, PlainData, Seed, Settings
 
 Label: TypeAlias = str | int | float | bool
 
@@ -40,7 +40,7 @@ class AxisSettings(Settings):
     """One axis of a sweep."""
 
     path: str = Field(description="the setting that the axis changes")
-    values: Any = Field(description="a list of values, or a mapping of names to values")
+    values: PlainData = Field(description="a list of values, or a mapping of names to values")
 
     @field_validator("values")
     @classmethod
@@ -55,9 +55,11 @@ class AxisSettings(Settings):
 class QuickSettings(Settings):
     """How the experiment is cut down for a first look."""
 
-    replicates: int = Field(default=2, ge=1, description="runs of each arm")
-    sweep: dict[str, Any] = Field(default_factory=dict, description="other values for some axes, by their columns")
-    set: dict[str, Any] = Field(default_factory=dict, description="other settings, by their paths")
+    replicates: Count = Field(default=2, ge=1, description="runs of each arm")
+    sweep: dict[str, PlainData] = Field(
+        default_factory=dict, description="other values for some axes, by their columns"
+    )
+    set: dict[str, PlainData] = Field(default_factory=dict, description="other settings, by their paths")
 
 
 class ReportSettings(Settings):
@@ -76,12 +78,14 @@ class ExperimentSettings(Settings):
 
     name: str | None = Field(default=None, min_length=1, description="by default that of the folder")
     about: str = Field(default="", description="one sentence")
-    scenario: dict[str, Any] | str | None = Field(default=None, description="settings, or the name of a file with them")
+    scenario: dict[str, PlainData] | str | None = Field(
+        default=None, description="settings, or the name of a file with them"
+    )
     run: str | None = Field(default=None, description="module:function, for what is no run of robots")
-    parameters: dict[str, Any] = Field(default_factory=dict, description="of the function")
-    seed: int = Field(default=1, ge=0, description="of the function's first replicate")
+    parameters: dict[str, PlainData] = Field(default_factory=dict, description="of the function")
+    seed: Seed = Field(default=1, ge=0, description="of the function's first replicate")
     sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
-    replicates: int = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
+    replicates: Count = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
     quick: QuickSettings = Field(default_factory=QuickSettings)
     report: ReportSettings = Field(default_factory=ReportSettings)
 

@@ -49,7 +49,7 @@ from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
-from cosim.settings import Settings
+from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
@@ -97,24 +97,24 @@ def _once(numbers: tuple[int, ...]) -> tuple[int, ...]:
 
 
 PowerClass: TypeAlias = Literal[1, 2, 3]
-RadioNumbers: TypeAlias = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1), AfterValidator(_once)]
+RadioNumbers: TypeAlias = Annotated[tuple[Count, ...], Field(min_length=1), AfterValidator(_once)]
 
 
 class GroupSettings(Settings):
     """Robots of a team that are alike."""
 
-    size: int = Field(default=1, ge=1, description="number of robots")
+    size: Count = Field(default=1, ge=1, description="number of robots")
     body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
     power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
     radios: RadioNumbers | None = Field(default=None, description="which radios they have; the team's if not given")
-    power_dbm: float | None = Field(default=None, description="dBm, of their radios; the team's if not given")
-    reach_m: float | None = Field(default=None, gt=0, description="m, of their radios; the team's if not given")
+    power_dbm: Decibels | None = Field(default=None, description="dBm, of their radios; the team's if not given")
+    reach_m: Metres | None = Field(default=None, gt=0, description="m, of their radios; the team's if not given")
 
 
 class TeamSettings(Settings):
     """The robots of a run: all alike, or groups of robots that are, numbered in the order of the groups."""
 
-    size: int = Field(default=4, ge=1, description="number of robots; groups have sizes of their own")
+    size: Count = Field(default=4, ge=1, description="number of robots; groups have sizes of their own")
     body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
     power_class: PowerClass | None = Field(
         default=None, description="of the robots' radios, 1 to 3; what the channel says if not given"
@@ -122,10 +122,10 @@ class TeamSettings(Settings):
     radios: RadioNumbers = Field(
         default=(0,), description="which radios a robot has, where the channel is of the kind radios"
     )
-    power_dbm: float | None = Field(
+    power_dbm: Decibels | None = Field(
         default=None, description="dBm, transmit power of adhoc radios with propagation; the channel's if not given"
     )
-    reach_m: float | None = Field(
+    reach_m: Metres | None = Field(
         default=None,
         gt=0,
         description="m, how far others hear a robot by adhoc radios without propagation and by ideal ones, however far "
@@ -134,10 +134,10 @@ class TeamSettings(Settings):
     groups: tuple[GroupSettings, ...] | None = Field(
         default=None, min_length=1, description="what a mixed team consists of; all robots are alike if not given"
     )
-    starts: tuple[tuple[float, float], ...] | None = Field(
+    starts: tuple[tuple[Metres, Metres], ...] | None = Field(
         default=None, description="m, where the robots start; drawn from the seed if not given"
     )
-    sight_range_m: float | None = Field(
+    sight_range_m: Metres | None = Field(
         default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
     )
     senses: SenseSettings = Field(
@@ -231,9 +231,9 @@ class Scenario(Settings):
     """Everything that decides a run, but for its seed's replicate."""
 
     name: str = Field(default="scenario", description="what the run is called in tables")
-    seed: int = Field(default=1, ge=0, description="of the first replicate; the next ones count up")
-    duration_s: float = Field(gt=0, description="s, simulated time at which the run ends at the latest")
-    tick_s: float = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
+    seed: Seed = Field(default=1, ge=0, description="of the first replicate; the next ones count up")
+    duration_s: Seconds = Field(gt=0, description="s, simulated time at which the run ends at the latest")
+    tick_s: Seconds = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
     channel: Annotated[

@@ -21,17 +21,17 @@ from pydantic import Field, field_validator, model_validator
 from cosim.documents import nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
-from cosim.settings import Settings
+from cosim.settings import Decibels, Metres, Settings
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Point: TypeAlias = tuple[float, float]
-Wall: TypeAlias = tuple[float, float, float, float]
+Point: TypeAlias = tuple[Metres, Metres]
+Wall: TypeAlias = tuple[Metres, Metres, Metres, Metres]
 Polygons: TypeAlias = tuple[tuple[Point, ...], ...]
 WallsByKind: TypeAlias = dict[str, tuple[Wall, ...]]
-Losses: TypeAlias = dict[str, Annotated[float, Field(ge=0)]]
+Losses: TypeAlias = dict[str, Annotated[Decibels, Field(ge=0)]]
 
 GENERATED: Final = "office"
 INLINE: Final = "walls"
@@ -109,7 +109,7 @@ class FloorplanSettings(Settings):
         default=None,
         description='extent x_min, y_min, x_max, y_max of the map "walls"; default: that of its walls and polygons',
     )
-    resolution_m: float = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
+    resolution_m: Metres = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
     unknown_is_occupied: bool = Field(default=True, description="unknown cells of a ROS map are solid")
 
     _solid_polygons = field_validator("polygons")(_solid)

@@ -26,7 +26,7 @@ from pydantic import ConfigDict, Field, model_validator
 from cosim.documents import read_bytes, read_text, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
-from cosim.settings import Settings
+from cosim.settings import Angle, Metres, Settings
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -91,8 +91,8 @@ class RosMapSettings(Settings):
     model_config = ConfigDict(extra="ignore")
 
     image: str = Field(min_length=1)
-    resolution: float = Field(gt=0)
-    origin: tuple[float, float, float]
+    resolution: Metres = Field(gt=0)
+    origin: tuple[Metres, Metres, Angle]
     occupied_thresh: float = Field(ge=0, le=1)
     free_thresh: float = Field(ge=0, le=1)
     negate: bool = False

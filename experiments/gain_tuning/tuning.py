@@ -19,7 +19,7 @@ from scipy.optimize import Bounds, differential_evolution
 from cosim.errors import UserError
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Seconds, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 
@@ -47,8 +47,8 @@ Row: TypeAlias = dict[str, Any]
 class Range(Settings):
     """Between what a setting is searched for."""
 
-    low: float = Field(description="least value")
-    high: float = Field(description="greatest value")
+    low: Gain = Field(description="least value")
+    high: Gain = Field(description="greatest value")
     log: bool = Field(default=False, description="its logarithm is what is varied evenly")
 
     @model_validator(mode="after")
@@ -76,10 +76,10 @@ class Parameters(Settings):
     ranges: dict[str, Range] = Field(description="what is searched for, of the schemas' settings")
     training: int = Field(default=3, ge=1, le=MOST_OFFICES, description="offices that each candidate explores")
     evaluation: int = Field(default=10, ge=1, le=MOST_OFFICES, description="other offices that the result explores")
-    evaluation_s: float = Field(default=600.0, gt=0, description="s, the longest run there")
-    popsize: int = Field(default=5, ge=1, description="candidates of a generation, for each setting searched for")
-    generations: int = Field(default=7, ge=0, description="after the first one")
-    contact_s: float = Field(default=0.5, ge=0, description="s, the fine for a tick in which a robot is held up")
+    evaluation_s: Seconds = Field(default=600.0, gt=0, description="s, the longest run there")
+    popsize: Count = Field(default=5, ge=1, description="candidates of a generation, for each setting searched for")
+    generations: Count = Field(default=7, ge=0, description="after the first one")
+    contact_s: Seconds = Field(default=0.5, ge=0, description="s, the fine for a tick in which a robot is held up")
 
     @model_validator(mode="after")
     def _searches_for_gains(self) -> "Parameters":

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cosim.settings import Settings
+from cosim.settings import Bounded, Settings
 from protocols.deployment.plan import MOST, Between, Instant, Place
 
 BASE: Final = "base"
@@ -36,7 +36,8 @@ def _number(value: Any) -> Any:
 
 PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
 """A place in metres; or its name: of a parameter, of a place on the floor, or ``base``."""
-Quantity: TypeAlias = Annotated[float | str, BeforeValidator(_number)]
+Number: TypeAlias = Annotated[float, Bounded(-MOST, MOST)]
+Quantity: TypeAlias = Annotated[Number | str, BeforeValidator(_number)]
 """A number, or the name of a parameter."""
 Edge: TypeAlias = Literal["start", "end"]
 
