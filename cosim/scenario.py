@@ -21,12 +21,10 @@ from pydantic import (
     PrivateAttr,
     SerializeAsAny,
     SerializerFunctionWrapHandler,
-    ValidationError,
     field_validator,
     model_serializer,
     model_validator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -49,7 +47,7 @@ from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
-from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings
+from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings, error_at
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
@@ -179,14 +177,14 @@ class TeamSettings(Settings):
         if self.groups is not None:
             together = sum(group.size for group in self.groups)
             if "size" in self.model_fields_set and self.size != together:
-                raise _misplaced(("size",), self.size, f"is given, but groups have {together} robots together")
+                raise error_at(("size",), self.size, f"is given, but groups have {together} robots together")
             object.__setattr__(self, "size", together)
         return self
 
     @model_validator(mode="after")
     def _one_start_each(self) -> Self:
         if self.starts is not None and len(self.starts) != self.size:
-            raise _misplaced(("starts",), len(self.starts), f"positions are given for {self.size} robots")
+            raise error_at(("starts",), len(self.starts), f"positions are given for {self.size} robots")
         return self
 
     @model_serializer(mode="wrap")
@@ -293,7 +291,7 @@ class Scenario(Settings):
         limit = self.protocol.spec.team_limit
         if limit is not None and self.team.size > limit:
             expected = f"is more than the {limit} robots that {self.protocol.use} can address"
-            raise _misplaced(("team", "groups" if self.team.groups else "size"), self.team.size, expected)
+            raise error_at(("team", "groups" if self.team.groups else "size"), self.team.size, expected)
         return self
 
     @model_validator(mode="after")
@@ -306,7 +304,7 @@ class Scenario(Settings):
         for place, radios in named:
             if max(radios) >= count:
                 expected = f"names radio {max(radios)}, which is none of the channel's radios 0 to {count - 1}"
-                raise _misplaced(("team", *place), list(radios), expected)
+                raise error_at(("team", *place), list(radios), expected)
         return self
 
     @model_validator(mode="after")
@@ -321,7 +319,7 @@ class Scenario(Settings):
             for field, which in _STRENGTHS.items():
                 value = getattr(robots, field)
                 if value is not None and field not in uses:
-                    raise _misplaced(("team", *place, field), value, f"is given, but their radios are not {which}")
+                    raise error_at(("team", *place, field), value, f"is given, but their radios are not {which}")
         return self
 
     @model_validator(mode="after")
@@ -329,7 +327,7 @@ class Scenario(Settings):
         wrong = misplaced(self.faults, self.team.size, self.duration_s)
         if wrong is not None:
             number, field, expected = wrong
-            raise _misplaced(("faults", number, field), getattr(self.faults[number], field), expected)
+            raise error_at(("faults", number, field), getattr(self.faults[number], field), expected)
         return self
 
     @model_validator(mode="after")
@@ -341,14 +339,8 @@ class Scenario(Settings):
                 whose, known = f"robot {fault.robot}", self.team.carried[fault.robot]
             if radio is not None and radio not in known:
                 expected = f"is none of the radios of {whose}: {', '.join(map(str, known))}"
-                raise _misplaced(("faults", number, "radio"), radio, expected)
+                raise error_at(("faults", number, "radio"), radio, expected)
         return self
-
-
-def _misplaced(place: tuple[str | int, ...], value: Any, expected: str) -> ValidationError:
-    """Return an error at *place* below the model that raises it: one that concerns several fields has no other way."""
-    kind = PydanticCustomError("value_error", "{error}", {"error": expected})
-    return ValidationError.from_exception_data("Scenario", [InitErrorDetails(type=kind, loc=place, input=value)])
 
 
 _STRENGTHS: Final = {"power_dbm": "adhoc with propagation", "reach_m": "ideal, or adhoc without propagation"}

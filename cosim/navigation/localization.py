@@ -45,7 +45,7 @@ from cosim.navigation.localization_resampling import (
     pose_bins,
 )
 from cosim.randomness import Draws
-from cosim.settings import Angle, Count, Gain, Metres, Rate, Settings
+from cosim.settings import Angle, Count, Gain, Metres, Rate, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -118,12 +118,12 @@ class LocalizationParameters(Settings):
     @model_validator(mode="after")
     def _numbers_agree(self) -> Self:
         if self.least_particles > self.most_particles:
-            raise ValueError(f"least_particles {self.least_particles} is not <= most_particles {self.most_particles}")
-        if self.recovery_slow > self.recovery_fast or (self.recovery_fast > 0.0) != (self.recovery_slow > 0.0):
-            raise ValueError(
-                f"recovery_slow {self.recovery_slow} and recovery_fast {self.recovery_fast} are neither both 0 "
-                "nor 0 < slow <= fast"
+            raise error_at(
+                ("least_particles",), self.least_particles, f"is not <= {self.most_particles}, most_particles"
             )
+        if self.recovery_slow > self.recovery_fast or (self.recovery_fast > 0.0) != (self.recovery_slow > 0.0):
+            expected = f"is not > 0 and <= {self.recovery_fast}, recovery_fast, nor are both 0"
+            raise error_at(("recovery_slow",), self.recovery_slow, expected)
         return self
 
 

@@ -34,7 +34,7 @@ from cosim.navigation.schemas import (
 )
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.randomness import Draws
-from cosim.settings import Count, Gain, Metres, Rate, Settings
+from cosim.settings import Count, Gain, Metres, Rate, Settings, error_at
 
 _STILL: Final = 0.05
 """Less than this share of a step is no motion."""
@@ -106,9 +106,9 @@ class PotentialFieldParameters(Settings):
     @model_validator(mode="after")
     def _margins_lie_inside(self) -> "PotentialFieldParameters":
         if not self.avoid_margin_m < self.avoid_sphere_m:
-            raise ValueError(f"avoid_margin_m {self.avoid_margin_m} is not < avoid_sphere_m {self.avoid_sphere_m}")
+            raise error_at(("avoid_margin_m",), self.avoid_margin_m, f"is not < {self.avoid_sphere_m}, avoid_sphere_m")
         if not self.robot_margin_m < self.robot_sphere_m:
-            raise ValueError(f"robot_margin_m {self.robot_margin_m} is not < robot_sphere_m {self.robot_sphere_m}")
+            raise error_at(("robot_margin_m",), self.robot_margin_m, f"is not < {self.robot_sphere_m}, robot_sphere_m")
         return self
 
 
@@ -128,9 +128,9 @@ class AvoidPastParameters(PotentialFieldParameters):
     @model_validator(mode="after")
     def _windows_fit(self) -> "AvoidPastParameters":
         if self.horizon_cells < 1:
-            raise ValueError(f"horizon_m {self.horizon_m} is less than a cell of {1.0 / self.cells_per_m} m")
+            raise error_at(("horizon_m",), self.horizon_m, f"is less than a cell, of {1.0 / self.cells_per_m} m")
         if not 2 * max(self.horizon_cells, self.mark_cells) < self.side_cells:
-            raise ValueError(f"side_m {self.side_m} is not more than twice horizon_m and twice mark_m")
+            raise error_at(("side_m",), self.side_m, "is not > twice horizon_m and twice mark_m")
         return self
 
     @property

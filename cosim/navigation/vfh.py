@@ -36,7 +36,7 @@ from pydantic import Field, model_validator
 from cosim.jit import njit
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.navigation.steering import Steer
-from cosim.settings import Count, Gain, Metres, Settings
+from cosim.settings import Count, Gain, Metres, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Vector: TypeAlias = tuple[float, float]
@@ -97,19 +97,15 @@ class VfhParameters(Settings):
     @model_validator(mode="after")
     def _numbers_agree(self) -> Self:
         if not self.goal_weight > self.heading_weight + self.previous_weight:
-            raise ValueError(
-                f"goal_weight {self.goal_weight} is not > heading_weight {self.heading_weight} "
-                f"+ previous_weight {self.previous_weight}: the robot might never turn to the goal"
-            )
+            expected = f"is not > {self.heading_weight} + {self.previous_weight}, heading_weight + previous_weight"
+            raise error_at(("goal_weight",), self.goal_weight, f"{expected}: the robot might never turn to the goal")
         if not self.low_threshold <= self.high_threshold < self.near_magnitude:
-            raise ValueError(
-                f"low_threshold {self.low_threshold}, high_threshold {self.high_threshold} and near_magnitude "
-                f"{self.near_magnitude} are not low <= high < near"
-            )
+            expected = f"is not >= {self.low_threshold}, low_threshold, and < {self.near_magnitude}, near_magnitude"
+            raise error_at(("high_threshold",), self.high_threshold, expected)
         if not self.reach_m < self.window_m:
-            raise ValueError(f"window_m {self.window_m} is not > robot_radius_m + safety_m {self.reach_m}")
+            raise error_at(("window_m",), self.window_m, f"is not > {self.reach_m}, robot_radius_m + safety_m")
         if not self.wide_sectors < self.sectors:
-            raise ValueError(f"wide_sectors {self.wide_sectors} is not < sectors {self.sectors}")
+            raise error_at(("wide_sectors",), self.wide_sectors, f"is not < {self.sectors}, sectors")
         return self
 
     @property

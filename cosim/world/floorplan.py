@@ -21,7 +21,7 @@ from pydantic import Field, field_validator, model_validator
 from cosim.documents import nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
-from cosim.settings import Decibels, Metres, Settings
+from cosim.settings import Decibels, Metres, Settings, error_at
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
@@ -121,7 +121,7 @@ class FloorplanSettings(Settings):
         if self.map == INLINE and self.bounds_m is None and not drawn:
             raise ValueError('the map "walls" needs walls, polygons or bounds_m')
         if self.map != INLINE and self.bounds_m is not None:
-            raise ValueError(f'bounds_m is for the map "walls" only, the map is {self.map!r}')
+            raise error_at(("bounds_m",), self.bounds_m, f'is for the map "walls" only, the map is {self.map!r}')
         return self
 
 

@@ -26,7 +26,7 @@ from pydantic import ConfigDict, Field, model_validator
 from cosim.documents import read_bytes, read_text, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
-from cosim.settings import Angle, Metres, Settings
+from cosim.settings import Angle, Metres, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -101,7 +101,7 @@ class RosMapSettings(Settings):
     @model_validator(mode="after")
     def _thresholds_in_order(self) -> Self:
         if self.free_thresh >= self.occupied_thresh:
-            raise ValueError(f"free_thresh {self.free_thresh} is not < occupied_thresh {self.occupied_thresh}")
+            raise error_at(("free_thresh",), self.free_thresh, f"is not < {self.occupied_thresh}, occupied_thresh")
         return self
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.randomness import Streams
-from cosim.settings import Count, Metres, Seed, Settings
+from cosim.settings import Count, Metres, Seed, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Segment: TypeAlias = tuple[float, float, float, float]
@@ -42,13 +42,13 @@ class OfficeSettings(Settings):
     def _rooms_fit(self) -> Self:
         most = 2 * int(self.width_m / self.least_room_m + 1e-9)
         if self.rooms > most:
-            raise ValueError(f"{self.rooms} rooms with doors of {self.door_m} m, at most {most} fit into the width")
+            raise error_at(
+                ("rooms",), self.rooms, f"is too many: with doors of {self.door_m} m, {most} fit into width_m"
+            )
         room_depth = (self.depth_m - self.corridor_m) / 2
         if room_depth < self.least_room_m:
-            raise ValueError(
-                f"rooms would be {room_depth:g} m deep, expected at least {self.least_room_m:g} m: "
-                "depth_m is too small or corridor_m too large"
-            )
+            expected = f"leaves rooms a depth of {room_depth:g} m beside corridor_m, expected {self.least_room_m:g} m"
+            raise error_at(("depth_m",), self.depth_m, expected)
         return self
 
 

@@ -19,7 +19,7 @@ from scipy.optimize import Bounds, differential_evolution
 from cosim.errors import UserError
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
-from cosim.settings import Count, Gain, Seconds, Settings
+from cosim.settings import Count, Gain, Seconds, Settings, error_at
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 
@@ -54,7 +54,8 @@ class Range(Settings):
     @model_validator(mode="after")
     def _ascends(self) -> "Range":
         if not self.low < self.high or (self.log and not self.low > 0):
-            raise ValueError(f"low {self.low} is not < high {self.high}, or not > 0 where logarithms are varied")
+            expected = f"is not < {self.high}, high, or not > 0 where logarithms are varied"
+            raise error_at(("low",), self.low, expected)
         return self
 
     def value(self, share: float) -> float:
@@ -84,7 +85,7 @@ class Parameters(Settings):
     @model_validator(mode="after")
     def _searches_for_gains(self) -> "Parameters":
         if not self.ranges or not set(self.ranges) <= set(GAINS):
-            raise ValueError(f"ranges: {', '.join(self.ranges) or 'none'}; expected some of {', '.join(GAINS)}")
+            raise error_at(("ranges",), [*self.ranges], f"are not some of {', '.join(GAINS)}")
         for end in (0.0, 1.0):
             try:
                 self.with_gains({name: each.value(end) for name, each in self.ranges.items()}, 0)

@@ -4,7 +4,7 @@ from typing import Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from cosim.settings import Count, Metres, Rate, Seconds, Settings
+from cosim.settings import Count, Metres, Rate, Seconds, Settings, error_at
 from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.aggregation.walking_parameters import WalkingParameters
 
@@ -106,7 +106,9 @@ class Parameters(Settings):
     @model_validator(mode="after")
     def _heartbeats_keep_contact(self) -> "Parameters":
         if not self.fresh_s > self.heartbeat_s:
-            raise ValueError(f"fresh_s {self.fresh_s} is not > heartbeat_s {self.heartbeat_s}: contact would not last")
+            raise error_at(
+                ("fresh_s",), self.fresh_s, f"is not > {self.heartbeat_s}, heartbeat_s: contact would not last"
+            )
         return self
 
     @field_validator("human_camera_m", "human_vision_m")

@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Count, Seconds, Settings
+from cosim.settings import Count, Seconds, Settings, error_at
 from protocols.deployment.letters import LEAST_OCTETS, MOST_OCTETS, WINDOW
 
 
@@ -31,9 +31,9 @@ class LinkParameters(Settings):
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if not self.page_s <= self.page_most_s:
-            raise ValueError(f"page_s {self.page_s} is not <= page_most_s {self.page_most_s}")
+            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
         if not self.beat_s < self.silence_s:
-            raise ValueError(f"silence_s {self.silence_s} is not > beat_s {self.beat_s}")
+            raise error_at(("silence_s",), self.silence_s, f"is not > {self.beat_s}, beat_s")
         return self
 
 
@@ -62,7 +62,6 @@ class CourierParameters(Settings):
     @model_validator(mode="after")
     def _waits_grow(self) -> Self:
         if not self.retry_least_s <= self.retry_s <= self.retry_most_s:
-            raise ValueError(
-                f"not retry_least_s {self.retry_least_s} <= retry_s {self.retry_s} <= retry_most_s {self.retry_most_s}"
-            )
+            expected = f"is not >= {self.retry_least_s}, retry_least_s, and <= {self.retry_most_s}, retry_most_s"
+            raise error_at(("retry_s",), self.retry_s, expected)
         return self

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Seconds, Settings
+from cosim.settings import Seconds, Settings, error_at
 from protocols.exploration.parameters import Parameters
 
 
@@ -45,5 +45,6 @@ class ExploringParameters(Settings):
             ("sharing.links", own.sharing.links, None),
         ):
             if value != expected:
-                raise ValueError(f"protocol.{name}: {value} is not {expected}, the only one that goes with deployments")
+                place = ("protocol", *name.split("."))
+                raise error_at(place, value, f"is not {expected}, the only one that goes with deployments")
         return self

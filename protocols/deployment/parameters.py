@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Count, Metres, Rate, Seconds, Settings
+from cosim.settings import Count, Metres, Rate, Seconds, Settings, error_at
 from protocols.deployment.courier_parameters import CourierParameters
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
@@ -51,7 +51,7 @@ class MemberParameters(Settings):
     @model_validator(mode="after")
     def _passes(self) -> Self:
         if not self.near_m < self.away_m:
-            raise ValueError(f"near_m {self.near_m} is not < away_m {self.away_m}")
+            raise error_at(("near_m",), self.near_m, f"is not < {self.away_m}, away_m")
         return self
 
 
@@ -121,18 +121,19 @@ class Parameters(Settings):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if not 2.0 * self.news_s <= self.silence_s:
-            raise ValueError(f"silence_s {self.silence_s} is not >= 2 news_s, {2.0 * self.news_s}")
+            raise error_at(("silence_s",), self.silence_s, f"is not >= {2.0 * self.news_s}, twice news_s")
         if not self.silence_s <= self.alone_s:
-            raise ValueError(f"alone_s {self.alone_s} is not >= silence_s {self.silence_s}")
+            raise error_at(("alone_s",), self.alone_s, f"is not >= {self.silence_s}, silence_s")
         if self.map == "learned" and self.executive != "central":
-            raise ValueError("map learned: each has its own, and one plans for all: expected executive central")
+            expected = "does not go with map learned: each has its own, and one plans for all: expected central"
+            raise error_at(("executive",), self.executive, expected)
         if self.map == "learned" and self.positioning.kind != "given":
-            raise ValueError("map learned: nothing to localise on: expected positioning.kind given")
+            expected = "does not go with map learned: there is nothing to localise on: expected given"
+            raise error_at(("positioning", "kind"), self.positioning.kind, expected)
         if not self.courier.octets >= NEWS_OVERHEAD + MOST_BYTES:
-            raise ValueError(
-                f"courier.octets {self.courier.octets} is not >= {NEWS_OVERHEAD + MOST_BYTES}, the longest news"
-            )
+            expected = f"is not >= {NEWS_OVERHEAD + MOST_BYTES}, the longest news"
+            raise error_at(("courier", "octets"), self.courier.octets, expected)
         times = [call.at_s for call in self.calls]
         if times != sorted(times):
-            raise ValueError(f"calls are not in the order of their times: {times}")
+            raise error_at(("calls",), times, "is not in the order of the times at_s")
         return self

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from cosim.navigation.slam import SlamParameters
-from cosim.settings import Count, Gain, Metres, Rate, Seconds, Settings
+from cosim.settings import Count, Gain, Metres, Rate, Seconds, Settings, error_at
 
 
 class SchemaParameters(Settings):
@@ -47,7 +47,7 @@ class SchemaParameters(Settings):
     @model_validator(mode="after")
     def _obstacles_leave_frontiers_alone(self) -> "SchemaParameters":
         if not self.obstacle_m < self.frontier_m:
-            raise ValueError(f"obstacle_m {self.obstacle_m} is not < frontier_m {self.frontier_m} (paper 001, 3.3)")
+            raise error_at(("obstacle_m",), self.obstacle_m, f"is not < {self.frontier_m}, frontier_m (paper 001, 3.3)")
         return self
 
 
@@ -118,7 +118,7 @@ class LinkParameters(Settings):
     @model_validator(mode="after")
     def _waits_grow(self) -> "LinkParameters":
         if not self.page_s <= self.page_most_s:
-            raise ValueError(f"page_s {self.page_s} is not <= page_most_s {self.page_most_s}")
+            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
         return self
 
 
@@ -147,9 +147,9 @@ class SpeedControlParameters(Settings):
     @model_validator(mode="after")
     def _in_order(self) -> "SpeedControlParameters":
         if not self.slow_m < self.stop_m:
-            raise ValueError(f"slow_m {self.slow_m} is not < stop_m {self.stop_m}")
+            raise error_at(("slow_m",), self.slow_m, f"is not < {self.stop_m}, stop_m")
         if not self.resume_m <= self.stop_m:
-            raise ValueError(f"resume_m {self.resume_m} is not <= stop_m {self.stop_m}")
+            raise error_at(("resume_m",), self.resume_m, f"is not <= {self.stop_m}, stop_m")
         return self
 
 
@@ -188,7 +188,7 @@ class BeaconParameters(Settings):
     @model_validator(mode="after")
     def _attract_before_they_hold(self) -> "BeaconParameters":
         if not self.near_m < self.keep_m:
-            raise ValueError(f"near_m {self.near_m} is not < keep_m {self.keep_m}")
+            raise error_at(("near_m",), self.near_m, f"is not < {self.keep_m}, keep_m")
         return self
 
 
@@ -229,8 +229,10 @@ class Parameters(Settings):
 
     @model_validator(mode="after")
     def _beacons_fit(self) -> "Parameters":
-        if self.beacons.pattern != "free" and self.algorithm != "schemas":
-            raise ValueError(f"beacons.pattern {self.beacons.pattern} is one of schemas, not of {self.algorithm}")
-        if self.beacons.pattern == "leapfrog" and self.positioning.kind != "given":
-            raise ValueError("beacons.pattern leapfrog counts ticks, and a filter stops that: expected positions given")
+        pattern = self.beacons.pattern
+        if pattern != "free" and self.algorithm != "schemas":
+            raise error_at(("beacons", "pattern"), pattern, f"is one of schemas, not of {self.algorithm}")
+        if pattern == "leapfrog" and self.positioning.kind != "given":
+            expected = "counts ticks, and a filter stops that: expected positioning.kind given"
+            raise error_at(("beacons", "pattern"), pattern, expected)
         return self

@@ -22,7 +22,7 @@ from cosim.channels.adhoc.phy import (
 from cosim.channels.adhoc.reception import Limits
 from cosim.channels.adhoc.routing.choice import RoutingSettings
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, Settings
+from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, Settings, error_at
 from cosim.units import US, from_seconds
 
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
@@ -98,11 +98,12 @@ class AdhocSettings(Settings):
         for field, wanted in (("rate_mbps", (self.rate_mbps,)), ("basic_rates_mbps", self.basic_rates_mbps or ())):
             for rate in wanted:
                 if rate is not None and rate not in rates:
-                    raise ValueError(f"{field}: {rate:g} is not one of {', '.join(f'{each:g}' for each in rates)}")
+                    expected = f"is not one of {', '.join(f'{each:g}' for each in rates)}"
+                    raise error_at((field,), rate, expected)
         if self.propagation is not None and self.phy == "fhss":
-            raise ValueError("phy: fhss has no model of bit errors, which propagation needs")
+            raise error_at(("phy",), self.phy, "has no model of bit errors, which propagation needs")
         if self.access.cw_max < self.access.cw_min:
-            raise ValueError(f"cw_max {self.access.cw_max} is not >= cw_min {self.access.cw_min}")
+            raise error_at(("cw_max",), self.access.cw_max, f"is not >= {self.access.cw_min}, cw_min")
         return self
 
     @property

@@ -48,7 +48,7 @@ from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle, Kernel
 from cosim.machine import Address
 from cosim.randomness import Draws
-from cosim.settings import Count, Settings
+from cosim.settings import Count, Settings, error_at
 from cosim.units import SLOT, Time
 
 CLOCK_RANGE: Final = 1 << 28
@@ -83,7 +83,7 @@ class InquiryScanSettings(ScanSettings):
     @model_validator(mode="after")
     def _known_in_version(self) -> Self:
         if self.interlaced and self.version == "1.1":
-            raise ValueError("interlaced: true is not known to version 1.1")
+            raise error_at(("interlaced",), True, "is not known to version 1.1")
         return self
 
 

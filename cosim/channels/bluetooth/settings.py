@@ -13,7 +13,7 @@ from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.channels.bluetooth.schedule import Scheduler
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, Settings
+from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, Settings, error_at
 from cosim.units import from_seconds
 
 
@@ -86,9 +86,13 @@ class BluetoothSettings(Settings):
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if self.afh and self.channels == 23:
-            raise ValueError("afh: true is not known to a system of 23 channels")
+            raise error_at(("afh",), True, "is not known to a system of 23 channels")
         if self.park_window_slots > self.park_interval_slots:
-            raise ValueError(f"park_window_slots: {self.park_window_slots} is more than park_interval_slots")
+            raise error_at(
+                ("park_window_slots",),
+                self.park_window_slots,
+                f"is not <= {self.park_interval_slots}, park_interval_slots",
+            )
         return self
 
     @property

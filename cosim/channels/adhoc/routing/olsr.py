@@ -43,7 +43,7 @@ from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
-from cosim.settings import Count, Seconds, Settings
+from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.units import Time, from_seconds, to_seconds
 
 EVERYWHERE: Final = 255
@@ -104,11 +104,15 @@ class OlsrSettings(Settings):
         for field, time in told.items():
             if not SHORTEST <= time <= LONGEST:
                 fits = f"{to_seconds(SHORTEST):g}..{to_seconds(LONGEST):g}"
-                raise ValueError(f"{field}: {to_seconds(time):g} is not in {fits}, which messages can tell")
+                raise error_at((field,), to_seconds(time), f"is not in {fits}, which messages can tell")
         if self.jitter >= min(self.hello_interval, from_seconds(self.tc_interval_s)):
-            raise ValueError(f"maxjitter_s: {to_seconds(self.jitter):g} is not below the intervals of messages")
+            raise error_at(("maxjitter_s",), to_seconds(self.jitter), "is not below the intervals of messages")
         if self.hyst_threshold_high < self.hyst_threshold_low:
-            raise ValueError(f"hyst_threshold_high: {self.hyst_threshold_high} is not >= {self.hyst_threshold_low}")
+            raise error_at(
+                ("hyst_threshold_high",),
+                self.hyst_threshold_high,
+                f"is not >= {self.hyst_threshold_low}, hyst_threshold_low",
+            )
         return self
 
     @property
