@@ -51,6 +51,8 @@ class Surroundings(NamedTuple):
     """How far the robots' range scanners reach."""
     beams: int = 0
     """How many beams a scan has."""
+    radios: tuple[tuple[int, ...], ...] = ()
+    """The numbers of each robot's radios."""
 
 
 class Death(NamedTuple):

@@ -115,7 +115,7 @@ class MovedSettings(TimedSettings):
 
 
 class ClockStepSettings(TimedSettings):
-    """A robot's clock jumps: all that its machine is told and says of time is by that clock, which never reads < 0."""
+    """A robot's clock jumps: all that its machine is told and says of time is by that clock, from 0 to 4e9 s."""
 
     kind: Literal["clock_step"] = "clock_step"
     robot: Count = Field(ge=0, description="number of the robot in the team")

@@ -76,6 +76,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     """Draw the targets, and divide the floor; raise UserError for a team or a floor that cannot be searched."""
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
+    _check_radios(parameters, surroundings.radios)
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
@@ -102,6 +103,15 @@ def _check_team(parameters: Parameters, size: int) -> None:
         for robot in robots:
             if not first <= robot <= last:
                 raise UserError(f"protocol.parameters.{name}: {robot} is not one of {first} to {last}")
+
+
+def _check_radios(parameters: Parameters, radios: Sequence[Sequence[int]]) -> None:
+    """Raise UserError if there are several hosts, and one of them without the radio between them."""
+    wanted = parameters.long_radio
+    for host, carried in enumerate(radios[: parameters.hosts] if parameters.hosts > 1 else ()):
+        if wanted not in carried:
+            known = ", ".join(map(str, carried))
+            raise UserError(f"protocol.parameters.long_radio: {wanted} is none of the radios of host {host}: {known}")
 
 
 def _targets(parameters: Parameters, surroundings: Surroundings, floor: Ground) -> tuple[Point, ...]:
