@@ -29,8 +29,8 @@ SELECTORS = ("kind", "use")
 
 MOST_BYTES: Final = 16 * 2**20
 """The size of the largest document that is read."""
-MOST_VALUES: Final = 500_000
-"""Keys and values in the largest document: it takes the reader a minute."""
+MOST_VALUES: Final = 200_000
+"""Keys and values in the largest document: it takes the reader ten seconds."""
 
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 _COMPARISONS = {
@@ -75,9 +75,12 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_document(node)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Return the value of *node*; raise on what looks like a number or a date and is none."""
+        """Return the value of *node*; raise on what looks like a number, a date or text and is none."""
         try:
-            return super().construct_object(node, deep)
+            value = super().construct_object(node, deep)
+            if isinstance(value, str):
+                value.encode()  # half of a surrogate pair is no text
+            return value
         except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError) as error:  # all that theirs raise
             what = f"{_short(node.value)} is no {node.tag.rpartition(':')[2]}"
             why = f": {error}" if isinstance(error, ValueError) else ""

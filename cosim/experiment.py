@@ -27,11 +27,21 @@ from typing import Any, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
+from cosim.documents import (
+    Assignment,
+    Place,
+    assign,
+    is_file,
+    nearest,
+    parse_assignment,
+    parse_place,
+    read_yaml,
+    validated,
+)
 from cosim.errors import UserError
 from cosim.results import FIXED
 from cosim.scenario import Scenario, build, digest, dump, given_here
-from cosim.settings import Count, PlainData, Seed, Settings
+from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings
 
 Label: TypeAlias = str | int | float | bool
 
@@ -156,9 +166,9 @@ def experiment_folders() -> dict[str, Path]:
 def find_experiment(text: str) -> Path:
     """Return the sweep.yaml that *text* means: a path of it, its folder, or the name of an installed experiment."""
     path = Path(text)
-    if path.is_file():
+    if is_file(path):
         return path
-    if (path / "sweep.yaml").is_file():
+    if is_file(path / "sweep.yaml"):
         return path / "sweep.yaml"
     folders = experiment_folders()
     if text in folders:
@@ -185,13 +195,14 @@ def find_function(name: str, source: str) -> Callable[[dict[str, Any], int], Any
 
 
 def load_experiment(
-    path: Path, sets: Iterable[str] = (), quick: bool = False, replicates: int | None = None
+    path: str | Path, sets: Iterable[str] = (), quick: bool = False, replicates: int | None = None
 ) -> Experiment:
     """Return the experiment in the file *path*, cut down if *quick*, changed by *sets*.
 
     A path in *sets* that is an axis's, or the name of its column, leaves only the given value on that axis. Raise
     UserError for whatever is wrong.
     """
+    path = Path(path)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     columns = _columns(settings.sweep, str(path))
     given = _given(sets, settings, columns)
@@ -208,8 +219,9 @@ def load_experiment(
     return Experiment(name, path, settings, base, axes, arms, wanted, seed)
 
 
-def base_scenario(path: Path, sets: Iterable[str] = ()) -> Scenario:
+def base_scenario(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
     """Return the scenario of the experiment in the file *path* as it is before its axes."""
+    path = Path(path)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     if settings.scenario is None:
         name = next((name for name, at in experiment_folders().items() if at / "sweep.yaml" == path), path)
@@ -244,8 +256,8 @@ def _check_parameters(
 ) -> dict[str, Any]:
     """Return *parameters*; raise UserError if the settings called ``Parameters`` beside the function refuse them."""
     model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
-    if isinstance(model, type) and issubclass(model, Settings):
-        validated(model, parameters, source, assignments)
+    known = isinstance(model, type) and issubclass(model, Settings)
+    validated(model if known else FreeSettings, parameters, source, assignments)
     return parameters
 
 

@@ -10,7 +10,6 @@ from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
 from cosim.units import S, Time
 
-
 LATEST: Final[Time] = 4_000_000_000 * S
 """How far clocks can be set forward, about 127 years: what they read later, and deadlines, still fit into 63 bits."""
 

@@ -36,9 +36,11 @@ from cosim.documents import (
     Assignment,
     Place,
     assign,
+    is_file,
     parse_assignment,
     parse_place,
     parse_yaml,
+    read_bytes,
     read_yaml,
     validated,
 )
@@ -265,13 +267,13 @@ class Scenario(Settings):
     def map_digests(self) -> list[str]:
         """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
         places = [base / self.floorplan.map for base in (self.folder, Path())]
-        found = next((place for place in places if place.is_file()), None)
+        found = next((place for place in places if is_file(place)), None)
         if found is None:
             return []
         files = {*found.parent.glob(f"{glob.escape(found.stem)}.*")}
         if found.suffix in (".yaml", ".yml"):
-            files |= {found.parent / image for image in _images_named(found.read_bytes())}
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if path.is_file()]
+            files |= {found.parent / image for image in _images_named(read_bytes(found))}
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if is_file(path)]
 
     def placed(self, folder: Path) -> Self:
         """Return a copy whose relative map path is resolved against *folder*."""
@@ -368,12 +370,13 @@ def _images_named(content: bytes) -> tuple[str, ...]:
 # ---------------------------------------------------------------- files
 
 
-def load(path: Path, sets: Iterable[str] = ()) -> Scenario:
+def load(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
     """Return the scenario in the YAML file *path*, changed by *sets*, texts such as ``team.size=3``.
 
     Raise UserError, one line, for anything that is wrong with either.
     """
     assignments = [given_here(parse_assignment(text)) for text in sets]
+    path = Path(path)
     return build(read_yaml(path), str(path), path.parent, assignments)
 
 
@@ -399,7 +402,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any], source: str, folder:
 
 def given_here(item: Assignment) -> Assignment:
     """Return *item* from the command line, with a map's path relative to the working directory made absolute."""
-    if item.place == ("floorplan", "map") and isinstance(item.value, str) and Path(item.value).is_file():
+    if item.place == ("floorplan", "map") and isinstance(item.value, str) and is_file(Path(item.value)):
         return item._replace(value=str(Path(item.value).resolve()))
     return item
 

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import nearest, read_yaml, validated
+from cosim.documents import is_file, nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
 from cosim.settings import Decibels, Metres, Settings, error_at
@@ -237,7 +237,7 @@ def _losses_db(name: str, walls: Sequence[_Walls], losses: Mapping[str, float]) 
 def _find(name: str, folder: Path) -> Path:
     """Return the file *name*, given absolutely or relative to *folder* or the working directory."""
     for path in (folder / name, Path(name)):
-        if path.is_file():
+        if is_file(path):
             return path
     raise UserError(
         f"floorplan.map: {name!r} is neither {GENERATED!r} nor {INLINE!r} "
