@@ -32,6 +32,8 @@ TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 APART = 6.0
 """Robots start so many radii apart."""
+MOST_CELLS = 1 << 22
+"""Of the grid: a floor of a kilometre by a kilometre has as many of 0.5 m."""
 ATTEMPTS = 10_000
 """So many places are tried for a robot, or for a target."""
 
@@ -60,16 +62,24 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
 
 
 def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
-    return ground(
-        surroundings.walls_m,
-        surroundings.bounds_m,
-        surroundings.places_m,
-        surroundings.radius_m,
-        parameters.least_camera_m,
-        parameters.cell_m,
-        surroundings.forbidden,
-        MOST_CORNERS if parameters.planner == "roadmap" else 0,
-    )
+    """Return the ground of the floor; raise UserError if there are too many cells, or none where a robot fits."""
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    cells = (x_max - x_min) / parameters.cell_m * ((y_max - y_min) / parameters.cell_m)
+    if cells > MOST_CELLS:
+        raise UserError(f"protocol.parameters.cell_m: {parameters.cell_m} makes {cells:g} cells, at most {MOST_CELLS}")
+    try:
+        return ground(
+            surroundings.walls_m,
+            surroundings.bounds_m,
+            surroundings.places_m,
+            surroundings.radius_m,
+            parameters.least_camera_m,
+            parameters.cell_m,
+            surroundings.forbidden,
+            MOST_CORNERS if parameters.planner == "roadmap" else 0,
+        )
+    except ValueError as error:
+        raise UserError(f"protocol.parameters.cell_m: {error}") from None
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
