@@ -61,6 +61,7 @@ CHANNELS: dict[str, type[Settings]] = {
     "radios": RadiosSettings,
 }
 """The settings of every kind of channel."""
+MOST_ROBOTS: Final = 10_000
 
 
 @cache  # reading the metadata of all packages takes longer than validating a scenario
@@ -103,7 +104,7 @@ RadioNumbers: TypeAlias = Annotated[tuple[Count, ...], Field(min_length=1), Afte
 class GroupSettings(Settings):
     """Robots of a team that are alike."""
 
-    size: Count = Field(default=1, ge=1, description="number of robots")
+    size: Count = Field(default=1, ge=1, le=MOST_ROBOTS, description="number of robots")
     body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
     power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
     radios: RadioNumbers | None = Field(default=None, description="which radios they have; the team's if not given")
@@ -114,7 +115,7 @@ class GroupSettings(Settings):
 class TeamSettings(Settings):
     """The robots of a run: all alike, or groups of robots that are, numbered in the order of the groups."""
 
-    size: Count = Field(default=4, ge=1, description="number of robots; groups have sizes of their own")
+    size: Count = Field(default=4, ge=1, le=MOST_ROBOTS, description="number of robots; groups have sizes of their own")
     body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
     power_class: PowerClass | None = Field(
         default=None, description="of the robots' radios, 1 to 3; what the channel says if not given"

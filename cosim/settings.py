@@ -45,6 +45,10 @@ class Bounded:
 
 Seconds: TypeAlias = Annotated[float, Bounded(-LONGEST_S, LONGEST_S)]
 Metres: TypeAlias = Annotated[float, Bounded(-FARTHEST_M, FARTHEST_M)]
+Length: TypeAlias = Annotated[float, Bounded(1e-3, FARTHEST_M)]
+"""Metres of something that others are counted in: a body, a cell of a grid."""
+Period: TypeAlias = Annotated[float, Bounded(1e-3, LONGEST_S)]
+"""Seconds from one event to the next for as long as a run lasts."""
 Angle: TypeAlias = Annotated[float, Bounded(-1e6, 1e6)]
 """Radians or degrees."""
 Rate: TypeAlias = Annotated[float, Bounded(-1e6, 1e6)]

@@ -21,7 +21,7 @@ from pydantic import Field, field_validator, model_validator
 from cosim.documents import is_file, nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
-from cosim.settings import Decibels, Metres, Settings, error_at
+from cosim.settings import Decibels, Length, Metres, Settings, error_at
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
@@ -109,7 +109,7 @@ class FloorplanSettings(Settings):
         default=None,
         description='extent x_min, y_min, x_max, y_max of the map "walls"; default: that of its walls and polygons',
     )
-    resolution_m: Metres = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
+    resolution_m: Length = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
     unknown_is_occupied: bool = Field(default=True, description="unknown cells of a ROS map are solid")
 
     _solid_polygons = field_validator("polygons")(_solid)

@@ -1,13 +1,15 @@
 """Parameters of aggregation (Meng, Nickerson and Gan, paper 002); what the paper leaves open is chosen, and said so."""
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from cosim.settings import Count, Metres, Rate, Seconds, Settings, error_at
+from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.aggregation.walking_parameters import WalkingParameters
 
+Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
+"""How far a camera recognises something: the floor is divided into what is seen from its posts."""
 StrategyName: TypeAlias = Literal["srp", "mrp", "mi", "mito", "random"]
 
 
@@ -36,9 +38,9 @@ class Parameters(Settings):
         default=None, description="the name under which the floor lists the targets' places, if it does"
     )
 
-    camera_m: Metres = Field(default=8.0, gt=0, description="m, how far a camera recognises a target")
+    camera_m: Reach = Field(default=8.0, gt=0, description="m, how far a camera recognises a target")
     vision_m: Metres = Field(default=20.0, ge=0, description="m, how far it recognises a host; 0: radio only")
-    human_camera_m: Metres | None = Field(
+    human_camera_m: Reach | None = Field(
         default=None, gt=0, description="m, how far a person recognises a target; as a camera does if not given"
     )
     human_vision_m: Metres | None = Field(
@@ -50,7 +52,7 @@ class Parameters(Settings):
         default=1, ge=0, le=1, description="the radio between hosts: 1, or 0 where robots have only one"
     )
     host_speed_mps: Rate = Field(default=0.5, gt=0, description="the hosts' speed under way; at most their bodies'")
-    cell_m: Metres = Field(
+    cell_m: Length = Field(
         default=0.5, gt=0, description="m, cells of the planner's grid; doors are wider than two radii and 2.42 cells"
     )
     planner: Literal["roadmap", "wavefront"] = Field(
@@ -83,7 +85,7 @@ class Parameters(Settings):
         default=1, ge=0, description="how often the meeting with a moving host is foretold anew; 0: go where it is now"
     )
 
-    heartbeat_s: Seconds = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
+    heartbeat_s: Period = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
     fresh_s: Seconds = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
     detector: DetectorSettings = Field(
         default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts tell that another is gone"

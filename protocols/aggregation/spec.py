@@ -1,7 +1,7 @@
 """What cosim must know of aggregation: the entry point ``aggregation`` names ``SPEC``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from cosim.errors import UserError
 from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
 from cosim.machine import Address, Machine
-from cosim.protocol import ProtocolSpec, Surroundings
+from cosim.protocol import ProtocolSpec, Surroundings, check_cells
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
@@ -32,8 +32,8 @@ TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 APART = 6.0
 """Robots start so many radii apart."""
-MOST_CELLS = 1 << 22
-"""Of the grid: a floor of a kilometre by a kilometre has as many of 0.5 m."""
+MOST_STEPS = 1000
+"""Robots start no farther than so many of these steps from the middle."""
 ATTEMPTS = 10_000
 """So many places are tried for a robot, or for a target."""
 
@@ -47,12 +47,9 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     centre = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
     floor = _ground(parameters, surroundings)
     step_m = APART * surroundings.radius_m
-    reach = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
-    offsets = [step_m * k for k in range(-reach, reach + 1)]
-    lattice = [(centre[0] + dx, centre[1] + dy) for dx in offsets for dy in offsets]
-    lattice.sort(key=lambda point: (math.dist(point, centre), point))
+    far = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
     starts: list[Point] = []
-    for point in lattice:
+    for point in _around(centre, step_m, min(far, MOST_STEPS)):
         inside = x_min < point[0] < x_max and y_min < point[1] < y_max
         if inside and floor.stands(point) == point and floor.length_m(centre, point) is not None:
             starts.append(point)
@@ -61,12 +58,22 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {centre}; give starts")
 
 
+def _around(centre: Point, step_m: float, reach: int) -> Iterator[Point]:
+    """Yield the points of a square lattice about *centre*, *reach* steps to each side, the nearest first."""
+    told_m, steps = -1.0, 0
+    while steps < reach:
+        steps = min(reach, 2 * steps + 8)
+        offsets = [step_m * k for k in range(-steps, steps + 1)]
+        lattice = [(centre[0] + dx, centre[1] + dy) for dx in offsets for dy in offsets]
+        near = sorted((math.dist(point, centre), point) for point in lattice)
+        whole_m = steps * step_m if steps < reach else math.inf  # farther out, points of the next square come before
+        yield from (point for away_m, point in near if told_m < away_m <= whole_m)
+        told_m = whole_m
+
+
 def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
     """Return the ground of the floor; raise UserError if there are too many cells, or none where a robot fits."""
-    x_min, y_min, x_max, y_max = surroundings.bounds_m
-    cells = (x_max - x_min) / parameters.cell_m * ((y_max - y_min) / parameters.cell_m)
-    if cells > MOST_CELLS:
-        raise UserError(f"protocol.parameters.cell_m: {parameters.cell_m} makes {cells:g} cells, at most {MOST_CELLS}")
+    check_cells(surroundings, parameters.cell_m, "protocol.parameters.cell_m")
     try:
         return ground(
             surroundings.walls_m,

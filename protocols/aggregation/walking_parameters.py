@@ -21,7 +21,7 @@ class WalkingParameters(Settings):
         default=2.0, gt=0, description="s for which it waits for another at first, doubled with attempts in vain"
     )
     off_way_m: Metres = Field(default=1.0, gt=0, description="m, a robot farther off its way than this plans anew")
-    safety_m: Metres = Field(default=0.1, ge=0, description="m, distance that VFH+ keeps from walls and bodies")
+    safety_m: Metres = Field(default=0.1, ge=0, le=100, description="m, distance that VFH+ keeps from walls and bodies")
     window_m: Metres = Field(default=1.5, gt=0, description="m, radius of the active window of VFH+")
     leg_m: Metres = Field(default=20.0, gt=0, description="m, longest straight piece of random motion")
     sight_m: Metres = Field(default=5.0, gt=0, description="m, how far members without a map see walls")

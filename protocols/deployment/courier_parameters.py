@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Count, Seconds, Settings, error_at
+from cosim.settings import Count, Period, Seconds, Settings, error_at
 from protocols.deployment.letters import LEAST_OCTETS, MOST_OCTETS, WINDOW
 
 
@@ -21,7 +21,7 @@ class LinkParameters(Settings):
     page_most_s: Seconds = Field(
         default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
     )
-    beat_s: Seconds = Field(default=2.0, gt=0, description="s, who has nothing to say lets itself be heard")
+    beat_s: Period = Field(default=2.0, gt=0, description="s, who has nothing to say lets itself be heard")
     silence_s: Seconds = Field(
         default=15.0, gt=0, description="s, after which a link over which nothing came is given up"
     )
@@ -47,7 +47,7 @@ class CourierParameters(Settings):
     )
     fate_s: Seconds = Field(default=3.0, gt=0, description="s, after which a radio has forgotten a frame")
     retry_s: Seconds = Field(default=1.0, gt=0, description="s until the first part is sent again, before any answer")
-    retry_least_s: Seconds = Field(default=0.2, gt=0, description="s, the shortest such time once answers are timed")
+    retry_least_s: Period = Field(default=0.2, gt=0, description="s, the shortest such time once answers are timed")
     retry_most_s: Seconds = Field(default=4.0, gt=0, description="s, the longest; it doubles with each time in vain")
     give_up_s: Seconds = Field(default=60.0, gt=0, description="s without any answer until a letter is given up")
     ack_s: Seconds = Field(default=0.02, ge=0, description="s that an acknowledgement waits for more to acknowledge")

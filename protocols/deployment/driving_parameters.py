@@ -2,13 +2,13 @@
 
 from pydantic import Field
 
-from cosim.settings import Gain, Metres, Rate, Seconds, Settings
+from cosim.settings import Gain, Length, Metres, Rate, Seconds, Settings
 
 
 class DrivingParameters(Settings):
     """How robots of a team drive; what differs from body to body (radius, speed, acceleration) comes with the body."""
 
-    cell_m: Metres = Field(default=0.1, gt=0, description="m, side of the cells in which ways are planned")
+    cell_m: Length = Field(default=0.1, gt=0, description="m, side of the cells in which ways are planned")
     margin_m: Metres = Field(default=0.03, ge=0, description="m off walls and bodies in plans; half is always kept")
     comfort_m: Metres = Field(
         default=0.3, gt=0, description="m from a wall, beside the margin, within which cells cost"

@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Count, Metres, Rate, Seconds, Settings, error_at
+from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.deployment.courier_parameters import CourierParameters
 from protocols.deployment.driving_parameters import DrivingParameters
 from protocols.deployment.executive_parameters import ExecutiveParameters
@@ -87,10 +87,10 @@ class Parameters(Settings):
     base_m: Place | None = Field(default=None, description="m, where base is; the middle of the starts if not given")
     cameras: tuple[Count, ...] | None = Field(default=None, description="who has a camera; all if not given")
     sonars: tuple[Count, ...] = Field(default=(), description="who has sonar, not a laser scanner")
-    cells_m: tuple[Annotated[Metres, Field(gt=0)], ...] | None = Field(
+    cells_m: tuple[Annotated[Length, Field(gt=0)], ...] | None = Field(
         default=None, description="m, side of the cells of each robot's own map; driving.cell_m if not given"
     )
-    news_s: Seconds = Field(default=1.0, gt=0, description="s from one telling of whereabouts to the next")
+    news_s: Period = Field(default=1.0, gt=0, description="s from one telling of whereabouts to the next")
     listen_s: Seconds = Field(default=2.0, ge=0, description="s, who has booted listens so long before it leads others")
     silence_s: Seconds = Field(
         default=15.0, gt=0, description="s, nothing heard for so long: a robot is taken for lost"

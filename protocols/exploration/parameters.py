@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from cosim.navigation.slam import SlamParameters
-from cosim.settings import Count, Gain, Metres, Rate, Seconds, Settings, error_at
+from cosim.settings import Count, Gain, Length, Metres, Period, Rate, Seconds, Settings, error_at
 
 
 class SchemaParameters(Settings):
@@ -55,7 +55,7 @@ class EscapeParameters(Settings):
     """When a robot takes itself to be caught in a local minimum, and how it gets out (sections 3.5 to 3.7)."""
 
     enabled: bool = Field(default=True, description="without it the robot stalls")
-    period_s: Seconds = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
+    period_s: Period = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
     box_m: Metres = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
     patience_s: Seconds | None = Field(
         default=15.0,
@@ -97,7 +97,7 @@ class RivalParameters(Settings):
     """How algorithms choose frontiers that the schemas are compared with."""
 
     least_cells: Count = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
-    plan_s: Seconds = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
+    plan_s: Period = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
     patience_s: Seconds = Field(
         default=6.0, gt=0, description="s without way made, after which a robot goes round others, or gives the goal up"
     )
@@ -125,7 +125,7 @@ class LinkParameters(Settings):
 class SharingParameters(Settings):
     """How maps are merged by messages."""
 
-    period_s: Seconds = Field(default=1.0, gt=0, description="s, from one telling to the next")
+    period_s: Period = Field(default=1.0, gt=0, description="s, from one telling to the next")
     octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
     again: Count = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
     links: LinkParameters | None = Field(
@@ -203,7 +203,7 @@ class Parameters(Settings):
     map: Literal["shared", "messages"] = Field(
         default="shared", description="one map in one memory, as in the paper, or one each, merged by messages"
     )
-    cell_m: Metres = Field(default=0.1, gt=0, description="m, cells of the map (section 4.1)")
+    cell_m: Length = Field(default=0.1, gt=0, description="m, cells of the map (section 4.1)")
     evidence: Literal["certain", "counted"] = Field(
         default="certain",
         description="whether one hit makes a cell occupied for good, as without false hits (section 4.3), or hits and "

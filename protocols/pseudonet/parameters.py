@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from cosim.protocol import Surroundings
-from cosim.settings import Count, Metres, Seconds, Settings
+from cosim.settings import Count, Length, Seconds, Settings
 from cosim.units import Time, from_seconds
 from protocols.pseudonet.topology import Topology
 
@@ -21,7 +21,7 @@ class TeamParameters(Settings):
     share_slots: Count = Field(
         default=32, ge=4, multiple_of=2, description="slots on end that a bridge spends in each of its piconets"
     )
-    cell_m: Metres = Field(default=0.5, gt=0, description="side of a cell of the grid, the footprint of a robot")
+    cell_m: Length = Field(default=0.5, gt=0, description="side of a cell of the grid, the footprint of a robot")
     step_limit: Count | None = Field(
         default=None,
         gt=0,

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
-from cosim.settings import Count, Metres, Seconds, Settings
+from cosim.settings import Count, Metres, Period, Seconds, Settings
 from protocols.reflection.promises import Renewal
 from protocols.reflection.trouble import ProgressMeasure, TroubleRule
 
@@ -95,7 +95,7 @@ class Parameters(Settings):
     )
     inquiry_s: Seconds = Field(default=5.12, gt=0, description="longest inquiry on meeting a robot, if links are used")
     page_s: Seconds = Field(default=6.0, gt=0, description="time after which the host waits for the device no more")
-    period_s: Seconds | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
+    period_s: Period | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
     stale_s: Seconds = Field(
         default=0.5, gt=0, description="advice that is older on arrival than this is counted as stale"
     )
