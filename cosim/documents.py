@@ -5,11 +5,14 @@ expected. A value that came from the command line is named by what stood there: 
 """
 
 import difflib
+import errno
 import re
+import stat
+import sys
 import types
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias, TypeVar, Union, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -23,6 +26,11 @@ Place: TypeAlias = tuple[str | int, ...]
 
 SELECTORS = ("kind", "use")
 """Settings that decide which others there are: another value replaces the whole mapping around them."""
+
+MOST_BYTES: Final = 16 * 2**20
+"""The size of the largest document that is read."""
+MOST_VALUES: Final = 200_000
+"""Keys and values in the largest document: it takes the reader ten seconds."""
 
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 _COMPARISONS = {
@@ -48,14 +56,35 @@ class Assignment(NamedTuple):
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML's safe loader, which refuses a key that stands twice in a mapping."""
+    """YAML's safe loader, which refuses a key that stands twice in a mapping, and what aliases make too large."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._composed = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node; raise when there have been too many."""
+        self._composed += 1
+        if self._composed > MOST_VALUES:
+            raise _too_large(self.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+    def construct_document(self, node: yaml.Node) -> Any:
+        """Return the value of the document; raise if there is too much of it once its aliases are written out."""
+        _weigh(node, {})
+        return super().construct_document(node)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Return the value of *node*; raise on what looks like a number or a date and is none."""
+        """Return the value of *node*; raise on what looks like a number, a date or text and is none."""
         try:
-            return super().construct_object(node, deep)
-        except (ValueError, TypeError) as error:
-            raise yaml.constructor.ConstructorError(None, None, f"is no value: {error}", node.start_mark) from None
+            value = super().construct_object(node, deep)
+            if isinstance(value, str):
+                value.encode()  # half of a surrogate pair is no text
+            return value
+        except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError) as error:  # all that theirs raise
+            what = f"{_short(node.value)} is no {node.tag.rpartition(':')[2]}"
+            why = f": {error}" if isinstance(error, ValueError) else ""
+            raise yaml.constructor.ConstructorError(None, None, f"{what}{why}", node.start_mark) from None
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping of *node*; raise on a key that a reader would believe and the program ignore."""
@@ -69,12 +98,50 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of the file *path*; raise UserError if there is none."""
+def _weigh(node: yaml.Node, known: dict[int, int | None]) -> int:
+    """Return how many keys and values *node* stands for, those that aliases repeat counted again; raise for too many.
+
+    *known* are the weights of nodes that have been met, None for those around this one.
+    """
+    if id(node) not in known:
+        known[id(node)] = None
+        inner: list[Any] = [] if isinstance(node, yaml.ScalarNode) else node.value
+        parts = [part for item in inner for part in (item if isinstance(item, tuple) else (item,))]
+        known[id(node)] = 1 + sum(_weigh(part, known) for part in parts)
+    weight = known[id(node)]
+    if weight is None:
+        raise yaml.constructor.ConstructorError(None, None, "stands within itself", node.start_mark)
+    if weight > MOST_VALUES:
+        raise _too_large(node.start_mark)
+    return weight
+
+
+def _too_large(mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    return yaml.constructor.ConstructorError(None, None, f"holds more than {MOST_VALUES} values", mark)
+
+
+def is_file(path: Path) -> bool:
+    """Return whether *path* names a file; a name that none can have, for it is too long, names none."""
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read, expected a file: {(error.strerror or str(error)).lower()}") from None
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Return the content of the regular file *path*, of *most* bytes at most; raise UserError for anything else."""
+    try:
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):  # to open a pipe would wait for who writes it, and a device may have no end
+            raise OSError(errno.EINVAL, "is a directory" if stat.S_ISDIR(mode) else "is a pipe or a device")
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except (OSError, ValueError) as error:  # one of values: a name with a NUL in it
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise UserError(f"{path}: cannot be read, expected a file: {why.lower()}") from None
+    if len(content) > most:
+        raise UserError(f"{path}: is larger than {most / 2**20:g} MB, the most that is read")
+    return content
 
 
 def read_text(path: Path) -> str:
@@ -186,20 +253,22 @@ def validated(
 ) -> Model:
     """Return *plain*, read from *source* and changed by *assignments*, as *model*.
 
-    Raise UserError with the first of its errors and the number of the others.
+    Raise UserError with the first of its errors and the places of the others.
     *inner* are models at places where *model* leaves it to the document which one it is.
     """
     try:
         return model.model_validate(plain)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    first = errors[0]
-    place, names = _walk(model, first["loc"], inner)
-    if first["type"].startswith("union_tag"):
-        place = (*place, "kind")
-    prefix = _prefix(place, source, assignments)
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    raise UserError(f"{prefix}: {_expectation(first, names)}{more}")
+    walked = [_walk(model, each["loc"], inner) for each in errors]
+    places = [
+        (*place, _discriminator(each)) if each["type"].startswith("union_tag") else place
+        for each, (place, _) in zip(errors, walked, strict=True)
+    ]
+    prefix = _prefix(places[0], source, assignments)
+    others = [show_place(place) for place in dict.fromkeys(places) if place != places[0]]
+    more = f" (and {len(others)} more: {_short(', '.join(others), 120, str)})" if others else ""
+    raise UserError(f"{prefix}: {_expectation(errors[0], walked[0][1])}{more}")
 
 
 def _prefix(place: Place, source: str, assignments: Sequence[Assignment]) -> str:
@@ -226,52 +295,83 @@ def _expectation(error: ErrorDetails, names: Iterable[str]) -> str:
         return f"{_short(value)} is not a mapping of settings, expected a mapping such as {{kind: {named}}}"
     if kind == "value_error":
         text = str(context.get("error", error["msg"]))
-        return f"{_short(value)} {text}"
+        return text if isinstance(value, Mapping | BaseModel) else f"{_short(value)} {text}"
     if kind in _COMPARISONS:
         key, sentence = _COMPARISONS[kind]
-        shown = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, Mapping) else value
+        chosen = kind == "union_tag_invalid" and isinstance(value, Mapping)
+        shown = value.get(_discriminator(error)) if chosen else value
         limit = context[key]
         return f"{_short(shown)} {sentence.format(f'{limit:g}' if isinstance(limit, float) else limit)}"
     message = error["msg"].removeprefix("Input should be ")
     return f"{_short(value)} is not {message}" if message != error["msg"] else f"{_short(value)}: {message.lower()}"
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+def _discriminator(error: ErrorDetails) -> str:
+    """Return the name of the setting that says of which kind the settings are that *error* is about."""
+    return str(error["ctx"]["discriminator"]).strip("'")
+
+
+def _short(value: Any, most: int = 60, show: Callable[[Any], str] = repr) -> str:
+    text = show(value)
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 # ---------------------------------------------------------------- places in a model
 
 
 def _walk(model: type[BaseModel], loc: Place, inner: Mapping[Place, type[BaseModel]]) -> tuple[Place, list[str]]:
-    """Return *loc* without the tags that pydantic puts into it for unions, and the names that exist beside its end."""
+    """Return *loc* without what pydantic puts into it for unions, and the names that exist beside its end."""
     place: list[str | int] = []
     names: list[str] = []
-    candidates: list[type[BaseModel]] = [model]
+    here: list[Any] = [model]
+    module = model.__module__
     for step in loc:
-        tagged = [each for each in candidates if _tag(each) == step]
-        if len(candidates) > 1 and tagged:
-            candidates = tagged
+        meant = [each for each in here if step in _labels(each)]
+        one_of_several = len(here) > 1 and (meant or "[" in str(step))
+        if one_of_several or step == "[key]":
+            here = meant or here
             continue
         place.append(step)
-        if isinstance(step, int):  # an item of a list: what it may be stands already among the candidates
-            continue
-        names = [name for each in candidates for name in each.model_fields]
-        fields = [each.model_fields[step] for each in candidates if step in each.model_fields]
-        here = inner.get(tuple(place))
-        candidates = [here] if here else [found for field in fields for found in _models(field.annotation)]
+        models = [each for each in here if _is_model(each)]
+        if isinstance(step, str):
+            names = [name for each in models for name in each.model_fields]
+        module = models[0].__module__ if models else module
+        found = inner.get(tuple(place))
+        here = [found] if found else [type_ for each in here for type_ in _below(each, step, module)]
     return tuple(place), names
 
 
-def _tag(model: type[BaseModel]) -> Any:
-    field = model.model_fields.get("kind")
-    return field.default if field else None
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    if get_origin(annotation) in (Union, types.UnionType, tuple, Annotated):
+def _labels(annotation: Any) -> set[Any]:
+    """Return what pydantic may call a type where it is one of several."""
+    fields = annotation.model_fields.values() if _is_model(annotation) else ()
+    tags = {field.default for field in fields if get_origin(field.annotation) is Literal}
+    return tags | {getattr(annotation, "__name__", None)}
+
+
+def _below(annotation: Any, step: str | int, module: str) -> Iterator[Any]:
+    """Yield the types of what may stand at *step* in a value of the type *annotation*, as far as they are known."""
+    parts = [part for part in get_args(annotation) if part is not Ellipsis]
+    if _is_model(annotation):
+        if step in annotation.model_fields:
+            yield from _types(annotation.model_fields[step].annotation, module)
+    elif parts and isinstance(get_origin(annotation), type) and issubclass(get_origin(annotation), Mapping):
+        yield from _types(parts[-1], module)
+    elif parts and isinstance(step, int):
+        yield from _types(parts[min(step, len(parts) - 1)], module)
+
+
+def _types(annotation: Any, module: str) -> Iterator[Any]:
+    """Yield the types of which *annotation*, written in *module*, allows one."""
+    if isinstance(annotation, str):
+        annotation = getattr(sys.modules[module], annotation)
+    if get_origin(annotation) is Annotated:
+        yield from _types(get_args(annotation)[0], module)
+    elif get_origin(annotation) in (Union, types.UnionType):
         for part in get_args(annotation):
-            yield from _models(part)
-    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield from _types(part, module)
+    elif annotation is not types.NoneType:
         yield annotation

@@ -25,11 +25,21 @@ from typing import Any, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
+from cosim.documents import (
+    Assignment,
+    Place,
+    assign,
+    is_file,
+    nearest,
+    parse_assignment,
+    parse_place,
+    read_yaml,
+    validated,
+)
 from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
 from cosim.scenario import Scenario, build, digest, dump, given_here
-from cosim.settings import Settings
+from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings
 
 Label: TypeAlias = str | int | float | bool
 
@@ -38,7 +48,7 @@ class AxisSettings(Settings):
     """One axis of a sweep."""
 
     path: str = Field(description="the setting that the axis changes")
-    values: Any = Field(description="a list of values, or a mapping of names to values")
+    values: PlainData = Field(description="a list of values, or a mapping of names to values")
 
     @field_validator("values")
     @classmethod
@@ -53,9 +63,11 @@ class AxisSettings(Settings):
 class QuickSettings(Settings):
     """How the experiment is cut down for a first look."""
 
-    replicates: int = Field(default=2, ge=1, description="runs of each arm")
-    sweep: dict[str, Any] = Field(default_factory=dict, description="other values for some axes, by their columns")
-    set: dict[str, Any] = Field(default_factory=dict, description="other settings, by their paths")
+    replicates: Count = Field(default=2, ge=1, description="runs of each arm")
+    sweep: dict[str, PlainData] = Field(
+        default_factory=dict, description="other values for some axes, by their columns"
+    )
+    set: dict[str, PlainData] = Field(default_factory=dict, description="other settings, by their paths")
 
 
 class ReportSettings(Settings):
@@ -74,12 +86,14 @@ class ExperimentSettings(Settings):
 
     name: str | None = Field(default=None, min_length=1, description="by default that of the folder")
     about: str = Field(default="", description="one sentence")
-    scenario: dict[str, Any] | str | None = Field(default=None, description="settings, or the name of a file with them")
+    scenario: dict[str, PlainData] | str | None = Field(
+        default=None, description="settings, or the name of a file with them"
+    )
     run: str | None = Field(default=None, description="module:function, for what is no run of robots")
-    parameters: dict[str, Any] = Field(default_factory=dict, description="of the function")
-    seed: int = Field(default=1, ge=0, description="of the function's first replicate")
+    parameters: dict[str, PlainData] = Field(default_factory=dict, description="of the function")
+    seed: Seed = Field(default=1, ge=0, description="of the function's first replicate")
     sweep: dict[str, AxisSettings] = Field(default_factory=dict, description="the axes")
-    replicates: int = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
+    replicates: Count = Field(default=10, ge=1, description="runs of each arm; all arms see the same seeds")
     quick: QuickSettings = Field(default_factory=QuickSettings)
     report: ReportSettings = Field(default_factory=ReportSettings)
 
@@ -145,9 +159,9 @@ def experiment_folders() -> dict[str, Path]:
 def find_experiment(text: str) -> Path:
     """Return the sweep.yaml that *text* means: a path of it, its folder, or the name of an installed experiment."""
     path = Path(text)
-    if path.is_file():
+    if is_file(path):
         return path
-    if (path / "sweep.yaml").is_file():
+    if is_file(path / "sweep.yaml"):
         return path / "sweep.yaml"
     folders = experiment_folders()
     if text in folders:
@@ -180,13 +194,14 @@ def find_function(name: str, source: str) -> Callable[[dict[str, Any], int], Any
 
 
 def load_experiment(
-    path: Path, sets: Iterable[str] = (), quick: bool = False, replicates: int | None = None
+    path: str | Path, sets: Iterable[str] = (), quick: bool = False, replicates: int | None = None
 ) -> Experiment:
     """Return the experiment in the file *path*, cut down if *quick*, changed by *sets*.
 
     A path in *sets* that is an axis's, or the name of its column, leaves only the given value on that axis. Raise
     UserError for whatever is wrong.
     """
+    path = Path(path)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     columns = _columns(settings.sweep, str(path))
     given = _given(sets, settings, columns)
@@ -203,8 +218,9 @@ def load_experiment(
     return Experiment(name, path, settings, base, axes, arms, wanted, seed)
 
 
-def base_scenario(path: Path, sets: Iterable[str] = ()) -> Scenario:
+def base_scenario(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
     """Return the scenario of the experiment in the file *path* as it is before its axes."""
+    path = Path(path)
     settings = validated(ExperimentSettings, read_yaml(path), str(path))
     if settings.scenario is None:
         name = next((name for name, at in experiment_folders().items() if at / "sweep.yaml" == path), path)
@@ -239,8 +255,8 @@ def _check_parameters(
 ) -> dict[str, Any]:
     """Return *parameters*; raise UserError if the settings called ``Parameters`` beside the function refuse them."""
     model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
-    if isinstance(model, type) and issubclass(model, Settings):
-        validated(model, parameters, source, assignments)
+    known = isinstance(model, type) and issubclass(model, Settings)
+    validated(model if known else FreeSettings, parameters, source, assignments)
     return parameters
 
 

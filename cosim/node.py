@@ -1,6 +1,6 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
@@ -8,7 +8,10 @@ from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import OPERATOR, Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
-from cosim.units import Time
+from cosim.units import S, Time
+
+LATEST: Final[Time] = 4_000_000_000 * S
+"""How far clocks can be set forward, about 127 years: what they read later, and deadlines, still fit into 63 bits."""
 
 
 class Said(NamedTuple):
@@ -105,11 +108,13 @@ class Node:
         self.drain(now)
 
     def step_clock(self, by: Time, now: Time) -> Time:
-        """Have the machine's clock, which is its offset ahead of *now*, jump by *by* ns, or to 0 if it would be less.
+        """Have the machine's clock, which is its offset ahead of *now*, jump by *by* ns, or to where it can.
 
-        Return by how much it has jumped. Deadlines are met when that clock says so, at once if it has passed them.
+        It can read 0 to ``LATEST``. Return by how much it has jumped. Deadlines are met when that clock says so, at
+        once if it has passed them.
         """
-        by = max(by, -now - self.clock_offset)
+        reads = now + self.clock_offset
+        by = max(-reads, min(by, max(0, LATEST - reads)))
         self.clock_offset += by
         if isinstance(self.machine, _OtherTime):
             self.machine.offset = self.clock_offset

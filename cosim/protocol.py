@@ -4,16 +4,21 @@ A :class:`ProtocolSpec` makes machines (:mod:`cosim.machine`) for a team in its 
 :class:`Referee` that judges the truth of the run.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
+from cosim.errors import UserError
 from cosim.machine import Address, Machine
 from cosim.settings import Settings
 from cosim.units import Time
+
+MOST_CELLS: Final = 1 << 22
+"""Cells of the largest grid that robots plan on: a floor of a kilometre by a kilometre has as many of 0.5 m."""
 
 
 class Surroundings(NamedTuple):
@@ -51,6 +56,17 @@ class Surroundings(NamedTuple):
     """How far the robots' range scanners reach."""
     beams: int = 0
     """How many beams a scan has."""
+    radios: tuple[tuple[int, ...], ...] = ()
+    """The numbers of each robot's radios."""
+
+
+def check_cells(surroundings: Surroundings, cell_m: float, setting: str) -> None:
+    """Raise UserError, naming *setting*, unless a grid of the floor with cells of *cell_m* has 1 to MOST_CELLS."""
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    columns, rows = (max(0, math.floor(extent / cell_m + 1e-9)) for extent in (x_max - x_min, y_max - y_min))
+    if not 1 <= columns * rows <= MOST_CELLS:
+        cells = f"{columns} x {rows} cells of this floor"
+        raise UserError(f"{setting}: {cell_m:g} makes {cells}, expected 1 to {MOST_CELLS} in all")
 
 
 class Death(NamedTuple):

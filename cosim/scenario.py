@@ -20,12 +20,10 @@ from pydantic import (
     PrivateAttr,
     SerializeAsAny,
     SerializerFunctionWrapHandler,
-    ValidationError,
     field_validator,
     model_serializer,
     model_validator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -37,9 +35,11 @@ from cosim.documents import (
     Assignment,
     Place,
     assign,
+    is_file,
     parse_assignment,
     parse_place,
     parse_yaml,
+    read_bytes,
     read_yaml,
     validated,
 )
@@ -49,7 +49,7 @@ from cosim.installed import find_named, loaded
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
-from cosim.settings import Settings
+from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings, error_at
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
@@ -61,6 +61,7 @@ CHANNELS: dict[str, type[Settings]] = {
     "radios": RadiosSettings,
 }
 """The settings of every kind of channel."""
+MOST_ROBOTS: Final = 10_000
 
 
 @cache  # reading the metadata of all packages takes longer than validating a scenario
@@ -96,24 +97,24 @@ def _once(numbers: tuple[int, ...]) -> tuple[int, ...]:
 
 
 PowerClass: TypeAlias = Literal[1, 2, 3]
-RadioNumbers: TypeAlias = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1), AfterValidator(_once)]
+RadioNumbers: TypeAlias = Annotated[tuple[Count, ...], Field(min_length=1), AfterValidator(_once)]
 
 
 class GroupSettings(Settings):
     """Robots of a team that are alike."""
 
-    size: int = Field(default=1, ge=1, description="number of robots")
+    size: Count = Field(default=1, ge=1, le=MOST_ROBOTS, description="number of robots")
     body: BodySettings | None = Field(default=None, description="their bodies; those of the team if not given")
     power_class: PowerClass | None = Field(default=None, description="of their radios; the team's if not given")
     radios: RadioNumbers | None = Field(default=None, description="which radios they have; the team's if not given")
-    power_dbm: float | None = Field(default=None, description="dBm, of their radios; the team's if not given")
-    reach_m: float | None = Field(default=None, gt=0, description="m, of their radios; the team's if not given")
+    power_dbm: Decibels | None = Field(default=None, description="dBm, of their radios; the team's if not given")
+    reach_m: Metres | None = Field(default=None, gt=0, description="m, of their radios; the team's if not given")
 
 
 class TeamSettings(Settings):
     """The robots of a run: all alike, or groups of robots that are, numbered in the order of the groups."""
 
-    size: int = Field(default=4, ge=1, description="number of robots; groups have sizes of their own")
+    size: Count = Field(default=4, ge=1, le=MOST_ROBOTS, description="number of robots; groups have sizes of their own")
     body: BodySettings = Field(default_factory=BodySettings, description="the robots' bodies")
     power_class: PowerClass | None = Field(
         default=None, description="of the robots' radios, 1 to 3; what the channel says if not given"
@@ -121,10 +122,10 @@ class TeamSettings(Settings):
     radios: RadioNumbers = Field(
         default=(0,), description="which radios a robot has, where the channel is of the kind radios"
     )
-    power_dbm: float | None = Field(
+    power_dbm: Decibels | None = Field(
         default=None, description="dBm, transmit power of adhoc radios with propagation; the channel's if not given"
     )
-    reach_m: float | None = Field(
+    reach_m: Metres | None = Field(
         default=None,
         gt=0,
         description="m, how far others hear a robot by adhoc radios without propagation and by ideal ones, however far "
@@ -133,10 +134,10 @@ class TeamSettings(Settings):
     groups: tuple[GroupSettings, ...] | None = Field(
         default=None, min_length=1, description="what a mixed team consists of; all robots are alike if not given"
     )
-    starts: tuple[tuple[float, float], ...] | None = Field(
+    starts: tuple[tuple[Metres, Metres], ...] | None = Field(
         default=None, description="m, where the robots start; drawn from the seed if not given"
     )
-    sight_range_m: float | None = Field(
+    sight_range_m: Metres | None = Field(
         default=None, gt=0, description="m, how far a robot sees others; without limit if not given"
     )
     senses: SenseSettings = Field(
@@ -178,14 +179,14 @@ class TeamSettings(Settings):
         if self.groups is not None:
             together = sum(group.size for group in self.groups)
             if "size" in self.model_fields_set and self.size != together:
-                raise _misplaced(("size",), self.size, f"is given, but groups have {together} robots together")
+                raise error_at(("size",), self.size, f"is given, but groups have {together} robots together")
             object.__setattr__(self, "size", together)
         return self
 
     @model_validator(mode="after")
     def _one_start_each(self) -> Self:
         if self.starts is not None and len(self.starts) != self.size:
-            raise _misplaced(("starts",), len(self.starts), f"positions are given for {self.size} robots")
+            raise error_at(("starts",), len(self.starts), f"positions are given for {self.size} robots")
         return self
 
     @model_serializer(mode="wrap")
@@ -230,9 +231,9 @@ class Scenario(Settings):
     """Everything that decides a run, but for its seed's replicate."""
 
     name: str = Field(default="scenario", description="what the run is called in tables")
-    seed: int = Field(default=1, ge=0, description="of the first replicate; the next ones count up")
-    duration_s: float = Field(gt=0, description="s, simulated time at which the run ends at the latest")
-    tick_s: float = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
+    seed: Seed = Field(default=1, ge=0, description="of the first replicate; the next ones count up")
+    duration_s: Seconds = Field(gt=0, description="s, simulated time at which the run ends at the latest")
+    tick_s: Seconds = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
     channel: Annotated[
@@ -266,13 +267,13 @@ class Scenario(Settings):
     def map_digests(self) -> list[str]:
         """Return the SHA-256 of the floor's files, if its map is one: of it, its image, all that share its stem."""
         places = [base / self.floorplan.map for base in (self.folder, Path())]
-        found = next((place for place in places if place.is_file()), None)
+        found = next((place for place in places if is_file(place)), None)
         if found is None:
             return []
         files = {*found.parent.glob(f"{glob.escape(found.stem)}.*")}
         if found.suffix in (".yaml", ".yml"):
-            files |= {found.parent / image for image in _images_named(found.read_bytes())}
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if path.is_file()]
+            files |= {found.parent / image for image in _images_named(read_bytes(found))}
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files) if is_file(path)]
 
     def placed(self, folder: Path) -> Self:
         """Return a copy whose relative map path is resolved against *folder*."""
@@ -292,7 +293,7 @@ class Scenario(Settings):
         limit = self.protocol.spec.team_limit
         if limit is not None and self.team.size > limit:
             expected = f"is more than the {limit} robots that {self.protocol.use} can address"
-            raise _misplaced(("team", "groups" if self.team.groups else "size"), self.team.size, expected)
+            raise error_at(("team", "groups" if self.team.groups else "size"), self.team.size, expected)
         return self
 
     @model_validator(mode="after")
@@ -305,7 +306,7 @@ class Scenario(Settings):
         for place, radios in named:
             if max(radios) >= count:
                 expected = f"names radio {max(radios)}, which is none of the channel's radios 0 to {count - 1}"
-                raise _misplaced(("team", *place), list(radios), expected)
+                raise error_at(("team", *place), list(radios), expected)
         return self
 
     @model_validator(mode="after")
@@ -320,7 +321,7 @@ class Scenario(Settings):
             for field, which in _STRENGTHS.items():
                 value = getattr(robots, field)
                 if value is not None and field not in uses:
-                    raise _misplaced(("team", *place, field), value, f"is given, but their radios are not {which}")
+                    raise error_at(("team", *place, field), value, f"is given, but their radios are not {which}")
         return self
 
     @model_validator(mode="after")
@@ -328,7 +329,7 @@ class Scenario(Settings):
         wrong = misplaced(self.faults, self.team.size, self.duration_s)
         if wrong is not None:
             number, field, expected = wrong
-            raise _misplaced(("faults", number, field), getattr(self.faults[number], field), expected)
+            raise error_at(("faults", number, field), getattr(self.faults[number], field), expected)
         return self
 
     @model_validator(mode="after")
@@ -340,14 +341,8 @@ class Scenario(Settings):
                 whose, known = f"robot {fault.robot}", self.team.carried[fault.robot]
             if radio is not None and radio not in known:
                 expected = f"is none of the radios of {whose}: {', '.join(map(str, known))}"
-                raise _misplaced(("faults", number, "radio"), radio, expected)
+                raise error_at(("faults", number, "radio"), radio, expected)
         return self
-
-
-def _misplaced(place: tuple[str | int, ...], value: Any, expected: str) -> ValidationError:
-    """Return an error at *place* below the model that raises it: one that concerns several fields has no other way."""
-    kind = PydanticCustomError("value_error", "{error}", {"error": expected})
-    return ValidationError.from_exception_data("Scenario", [InitErrorDetails(type=kind, loc=place, input=value)])
 
 
 _STRENGTHS: Final = {"power_dbm": "adhoc with propagation", "reach_m": "ideal, or adhoc without propagation"}
@@ -375,12 +370,13 @@ def _images_named(content: bytes) -> tuple[str, ...]:
 # ---------------------------------------------------------------- files
 
 
-def load(path: Path, sets: Iterable[str] = ()) -> Scenario:
+def load(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
     """Return the scenario in the YAML file *path*, changed by *sets*, texts such as ``team.size=3``.
 
     Raise UserError, one line, for anything that is wrong with either.
     """
     assignments = [given_here(parse_assignment(text)) for text in sets]
+    path = Path(path)
     return build(read_yaml(path), str(path), path.parent, assignments)
 
 
@@ -406,7 +402,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any], source: str, folder:
 
 def given_here(item: Assignment) -> Assignment:
     """Return *item* from the command line, with a map's path relative to the working directory made absolute."""
-    if item.place == ("floorplan", "map") and isinstance(item.value, str) and Path(item.value).is_file():
+    if item.place == ("floorplan", "map") and isinstance(item.value, str) and is_file(Path(item.value)):
         return item._replace(value=str(Path(item.value).resolve()))
     return item
 

@@ -187,6 +187,7 @@ class Simulation:
             places_m=floor.places_m,
             scan_range_m=scenario.team.senses.beam_range_m,
             beams=scenario.team.senses.beams,
+            radios=scenario.team.carried,
         )
         starts = scenario.team.starts
         if starts is None:

@@ -138,7 +138,7 @@ def _named(labels: Mapping[str, Any]) -> str:
 
 def run_sweep(
     experiment: Experiment,
-    folder: Path,
+    folder: str | Path,
     jobs: int | None = None,
     executor: Executor | None = None,
     progress: Progress = lambda done, total: None,
@@ -148,6 +148,7 @@ def run_sweep(
     With one job everything happens in this process. An interrupt leaves what is finished in *folder*, as does an
     OSError (a full disk, a dead worker process), which is raised.
     """
+    folder = Path(folder)
     check_set_up(experiment)
     code = code_digest(_packages(experiment))
     every = tasks(experiment)

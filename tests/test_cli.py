@@ -1,5 +1,6 @@
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -258,6 +259,45 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
 )
 def test_a_wrong_command_is_told_in_one_line(cosim: Any, words: tuple[str, ...], expected: str):
     refuse(cosim, expected, *words)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("duration_s=1.0e+308", ": 1e+308 is not <= 1e+09"),
+        ("tick_s=1.0e+308", ": 1e+308 is not <= 1e+09"),
+        (
+            "floorplan.bounds_m=[0,0,1.0e+200,1.0e+200]",
+            ": [2]: 1e+200 is not <= 1e+06 (and 1 more: floorplan.bounds_m[3])",
+        ),
+        ("floorplan.walls=[[0,0,1.0e+308,1]]", ": [0][2]: 1e+308 is not <= 1e+06"),
+        ("floorplan.resolution_m=1.0e+300", ": 1e+300 is not <= 1e+06"),
+        ("faults=[{kind: jammer, x_m: 1, y_m: 1, dwell_s: 1.0e+12}]", ": [0].dwell_s: 1000000000000.0 is not <= 1e+09"),
+        ("team.size=100000", ": 100000 is not <= 10000"),
+        ("protocol.parameters=!!timestamp x", ": line 1, column 1: 'x' is no timestamp"),
+    ],
+)
+def test_numbers_beyond_all_measure_are_one_line(cosim: Any, setting: str, said: str):
+    refuse(cosim, f"--set {setting}{said}\n", "validate", "depot.yaml", "--set", setting)
+
+
+@pytest.mark.parametrize("setting", ["map", "wall_kind"])
+def test_a_name_beyond_all_measure_is_one_line_that_can_be_read(cosim: Any, setting: str):
+    code, out, err = cosim("validate", "depot.yaml", "--set", f"floorplan.{setting}={'x' * 5000}")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "xxx ... xxx" in err
+    assert len(err) <= 301
+
+
+def test_a_device_and_a_pipe_are_no_documents(cosim: Any):
+    os.mkfifo("pipe")
+    for name in ("pipe", "/dev/zero"):
+        refuse(cosim, f"{name}: cannot be read, expected a file: is a pipe or a device", "validate", name)
+
+
+def test_several_wrong_settings_are_all_named(cosim: Any):
+    words = ("validate", "depot.yaml", "--set", "team.size=0", "--set", "tick_s=-1", "--set", "duration_s=0")
+    refuse(cosim, "--set duration_s=0: 0 is not > 0 (and 2 more: tick_s, team.size)", *words)
 
 
 def test_a_sweep_with_bad_input_writes_nothing(cosim: Any):

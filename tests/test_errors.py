@@ -21,3 +21,12 @@ def test_an_error_survives_processes_and_simpy(kind: type[CosimError]):
     for again in (type(error)(*error.args), pickle.loads(pickle.dumps(error))):
         assert type(again) is kind
         assert str(again) == "depot.yaml: team.size: 0 is not >= 1"
+
+
+def test_what_a_user_sees_is_one_line_of_300_letters_at_most():
+    assert str(UserError("map: 'a\nb\x1b\ud800': é is no file")) == "map: 'a\\nb\\x1b\\ud800': é is no file"
+    long = UserError("depot.yaml: " + "x" * 1000 + " is not a file")
+    assert len(str(long)) == 300
+    assert str(long).startswith("depot.yaml: xxx")
+    assert str(long).endswith("xxx is not a file")
+    assert str(UserError(str(long))) == str(long)

@@ -1,5 +1,7 @@
+import math
 import shutil
 import sys
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -128,6 +130,29 @@ def test_a_function_runs_on_parameters():
     experiment = load_experiment(written(plain))
     assert [arm.parameters for arm in experiment.arms] == [{"size": 2}, {"size": 3}]
     assert experiment.seed == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"parameters": {"size": math.nan}}, "sweep.yaml: parameters.size: nan is not a finite number"),
+        (
+            {"parameters": {"size": [2**64]}},
+            "sweep.yaml: parameters.size[0]: 18446744073709551616 is not an integer of",
+        ),
+        (
+            {"parameters": {"size": date(2024, 1, 1)}},
+            "sweep.yaml: parameters.size: datetime.date(2024, 1, 1) is a date, exp",
+        ),
+        ({"sweep": {"size": [1, math.inf]}}, "sweep.yaml: sweep.size.values[1]: inf is not a finite number"),
+        ({"quick": {"set": {"size": math.inf}}}, "sweep.yaml: quick.set.size: inf is not a finite number"),
+    ],
+)
+def test_parameters_of_a_function_without_a_model_are_plain_data(change: dict[str, object], expected: str):
+    assert complaint({"run": "delays:metrics", "parameters": {"size": 1}, **change}).startswith(expected)
+    assert complaint({"run": "delays:metrics", "parameters": {"size": 1}}, "size=.nan") == (
+        "--set size=.nan: nan is not a finite number"
+    )
 
 
 @pytest.mark.parametrize(

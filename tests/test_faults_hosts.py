@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from cosim.faults.settings import KillSettings, RadioOffSettings
 from cosim.kernel import WORLD
 from cosim.machine import Discovered, Inquire, Lost, Page, Role, RoleChanged, Scan, SwitchRole
 from cosim.randomness import Streams
-from cosim.scenario import load
+from cosim.scenario import build, load
 from cosim.simulation import Simulation, simulate
 from cosim.trace import POSES
 from cosim.units import MS, S, Time
@@ -211,6 +212,21 @@ def test_a_deadline_is_met_when_its_machines_clock_says_so_or_at_once(by_s: floa
     x = run.referee.path(0)[:, 0]
     assert (x[: starts + 1] == 1.0).all()
     assert x[starts + 1] > 1.0
+
+
+@pytest.mark.parametrize("protocol", ["monitoring", "gathering"])
+def test_a_clock_that_is_set_forward_again_and_again_stops_at_the_latest_that_it_can_read(protocol: str):
+    plain = {
+        "duration_s": 5,
+        "floorplan": {"map": "walls", "bounds_m": [0, 0, 10, 10]},
+        "team": {"size": 2},
+        "protocol": {"use": protocol, "parameters": {"period_s": 0.1} if protocol == "monitoring" else {}},
+        "faults": [clock_step(0, 1, 1e9, rate_per_s=5.0), clock_step(1, 2, 1e9)],
+    }
+    simulation = Simulation(build(plain, "steps", Path()), 1)
+    simulation.run()
+    assert simulation.nodes[0].clock_offset == pytest.approx(4e18, abs=5e9)
+    assert simulation.nodes[1].clock_offset == 10**18
 
 
 def test_steps_add_up_and_a_boot_does_not_set_the_clock():

@@ -17,6 +17,7 @@ from cosim.simulation import Outcome, simulate
 from cosim.testing import check_machine
 from cosim.trace import MESSAGES
 from cosim.units import MS, S, Time, from_seconds
+from protocols import wire
 from protocols.aggregation.accrual import PhiSettings
 from protocols.aggregation.detectors import make_detector
 from protocols.aggregation.quality import Transition, watch
@@ -63,7 +64,21 @@ def test_a_heartbeat_has_these_bytes():
     assert encode(Heartbeat(3, 1_000_000_007, 5)).hex() == "0003000000007735940e0000000566f9"
 
 
-@given(source=st.integers(0, 2**16 - 1), begun=st.integers(0, 2**63 - 1), number=st.integers(0, 2**33 - 1))
+def test_a_number_of_more_than_33_bits_has_a_longer_frame():
+    # 16 + 63 + 63 bits, 2 of padding: 7 * 4 is the number's end
+    data = encode(Heartbeat(3, 1_000_000_007, 2**33 + 7))
+    assert (len(encode(Heartbeat(3, 1_000_000_007, 2**33 - 1))), len(data)) == (16, 20)
+    assert int.from_bytes(data[:-2]) >> 2 & 2**63 - 1 == 2**33 + 7
+    assert decode(data) == (3, 1_000_000_007, 2**33 + 7)
+
+
+def test_a_long_frame_of_a_short_number_is_none():
+    layout = (("source", 16), ("begun_ns", 63), ("number", 63))
+    with pytest.raises(WireError, match="a long frame for a short number"):
+        decode(wire.pack(layout, {"source": 1, "begun_ns": 2, "number": 3}))
+
+
+@given(source=st.integers(0, 2**16 - 1), begun=st.integers(0, 2**63 - 1), number=st.integers(0, 2**63 - 1))
 def test_heartbeats_come_back_equal(source: int, begun: int, number: int):
     assert decode(encode(Heartbeat(source, begun, number))) == (source, begun, number)
 

@@ -55,7 +55,7 @@ def test_walls_and_polygons_are_added_to_any_map():
     [
         ({"map": "walls"}, "needs walls, polygons or bounds_m"),
         ({"map": "walls", "bounds_m": (0, 0, 0, 1)}, "expected x_min < x_max"),
-        ({"bounds_m": (0, 0, 1, 1)}, 'bounds_m is for the map "walls" only'),
+        ({"bounds_m": (0, 0, 1, 1)}, 'is for the map "walls" only'),
         ({"polygons": [[(0, 0), (1, 1)]]}, "polygon 0 has 2 vertices"),
         ({"polygons": [[(0, 0), (1, 1), (1, 0), (0, 1)]]}, "polygon 0 touches or crosses itself"),
         ({"walls": [(0, 0, math.inf, 1)]}, "finite number"),
@@ -152,8 +152,8 @@ def test_an_office_depends_on_its_seed_only():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rooms": 40}, "40 rooms with doors of 1.0 m, at most 28 fit into the width"),
-        ({"corridor_m": 11.0}, "rooms would be 0.5 m deep, expected at least 1.4 m"),
+        ({"rooms": 40}, "is too many: with doors of 1.0 m, 28 fit into width_m"),
+        ({"corridor_m": 11.0}, "leaves rooms a depth of 0.5 m beside corridor_m, expected 1.4 m"),
         ({"door_m": -1}, "greater than 0"),
     ],
 )

@@ -141,7 +141,7 @@ def test_all_kinds_of_png_are_read(tmp_path, mode):
         ({"origin": "[0, 0]"}, "m.yaml: origin[2]: is missing"),
         ({"origin": "[0, .nan, 0]"}, "m.yaml: origin[1]: nan is not a finite number"),
         ({"mode": "binary"}, "m.yaml: mode: 'binary' is not 'trinary', 'scale' or 'raw'"),
-        ({"free_thresh": 0.7}, "free_thresh 0.7 is not < occupied_thresh 0.65"),
+        ({"free_thresh": 0.7}, "free_thresh: 0.7 is not < 0.65, occupied_thresh"),
         ({"image": "no.pgm"}, "m.yaml: image: 'no.pgm': there is no such file beside the map"),
         ({"image": "[1"}, "m.yaml: line "),
         ({"image": "a" * 5000}, "there is no such file beside the map"),

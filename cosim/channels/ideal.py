@@ -55,7 +55,7 @@ from cosim.machine import (
 )
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.settings import Settings
+from cosim.settings import Metres, Seconds, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
@@ -82,8 +82,8 @@ class IdealSettings(Settings):
     """Parameters of the ideal channel."""
 
     kind: Literal["ideal"] = "ideal"
-    delay_s: float = Field(default=1e-6, gt=0, description="from sending to arrival, for every payload")
-    range_m: float | None = Field(
+    delay_s: Seconds = Field(default=1e-6, gt=0, description="from sending to arrival, for every payload")
+    range_m: Metres | None = Field(
         default=None,
         gt=0,
         description="m, farther than that nothing arrives, unless the team says otherwise; by default all are in reach",
@@ -91,7 +91,7 @@ class IdealSettings(Settings):
     loss: float = Field(
         default=0.0, ge=0, le=1, description="probability that a payload does not arrive, for each receiver by itself"
     )
-    jitter_s: float = Field(
+    jitter_s: Seconds = Field(
         default=0.0,
         ge=0,
         description="s, mean of an exponential delay on top of delay_s, for each payload and receiver by itself",

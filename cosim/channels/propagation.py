@@ -22,7 +22,7 @@ from pydantic import Field
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
-from cosim.settings import Settings
+from cosim.settings import Decibels, Gain, Metres, Settings
 from cosim.world.sight import wall_losses_db
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
@@ -37,15 +37,15 @@ class PropagationSettings(Settings):
     model: Literal["free_space", "log_distance"] = Field(
         default="free_space", description="free_space: the exponent is 2; log_distance: it is the one given"
     )
-    exponent: float = Field(default=3.0, gt=0, description="of the distance, if the model is log_distance")
-    reference_loss_db: float = Field(
+    exponent: Gain = Field(default=3.0, gt=0, description="of the distance, if the model is log_distance")
+    reference_loss_db: Decibels = Field(
         default=40.2, ge=0, description="dB, loss at 1 m; the default is that of free space at 2441 MHz"
     )
     walls: bool = Field(default=True, description="walls on the line between two robots cost what the floor plan says")
-    shadowing_db: float = Field(
+    shadowing_db: Decibels = Field(
         default=0.0, ge=0, description="dB, standard deviation of the shadowing, fixed per link and place; 0: none"
     )
-    shadowing_cell_m: float = Field(
+    shadowing_cell_m: Metres = Field(
         default=2.0, gt=0, description="m, side of the squares within which it is one value"
     )
 

@@ -22,7 +22,7 @@ from cosim.geometry.segments import PackedWalls
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
-from cosim.settings import Settings
+from cosim.settings import BitRate, Metres, Seconds, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import S, Time
 from cosim.world.sight import look_again, seen_by_each
@@ -34,9 +34,9 @@ class OpticalSettings(Settings):
     """Parameters of the optical channel."""
 
     kind: Literal["optical"] = "optical"
-    range_m: float | None = Field(default=None, gt=0, description="m, how far one sees; without limit if not given")
-    rate_bps: int | None = Field(default=None, gt=0, description="bit/s of a sender; unlimited if not given")
-    latency_s: float = Field(default=1e-6, gt=0, description="s from the end of a payload to its arrival")
+    range_m: Metres | None = Field(default=None, gt=0, description="m, how far one sees; without limit if not given")
+    rate_bps: BitRate | None = Field(default=None, gt=0, description="bit/s of a sender; unlimited if not given")
+    latency_s: Seconds = Field(default=1e-6, gt=0, description="s from the end of a payload to its arrival")
 
 
 class _Flight(NamedTuple):

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Angle, Count, Decibels, Energy, Metres, Rate, Seconds, Settings
 from cosim.units import Time, from_seconds
 
 LAST_CHANNEL: Final = 78
@@ -27,7 +27,7 @@ RfChannel: TypeAlias = Annotated[int, Field(ge=0, le=LAST_CHANNEL)]
 class TimedSettings(Settings):
     """Something that happens at an instant, or again and again."""
 
-    at_s: float = Field(ge=0, description="s, when it happens; with a rate, from when on it can")
+    at_s: Seconds = Field(ge=0, description="s, when it happens; with a rate, from when on it can")
     rate_per_s: float | None = Field(
         default=None, gt=0, le=MOST_OFTEN_PER_S, description="1/s, how often, at random; once, at at_s, if not given"
     )
@@ -36,8 +36,8 @@ class TimedSettings(Settings):
 class LastingSettings(TimedSettings):
     """Something that begins and, mostly, ends."""
 
-    until_s: float | None = Field(default=None, description="s, when it is over; if that or for_s is given")
-    for_s: float | None = Field(default=None, ge=1e-9, description="s, how long it lasts, each time")
+    until_s: Seconds | None = Field(default=None, description="s, when it is over; if that or for_s is given")
+    for_s: Seconds | None = Field(default=None, ge=1e-9, description="s, how long it lasts, each time")
 
     @field_validator("until_s")
     @classmethod
@@ -60,14 +60,14 @@ class KillSettings(TimedSettings):
     """A robot dies: host, radio and drive. With a rate it dies at the first time."""
 
     kind: Literal["kill"] = "kill"
-    robot: int = Field(ge=0, description="number of the robot in the team")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
 
 
 class CrashSettings(LastingSettings):
     """A robot's host crashes, as if it were dead, and boots again: a new machine without memory."""
 
     kind: Literal["crash"] = "crash"
-    robot: int = Field(ge=0, description="number of the robot in the team")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
 
     @field_validator("for_s")
     @classmethod
@@ -81,22 +81,22 @@ class RadioOffSettings(LastingSettings):
     """A robot's radio is off for a while, or for ever; its host knows nothing of it."""
 
     kind: Literal["radio_off"] = "radio_off"
-    robot: int = Field(ge=0, description="number of the robot in the team")
-    radio: int | None = Field(default=None, ge=0, description="which of its radios; all if not given")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
+    radio: Count | None = Field(default=None, ge=0, description="which of its radios; all if not given")
 
 
 class CameraOffSettings(LastingSettings):
     """A robot's camera is off for a while, or for ever: it sees no robot and no point. The range scanner goes on."""
 
     kind: Literal["camera_off"] = "camera_off"
-    robot: int = Field(ge=0, description="number of the robot in the team")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
 
 
 class FrozenSettings(LastingSettings):
     """A robot brakes and cannot move for a while, or for ever; then it carries out the last order it was given."""
 
     kind: Literal["frozen"] = "frozen"
-    robot: int = Field(ge=0, description="number of the robot in the team")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
 
 
 class MovedSettings(TimedSettings):
@@ -107,18 +107,18 @@ class MovedSettings(TimedSettings):
     """
 
     kind: Literal["moved"] = "moved"
-    robot: int = Field(ge=0, description="number of the robot in the team")
-    to_m: tuple[float, float] | None = Field(
+    robot: Count = Field(ge=0, description="number of the robot in the team")
+    to_m: tuple[Metres, Metres] | None = Field(
         default=None, description="m, where it is put; anywhere on free floor if not given"
     )
-    heading_deg: float | None = Field(default=None, description="degrees, its heading there; as before if not given")
+    heading_deg: Angle | None = Field(default=None, description="degrees, its heading there; as before if not given")
 
 
 class ClockStepSettings(TimedSettings):
-    """A robot's clock jumps: all that its machine is told and says of time is by that clock, which never reads < 0."""
+    """A robot's clock jumps: all that its machine is told and says of time is by that clock, from 0 to 4e9 s."""
 
     kind: Literal["clock_step"] = "clock_step"
-    robot: int = Field(ge=0, description="number of the robot in the team")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
     by_s: float = Field(
         ge=-LONGEST_STEP_S, le=LONGEST_STEP_S, description="s, by how much, to the nanosecond; negative is back"
     )
@@ -135,11 +135,11 @@ class BatterySettings(Settings):
     """A robot has so much energy; when it is used up, to a world tick, the robot dies."""
 
     kind: Literal["battery"] = "battery"
-    robot: int = Field(ge=0, description="number of the robot in the team")
-    capacity_j: float = Field(gt=0, description="J, what it holds in the beginning")
-    idle_w: float = Field(default=0.0, ge=0, description="W, of the host, as long as that runs")
-    radio_w: float = Field(default=0.0, ge=0, description="W, of the radio, as long as it, or one of them, is on")
-    drive_j_per_m: float = Field(default=0.0, ge=0, description="J, for each metre driven")
+    robot: Count = Field(ge=0, description="number of the robot in the team")
+    capacity_j: Energy = Field(gt=0, description="J, what it holds in the beginning")
+    idle_w: Energy = Field(default=0.0, ge=0, description="W, of the host, as long as that runs")
+    radio_w: Energy = Field(default=0.0, ge=0, description="W, of the radio, as long as it, or one of them, is on")
+    drive_j_per_m: Rate = Field(default=0.0, ge=0, description="J, for each metre driven")
 
     @field_validator("drive_j_per_m")
     @classmethod
@@ -153,11 +153,13 @@ class WallSettings(LastingSettings):
     """A stretch of line that costs radios dB while it is there; bodies and cameras do not notice it."""
 
     kind: Literal["wall"] = "wall"
-    at_s: float = Field(default=0.0, ge=0, description="s, when it is there; with a rate, from when on it can be")
-    from_m: tuple[float, float] = Field(description="m, one end")
-    to_m: tuple[float, float] = Field(description="m, the other end")
-    loss_db: float = Field(gt=0, description="dB, what it takes from a signal that crosses it")
-    radio: int | None = Field(default=None, ge=0, description="whose signals, of the robots' radios; all if not given")
+    at_s: Seconds = Field(default=0.0, ge=0, description="s, when it is there; with a rate, from when on it can be")
+    from_m: tuple[Metres, Metres] = Field(description="m, one end")
+    to_m: tuple[Metres, Metres] = Field(description="m, the other end")
+    loss_db: Decibels = Field(gt=0, description="dB, what it takes from a signal that crosses it")
+    radio: Count | None = Field(
+        default=None, ge=0, description="whose signals, of the robots' radios; all if not given"
+    )
 
     @field_validator("to_m")
     @classmethod
@@ -171,18 +173,18 @@ class JammerSettings(LastingSettings):
     """A transmitter that disturbs the radios; see :mod:`cosim.channels.jamming` for what its modes do."""
 
     kind: Literal["jammer"] = "jammer"
-    x_m: float = Field(description="m, where it stands")
-    y_m: float = Field(description="m, where it stands")
-    power_dbm: float = Field(default=20.0, description="dBm, on each channel of 1 MHz that it is on")
+    x_m: Metres = Field(description="m, where it stands")
+    y_m: Metres = Field(description="m, where it stands")
+    power_dbm: Decibels = Field(default=20.0, description="dBm, on each channel of 1 MHz that it is on")
     channels: tuple[RfChannel, ...] | None = Field(
         default=None, min_length=1, description="RF channels, in the order of a sweep; all 79 if not given"
     )
     mode: Literal["constant", "sweeping", "pulsed"] = Field(default="constant", description="when it is on which")
-    dwell_s: float = Field(default=0.001, ge=1e-9, description="s, on each channel, if it is sweeping")
-    on_s: float = Field(default=0.01, ge=1e-9, description="s, on the air in every period, if it is pulsed")
-    period_s: float = Field(default=0.1, ge=1e-9, description="s, from pulse to pulse, if it is pulsed")
-    at_s: float = Field(default=0.0, ge=0, description="s, when it begins; with a rate, from when on it can")
-    radio: int | None = Field(default=None, ge=0, description="which of the robots' radios; all if not given")
+    dwell_s: Seconds = Field(default=0.001, ge=1e-9, description="s, on each channel, if it is sweeping")
+    on_s: Seconds = Field(default=0.01, ge=1e-9, description="s, on the air in every period, if it is pulsed")
+    period_s: Seconds = Field(default=0.1, ge=1e-9, description="s, from pulse to pulse, if it is pulsed")
+    at_s: Seconds = Field(default=0.0, ge=0, description="s, when it begins; with a rate, from when on it can")
+    radio: Count | None = Field(default=None, ge=0, description="which of the robots' radios; all if not given")
 
     @field_validator("channels")
     @classmethod

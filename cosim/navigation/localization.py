@@ -45,7 +45,7 @@ from cosim.navigation.localization_resampling import (
     pose_bins,
 )
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Angle, Count, Gain, Metres, Rate, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -77,31 +77,31 @@ class LocalizationParameters(Settings):
         le=1,
         description="power of the product: as how many independent ones a beam counts (not Nav2's)",
     )
-    range_m: float = Field(default=8.0, gt=0, description="m, how far a beam reaches (not Nav2's: it asks the laser)")
-    max_beams: int = Field(default=60, ge=2, description="about so many beams of a scan are used, evenly spaced")
+    range_m: Metres = Field(default=8.0, gt=0, description="m, how far a beam reaches (not Nav2's: it asks the laser)")
+    max_beams: Count = Field(default=60, ge=2, description="about so many beams of a scan are used, evenly spaced")
     z_hit: float = Field(default=0.5, gt=0, le=1, description="weight of a hit where the map has an obstacle")
     z_rand: float = Field(default=0.5, ge=0, le=1, description="weight of a reading of any length")
     z_max: float = Field(default=0.05, ge=0, le=1, description="weight of a missed obstacle (beam model)")
     z_short: float = Field(default=0.05, ge=0, le=1, description="weight of what is not on the map (beam model)")
-    sigma_hit_m: float = Field(default=0.2, gt=0, description="m, standard deviation of a hit")
-    lambda_short_per_m: float = Field(default=0.1, gt=0, description="1/m, rate of short readings (beam model)")
-    max_distance_m: float = Field(default=2.0, gt=0, description="m; farther from an obstacle an end fits no worse")
-    least_particles: int = Field(default=500, ge=1, description="particles at least")
-    most_particles: int = Field(default=2000, ge=1, description="particles at most")
-    kld_error: float = Field(default=0.05, gt=0, description="greatest Kullback-Leibler distance to the posterior")
-    kld_z: float = Field(default=0.99, ge=0, description="its normal quantile; not the probability that it looks like")
-    bin_m: float = Field(default=0.5, gt=0, description="m, side of a bin of poses")
+    sigma_hit_m: Metres = Field(default=0.2, gt=0, description="m, standard deviation of a hit")
+    lambda_short_per_m: Rate = Field(default=0.1, gt=0, description="1/m, rate of short readings (beam model)")
+    max_distance_m: Metres = Field(default=2.0, gt=0, description="m; farther from an obstacle an end fits no worse")
+    least_particles: Count = Field(default=500, ge=1, description="particles at least")
+    most_particles: Count = Field(default=2000, ge=1, description="particles at most")
+    kld_error: Gain = Field(default=0.05, gt=0, description="greatest Kullback-Leibler distance to the posterior")
+    kld_z: Gain = Field(default=0.99, ge=0, description="its normal quantile; not the probability that it looks like")
+    bin_m: Metres = Field(default=0.5, gt=0, description="m, side of a bin of poses")
     bin_headings: int = Field(default=36, ge=3, le=720, description="sectors of the circle that headings are binned to")
-    alpha1: float = Field(default=0.05, ge=0, description="variance of a turn, per square of the turn")
-    alpha2: float = Field(default=0.05, ge=0, description="variance of a turn, rad^2 per square metre of way")
-    alpha3: float = Field(default=0.05, ge=0, description="variance of a way, per square of the way")
-    alpha4: float = Field(default=0.05, ge=0, description="variance of a way, square metres per square of a turn")
-    update_way_m: float = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
-    update_turn_rad: float = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
+    alpha1: Gain = Field(default=0.05, ge=0, description="variance of a turn, per square of the turn")
+    alpha2: Gain = Field(default=0.05, ge=0, description="variance of a turn, rad^2 per square metre of way")
+    alpha3: Gain = Field(default=0.05, ge=0, description="variance of a way, per square of the way")
+    alpha4: Gain = Field(default=0.05, ge=0, description="variance of a way, square metres per square of a turn")
+    update_way_m: Metres = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
+    update_turn_rad: Angle = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
     resampling: Literal["low_variance", "independent"] = Field(
         default="low_variance", description="how survivors are drawn; Nav2's way is independent"
     )
-    resample_interval: int = Field(default=1, ge=1, description="updates from one resampling to the next")
+    resample_interval: Count = Field(default=1, ge=1, description="updates from one resampling to the next")
     recovery_slow: float = Field(
         default=0.01, ge=0, le=1, description="rate of the slow average of the fit; 0, Nav2's: no recovery"
     )
@@ -109,7 +109,7 @@ class LocalizationParameters(Settings):
         default=0.1, ge=0, le=1, description="rate of the fast average of the fit; 0, Nav2's: no recovery"
     )
     recovery_forgets: bool = Field(default=False, description="whether an injection restarts both averages; Nav2's do")
-    recovery_tries: int = Field(
+    recovery_tries: Count = Field(
         default=20_000,
         ge=0,
         description="random poses tried at an update for those injected, which fit best (not Nav2's)",
@@ -118,12 +118,12 @@ class LocalizationParameters(Settings):
     @model_validator(mode="after")
     def _numbers_agree(self) -> Self:
         if self.least_particles > self.most_particles:
-            raise ValueError(f"least_particles {self.least_particles} is not <= most_particles {self.most_particles}")
-        if self.recovery_slow > self.recovery_fast or (self.recovery_fast > 0.0) != (self.recovery_slow > 0.0):
-            raise ValueError(
-                f"recovery_slow {self.recovery_slow} and recovery_fast {self.recovery_fast} are neither both 0 "
-                "nor 0 < slow <= fast"
+            raise error_at(
+                ("least_particles",), self.least_particles, f"is not <= {self.most_particles}, most_particles"
             )
+        if self.recovery_slow > self.recovery_fast or (self.recovery_fast > 0.0) != (self.recovery_slow > 0.0):
+            expected = f"is not > 0 and <= {self.recovery_fast}, recovery_fast, nor are both 0"
+            raise error_at(("recovery_slow",), self.recovery_slow, expected)
         return self
 
 

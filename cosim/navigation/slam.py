@@ -41,7 +41,7 @@ from cosim.navigation.localization_motion import Pose, move_particles, odometry_
 from cosim.navigation.localization_resampling import low_variance
 from cosim.navigation.slam_matching import field_size, mark_particles, match_particles, stamp_of
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Angle, Count, Gain, Metres, Settings
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -56,26 +56,26 @@ class SlamParameters(Settings):
     """
 
     particles: int = Field(default=10, ge=1, le=200, description="particles (GMapping 30)")
-    range_m: float = Field(default=2.5, gt=0, description="m, how far a beam reaches")
-    max_beams: int = Field(default=90, ge=2, description="at most so many beams of a scan are matched, evenly spaced")
-    sigma_m: float = Field(default=0.1, gt=0, description="m, standard deviation of a hit from its cell's centre")
+    range_m: Metres = Field(default=2.5, gt=0, description="m, how far a beam reaches")
+    max_beams: Count = Field(default=90, ge=2, description="at most so many beams of a scan are matched, evenly spaced")
+    sigma_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of a hit from its cell's centre")
     stray: float = Field(default=0.05, gt=0, lt=1, description="p of an end in the open, where that on a wall is 1")
     news: float = Field(default=0.5, gt=0, le=1, description="p of an end in the unknown, where that on a wall is 1")
     power: float = Field(
         default=0.1, gt=0, le=1, description="as how many independent ones a beam counts (GMapping 1 / 3 particles)"
     )
-    slack_m: float = Field(default=0.1, gt=0, description="m, standard deviation of how far a scan pulls a particle")
-    slack_rad: float = Field(default=0.1, gt=0, description="rad, the same of its heading")
-    step_m: float = Field(default=0.05, gt=0, description="m, first step of the climbing (GMapping 0.05)")
-    step_rad: float = Field(default=0.05, gt=0, description="rad, first turn of the climbing (GMapping 0.05)")
+    slack_m: Metres = Field(default=0.1, gt=0, description="m, standard deviation of how far a scan pulls a particle")
+    slack_rad: Angle = Field(default=0.1, gt=0, description="rad, the same of its heading")
+    step_m: Metres = Field(default=0.05, gt=0, description="m, first step of the climbing (GMapping 0.05)")
+    step_rad: Angle = Field(default=0.05, gt=0, description="rad, first turn of the climbing (GMapping 0.05)")
     matching: bool = Field(default=True, description="whether scans pull particles; without they are only weighed")
-    alpha1: float = Field(default=0.0025, ge=0, description="variance of a turn, per square of the turn")
-    alpha2: float = Field(default=0.0025, ge=0, description="variance of a turn, rad^2 per square metre of way")
-    alpha3: float = Field(default=0.0025, ge=0, description="variance of a way, per square of the way")
-    alpha4: float = Field(default=0.0025, ge=0, description="variance of a way, square metres per square of a turn")
-    update_way_m: float = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
-    update_turn_rad: float = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
-    update_ticks: int = Field(default=10, ge=1, description="observations after which it is updated in any case")
+    alpha1: Gain = Field(default=0.0025, ge=0, description="variance of a turn, per square of the turn")
+    alpha2: Gain = Field(default=0.0025, ge=0, description="variance of a turn, rad^2 per square metre of way")
+    alpha3: Gain = Field(default=0.0025, ge=0, description="variance of a way, per square of the way")
+    alpha4: Gain = Field(default=0.0025, ge=0, description="variance of a way, square metres per square of a turn")
+    update_way_m: Metres = Field(default=0.25, ge=0, description="m of way after which the filter is updated")
+    update_turn_rad: Angle = Field(default=0.2, ge=0, description="rad of turn after which the filter is updated")
+    update_ticks: Count = Field(default=10, ge=1, description="observations after which it is updated in any case")
     resample_below: float = Field(
         default=0.5, ge=0, le=1, description="effective share of the particles below which they are drawn anew"
     )

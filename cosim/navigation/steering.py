@@ -34,7 +34,7 @@ from cosim.navigation.schemas import (
 )
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Metres, Rate, Settings, error_at
 
 _STILL: Final = 0.05
 """Less than this share of a step is no motion."""
@@ -86,49 +86,51 @@ class PotentialFieldParameters(Settings):
     drive: Literal["step", "speed"] = Field(
         default="step", description="steps of one length, or speeds that shrink with the field (greatest at length 1)"
     )
-    goal_gain: float = Field(default=1.0, ge=0, description="weight of the unit vector to the goal")
-    avoid_gain: float = Field(default=1.0, ge=0, description="weight of the repulsion of what the scan hits")
-    avoid_sphere_m: float = Field(default=0.8, gt=0, description="walls farther off than this do not repel")
-    avoid_margin_m: float = Field(
+    goal_gain: Gain = Field(default=1.0, ge=0, description="weight of the unit vector to the goal")
+    avoid_gain: Gain = Field(default=1.0, ge=0, description="weight of the repulsion of what the scan hits")
+    avoid_sphere_m: Metres = Field(default=0.8, gt=0, description="walls farther off than this do not repel")
+    avoid_margin_m: Metres = Field(
         default=0.3, ge=0, description="nearer walls repel with all force: more than the radius, less than half a door"
     )
-    robot_gain: float = Field(default=1.0, ge=0, description="weight of the repulsion of robots in sight")
-    robot_sphere_m: float = Field(default=1.0, gt=0, description="robots farther off, centre to centre, do not repel")
-    robot_margin_m: float = Field(default=0.5, ge=0, description="robots nearer than this repel with all force")
-    noise_gain: float = Field(default=0.1, ge=0, description="weight of a unit vector of random direction")
-    noise_persistence: int = Field(default=10, ge=1, description="motion steps for which a random direction is held")
-    arrival_m: float = Field(default=0.1, ge=0, description="a goal as near as this is reached")
-    progress_m: float = Field(
+    robot_gain: Gain = Field(default=1.0, ge=0, description="weight of the repulsion of robots in sight")
+    robot_sphere_m: Metres = Field(default=1.0, gt=0, description="robots farther off, centre to centre, do not repel")
+    robot_margin_m: Metres = Field(default=0.5, ge=0, description="robots nearer than this repel with all force")
+    noise_gain: Gain = Field(default=0.1, ge=0, description="weight of a unit vector of random direction")
+    noise_persistence: Count = Field(default=10, ge=1, description="motion steps for which a random direction is held")
+    arrival_m: Metres = Field(default=0.1, ge=0, description="a goal as near as this is reached")
+    progress_m: Metres = Field(
         default=0.1, ge=0, description="who has come nearer to the goal than ever by more than this makes progress"
     )
-    patience: int = Field(default=50, ge=1, description="motion steps without progress after which a robot is stuck")
+    patience: Count = Field(default=50, ge=1, description="motion steps without progress after which a robot is stuck")
 
     @model_validator(mode="after")
     def _margins_lie_inside(self) -> "PotentialFieldParameters":
         if not self.avoid_margin_m < self.avoid_sphere_m:
-            raise ValueError(f"avoid_margin_m {self.avoid_margin_m} is not < avoid_sphere_m {self.avoid_sphere_m}")
+            raise error_at(("avoid_margin_m",), self.avoid_margin_m, f"is not < {self.avoid_sphere_m}, avoid_sphere_m")
         if not self.robot_margin_m < self.robot_sphere_m:
-            raise ValueError(f"robot_margin_m {self.robot_margin_m} is not < robot_sphere_m {self.robot_sphere_m}")
+            raise error_at(("robot_margin_m",), self.robot_margin_m, f"is not < {self.robot_sphere_m}, robot_sphere_m")
         return self
 
 
 class AvoidPastParameters(PotentialFieldParameters):
     """The potential field's parameters, and those of the memory of visits."""
 
-    patience: int = Field(default=1000, ge=1, description="motion steps without progress after which a robot is stuck")
-    past_gain: float = Field(default=1.0, ge=0, description="weight of the push away from where the robot has been")
-    past_ceiling: float = Field(default=2.0, gt=0, description="greatest length of that push, before its gain")
-    horizon_m: float = Field(default=0.5, gt=0, description="visits farther off, along x or y, do not push")
-    mark_m: float = Field(default=0.3, ge=0, description="how far around the robot, along x and y, ground is visited")
-    cells_per_m: float = Field(default=10.0, gt=0, description="cells of the memory per metre")
-    side_m: float = Field(default=30.0, gt=0, description="side of the square that is remembered, around the robot")
+    patience: Count = Field(
+        default=1000, ge=1, description="motion steps without progress after which a robot is stuck"
+    )
+    past_gain: Gain = Field(default=1.0, ge=0, description="weight of the push away from where the robot has been")
+    past_ceiling: Gain = Field(default=2.0, gt=0, description="greatest length of that push, before its gain")
+    horizon_m: Metres = Field(default=0.5, gt=0, description="visits farther off, along x or y, do not push")
+    mark_m: Metres = Field(default=0.3, ge=0, description="how far around the robot, along x and y, ground is visited")
+    cells_per_m: Rate = Field(default=10.0, gt=0, description="cells of the memory per metre")
+    side_m: Metres = Field(default=30.0, gt=0, description="side of the square that is remembered, around the robot")
 
     @model_validator(mode="after")
     def _windows_fit(self) -> "AvoidPastParameters":
         if self.horizon_cells < 1:
-            raise ValueError(f"horizon_m {self.horizon_m} is less than a cell of {1.0 / self.cells_per_m} m")
+            raise error_at(("horizon_m",), self.horizon_m, f"is less than a cell, of {1.0 / self.cells_per_m} m")
         if not 2 * max(self.horizon_cells, self.mark_cells) < self.side_cells:
-            raise ValueError(f"side_m {self.side_m} is not more than twice horizon_m and twice mark_m")
+            raise error_at(("side_m",), self.side_m, "is not > twice horizon_m and twice mark_m")
         return self
 
     @property

@@ -36,7 +36,7 @@ from pydantic import Field, model_validator
 from cosim.jit import njit
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.navigation.steering import Steer
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Metres, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Vector: TypeAlias = tuple[float, float]
@@ -65,51 +65,47 @@ class VfhParameters(Settings):
     1.2 m; a wall, hit by several beams whose sectors overlap, blocks from about 1.3 m on. More beams block sooner.
     """
 
-    robot_radius_m: float = Field(default=0.25, gt=0, description="radius of the robot")
-    safety_m: float = Field(
+    robot_radius_m: Metres = Field(default=0.25, gt=0, description="radius of the robot")
+    safety_m: Metres = Field(
         default=0.1, ge=0, description="distance kept from obstacles; radius and this are less than half a door"
     )
-    window_m: float = Field(
+    window_m: Metres = Field(
         default=1.5, gt=0, description="radius w of the active window: farther readings are ignored"
     )
-    near_magnitude: float = Field(
+    near_magnitude: Gain = Field(
         default=10.0, gt=1, description="a: magnitude of a reading at the robot's centre; it is 1 at the window's edge"
     )
-    low_threshold: float = Field(default=4.0, ge=0, description="tau_low: a sector with less becomes free")
-    high_threshold: float = Field(default=6.0, gt=0, description="tau_high: a sector with more becomes blocked")
+    low_threshold: Gain = Field(default=4.0, ge=0, description="tau_low: a sector with less becomes free")
+    high_threshold: Gain = Field(default=6.0, gt=0, description="tau_high: a sector with more becomes blocked")
     sectors: int = Field(default=72, ge=8, le=720, description="sectors of the polar histogram")
-    wide_sectors: int = Field(default=16, ge=1, description="s_max: openings with more sectors are wide")
-    goal_weight: float = Field(default=5.0, ge=0, description="mu1: cost of a sector's difference from the goal")
-    heading_weight: float = Field(default=2.0, ge=0, description="mu2: the same from the direction of motion")
-    previous_weight: float = Field(default=2.0, ge=0, description="mu3: the same from the direction chosen before")
-    turning_radius_m: float = Field(
+    wide_sectors: Count = Field(default=16, ge=1, description="s_max: openings with more sectors are wide")
+    goal_weight: Gain = Field(default=5.0, ge=0, description="mu1: cost of a sector's difference from the goal")
+    heading_weight: Gain = Field(default=2.0, ge=0, description="mu2: the same from the direction of motion")
+    previous_weight: Gain = Field(default=2.0, ge=0, description="mu3: the same from the direction chosen before")
+    turning_radius_m: Metres = Field(
         default=0.0, ge=0, description="least radius of a turn; 0: the robot drives in any direction at once"
     )
-    arrival_m: float = Field(default=0.1, ge=0, description="a goal as near as this is reached")
-    progress_m: float = Field(
+    arrival_m: Metres = Field(default=0.1, ge=0, description="a goal as near as this is reached")
+    progress_m: Metres = Field(
         default=0.1, ge=0, description="who has come nearer to the goal than ever by more than this makes progress"
     )
-    patience: int = Field(default=50, ge=1, description="motion steps without progress after which a robot is stuck")
-    bump_steps: int = Field(
+    patience: Count = Field(default=50, ge=1, description="motion steps without progress after which a robot is stuck")
+    bump_steps: Count = Field(
         default=30, ge=0, description="motion steps for which what has held the robot unseen counts as an obstacle"
     )
 
     @model_validator(mode="after")
     def _numbers_agree(self) -> Self:
         if not self.goal_weight > self.heading_weight + self.previous_weight:
-            raise ValueError(
-                f"goal_weight {self.goal_weight} is not > heading_weight {self.heading_weight} "
-                f"+ previous_weight {self.previous_weight}: the robot might never turn to the goal"
-            )
+            expected = f"is not > {self.heading_weight} + {self.previous_weight}, heading_weight + previous_weight"
+            raise error_at(("goal_weight",), self.goal_weight, f"{expected}: the robot might never turn to the goal")
         if not self.low_threshold <= self.high_threshold < self.near_magnitude:
-            raise ValueError(
-                f"low_threshold {self.low_threshold}, high_threshold {self.high_threshold} and near_magnitude "
-                f"{self.near_magnitude} are not low <= high < near"
-            )
+            expected = f"is not >= {self.low_threshold}, low_threshold, and < {self.near_magnitude}, near_magnitude"
+            raise error_at(("high_threshold",), self.high_threshold, expected)
         if not self.reach_m < self.window_m:
-            raise ValueError(f"window_m {self.window_m} is not > robot_radius_m + safety_m {self.reach_m}")
+            raise error_at(("window_m",), self.window_m, f"is not > {self.reach_m}, robot_radius_m + safety_m")
         if not self.wide_sectors < self.sectors:
-            raise ValueError(f"wide_sectors {self.wide_sectors} is not < sectors {self.sectors}")
+            raise error_at(("wide_sectors",), self.wide_sectors, f"is not < {self.sectors}, sectors")
         return self
 
     @property

@@ -43,7 +43,7 @@ from cosim.robots.sense_kernels import (
     scan,
     sense,
 )
-from cosim.settings import Settings
+from cosim.settings import Angle, Metres, Seconds, Settings
 from cosim.units import Time, to_seconds
 
 Frame: TypeAlias = tuple[float, float, float]
@@ -68,13 +68,13 @@ class SenseSettings(Settings):
     odometry_slip: float = Field(
         default=0.0, ge=0, lt=1, description="share by which a metre of odometry is wrong: uniform, new every tick"
     )
-    odometry_turn_rad: float = Field(
+    odometry_turn_rad: Angle = Field(
         default=0.0, ge=0, description="rad, by which a tick's way of one metre turns the heading wrongly, at most"
     )
     field_of_view_deg: float = Field(
         default=360.0, gt=0, le=360, description="degrees, the camera's field of view, about the heading"
     )
-    camera_period_s: float | None = Field(
+    camera_period_s: Seconds | None = Field(
         default=None, gt=0, description="s from one picture to the next, in whole ticks; every tick if not given"
     )
     bodies_occlude: bool = Field(default=False, description="whether a robot hides what stands behind it")
@@ -85,8 +85,8 @@ class SenseSettings(Settings):
         default=0.0, ge=0, le=1, description="largest error of its direction, in halves of its apparent size (eq. 2)"
     )
     beams: int = Field(default=32, ge=4, le=720, description="number of beams of the range scanner")
-    beam_range_m: float = Field(default=2.5, gt=0, description="m, how far they reach")
-    range_noise_m: float = Field(default=0.0, ge=0, description="m, standard deviation of a range that is measured")
+    beam_range_m: Metres = Field(default=2.5, gt=0, description="m, how far they reach")
+    range_noise_m: Metres = Field(default=0.0, ge=0, description="m, standard deviation of a range that is measured")
     false_return_rate: float = Field(
         default=0.0, ge=0, le=1, description="share of the beams that tell a uniform range, whatever is there"
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.documents import is_file
 from cosim.errors import UserError
 from cosim.trace import StoredTable
 from cosim.units import Time, from_seconds, to_seconds
@@ -115,7 +116,7 @@ class Recorded:
 
 def is_trace(folder: Path) -> bool:
     """Return whether *folder* is one that holds the tables of a run."""
-    return any((folder / f"{name}.parquet").is_file() for name in ("poses", "events", "frames"))
+    return any(is_file(folder / f"{name}.parquet") for name in ("poses", "events", "frames"))
 
 
 def _existing(folder: Path, name: str) -> Path:

@@ -18,20 +18,20 @@ import numpy as np
 import shapely
 from pydantic import Field, field_validator, model_validator
 
-from cosim.documents import nearest, read_yaml, validated
+from cosim.documents import is_file, nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
-from cosim.settings import Settings
+from cosim.settings import Decibels, Length, Metres, Settings, error_at
 from cosim.world.maps import MOST_SIDES, OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Point: TypeAlias = tuple[float, float]
-Wall: TypeAlias = tuple[float, float, float, float]
+Point: TypeAlias = tuple[Metres, Metres]
+Wall: TypeAlias = tuple[Metres, Metres, Metres, Metres]
 Polygons: TypeAlias = tuple[tuple[Point, ...], ...]
 WallsByKind: TypeAlias = dict[str, tuple[Wall, ...]]
-Losses: TypeAlias = dict[str, Annotated[float, Field(ge=0)]]
+Losses: TypeAlias = dict[str, Annotated[Decibels, Field(ge=0)]]
 
 GENERATED: Final = "office"
 INLINE: Final = "walls"
@@ -109,7 +109,7 @@ class FloorplanSettings(Settings):
         default=None,
         description='extent x_min, y_min, x_max, y_max of the map "walls"; default: that of its walls and polygons',
     )
-    resolution_m: float = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
+    resolution_m: Length = Field(default=1.0, gt=0, description="size of a cell of a MovingAI map")
     unknown_is_occupied: bool = Field(default=True, description="unknown cells of a ROS map are solid")
 
     _solid_polygons = field_validator("polygons")(_solid)
@@ -121,7 +121,7 @@ class FloorplanSettings(Settings):
         if self.map == INLINE and self.bounds_m is None and not drawn:
             raise ValueError('the map "walls" needs walls, polygons or bounds_m')
         if self.map != INLINE and self.bounds_m is not None:
-            raise ValueError(f'bounds_m is for the map "walls" only, the map is {self.map!r}')
+            raise error_at(("bounds_m",), self.bounds_m, f'is for the map "walls" only, the map is {self.map!r}')
         return self
 
 
@@ -237,7 +237,7 @@ def _losses_db(name: str, walls: Sequence[_Walls], losses: Mapping[str, float]) 
 def _find(name: str, folder: Path) -> Path:
     """Return the file *name*, given absolutely or relative to *folder* or the working directory."""
     for path in (folder / name, Path(name)):
-        if path.is_file():
+        if is_file(path):
             return path
     raise UserError(
         f"floorplan.map: {name!r} is neither {GENERATED!r} nor {INLINE!r} "

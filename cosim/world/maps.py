@@ -33,7 +33,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from cosim.documents import read_bytes, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
-from cosim.settings import Settings
+from cosim.settings import Angle, Metres, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
@@ -132,8 +132,8 @@ class RosMapSettings(Settings):
     model_config = ConfigDict(extra="ignore")
 
     image: str = Field(min_length=1)
-    resolution: float = Field(gt=0)
-    origin: tuple[float, float, float]
+    resolution: Metres = Field(gt=0)
+    origin: tuple[Metres, Metres, Angle]
     occupied_thresh: float = Field(ge=0, le=1)
     free_thresh: float = Field(ge=0, le=1)
     negate: bool = False
@@ -152,7 +152,7 @@ class RosMapSettings(Settings):
     @model_validator(mode="after")
     def _thresholds_in_order(self) -> Self:
         if self.free_thresh >= self.occupied_thresh:
-            raise ValueError(f"free_thresh {self.free_thresh} is not < occupied_thresh {self.occupied_thresh}")
+            raise error_at(("free_thresh",), self.free_thresh, f"is not < {self.occupied_thresh}, occupied_thresh")
         return self
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Metres, Seed, Settings, error_at
 
 Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Segment: TypeAlias = tuple[float, float, float, float]
@@ -26,12 +26,12 @@ INNER_DOOR_SHARE: Final = 0.25
 class OfficeSettings(Settings):
     """Measures of a generated office; walls have no thickness."""
 
-    width_m: float = Field(default=20.0, gt=0, description="length along the corridor")
-    depth_m: float = Field(default=12.0, gt=0, description="extent across the corridor")
-    rooms: int = Field(default=10, ge=1, description="number of rooms, shared out over the two sides")
-    corridor_m: float = Field(default=2.0, gt=0, description="width of the corridor")
-    door_m: float = Field(default=1.0, gt=0, description="width of every door")
-    seed: int = Field(default=1, ge=0, description="decides where walls and doors stand")
+    width_m: Metres = Field(default=20.0, gt=0, description="length along the corridor")
+    depth_m: Metres = Field(default=12.0, gt=0, description="extent across the corridor")
+    rooms: Count = Field(default=10, ge=1, description="number of rooms, shared out over the two sides")
+    corridor_m: Metres = Field(default=2.0, gt=0, description="width of the corridor")
+    door_m: Metres = Field(default=1.0, gt=0, description="width of every door")
+    seed: Seed = Field(default=1, ge=0, description="decides where walls and doors stand")
 
     @property
     def least_room_m(self) -> float:
@@ -42,13 +42,13 @@ class OfficeSettings(Settings):
     def _rooms_fit(self) -> Self:
         most = 2 * int(self.width_m / self.least_room_m + 1e-9)
         if self.rooms > most:
-            raise ValueError(f"{self.rooms} rooms with doors of {self.door_m} m, at most {most} fit into the width")
+            raise error_at(
+                ("rooms",), self.rooms, f"is too many: with doors of {self.door_m} m, {most} fit into width_m"
+            )
         room_depth = (self.depth_m - self.corridor_m) / 2
         if room_depth < self.least_room_m:
-            raise ValueError(
-                f"rooms would be {room_depth:g} m deep, expected at least {self.least_room_m:g} m: "
-                "depth_m is too small or corridor_m too large"
-            )
+            expected = f"leaves rooms a depth of {room_depth:g} m beside corridor_m, expected {self.least_room_m:g} m"
+            raise error_at(("depth_m",), self.depth_m, expected)
         return self
 
 

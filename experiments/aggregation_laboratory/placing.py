@@ -13,6 +13,7 @@ from pydantic import Field
 
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
+from cosim.settings import Count, Metres
 from cosim.simulation import simulate
 from experiments.aggregation_search import searching
 from experiments.aggregation_search.searching import COLUMNS
@@ -23,8 +24,12 @@ __all__ = ["COLUMNS", "Parameters", "measure"]
 class Parameters(searching.Parameters):
     """A search, where its targets are, and how exactly its robots are put where ``team.starts`` says."""
 
-    distribution: int = Field(default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is")
-    placing_m: float = Field(default=0.0, ge=0, description="m, at most, that a robot is beside its place along x or y")
+    distribution: Count = Field(
+        default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is"
+    )
+    placing_m: Metres = Field(
+        default=0.0, ge=0, description="m, at most, that a robot is beside its place along x or y"
+    )
 
     def placed(self, seed: int) -> Scenario:
         """Return the scenario with the targets, and with the starts of the run with *seed*, if it names any."""

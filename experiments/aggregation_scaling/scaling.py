@@ -14,6 +14,7 @@ from typing import Any, Final
 from pydantic import Field
 
 from cosim.scenario import Scenario, changed, dump
+from cosim.settings import Count, Rate, Seconds
 from cosim.simulation import simulate
 from experiments.aggregation_search import searching
 from experiments.aggregation_search.searching import COLUMNS
@@ -32,11 +33,11 @@ class Parameters(searching.Parameters):
     """A search, how large its area is, and how many sub-teams there are."""
 
     scenario: Scenario = Field(description="the run, with the bodies of a host and of a searcher as its two groups")
-    side_m: int = Field(gt=0, description="m, side of the area: the floor rooms_SIDE.yaml")
-    sub_teams: int = Field(ge=1, description="hosts")
-    searchers: int = Field(default=2, ge=1, description="in each sub-team")
-    cap_s: float = Field(default=300.0, gt=0, description="s, longest run on no area")
-    cap_s_per_m2: float = Field(default=0.18, ge=0, description="s, so much longer by the square metre")
+    side_m: Count = Field(gt=0, description="m, side of the area: the floor rooms_SIDE.yaml")
+    sub_teams: Count = Field(ge=1, description="hosts")
+    searchers: Count = Field(default=2, ge=1, description="in each sub-team")
+    cap_s: Seconds = Field(default=300.0, gt=0, description="s, longest run on no area")
+    cap_s_per_m2: Rate = Field(default=0.18, ge=0, description="s, so much longer by the square metre")
 
     def chosen(self) -> Scenario:
         """Return the run, with what is chosen; raise UserError for a setting that it does not have."""

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from cosim.errors import UserError
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import PlainData, Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
@@ -28,8 +28,10 @@ class Parameters(Settings):
     """A search, and what is chosen in it."""
 
     scenario: Scenario = Field(description="the run before anything is chosen")
-    case: dict[str, Any] = Field(default_factory=dict, description="settings by their paths: what befalls the team")
-    choice: dict[str, Any] = Field(default_factory=dict, description="the same: what the paper leaves open")
+    case: dict[str, PlainData] = Field(
+        default_factory=dict, description="settings by their paths: what befalls the team"
+    )
+    choice: dict[str, PlainData] = Field(default_factory=dict, description="the same: what the paper leaves open")
 
     @model_validator(mode="after")
     def _makes_a_scenario(self) -> "Parameters":

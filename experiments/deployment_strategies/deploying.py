@@ -19,7 +19,7 @@ from cosim.errors import UserError
 from cosim.randomness import Streams
 from cosim.robots.placement import misfit
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Metres, PlainData, Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES
@@ -64,15 +64,15 @@ class StartSettings(Settings):
     """Where robots stand when the play is called: anywhere in a rectangle about base, so far from each other."""
 
     base: str = Field(description="name of the floor's place that is in its middle")
-    half_m: Point = Field(description="m, half its width and half its height")
-    apart_m: float = Field(gt=0, description="m, between the middles of two robots, at least")
+    half_m: tuple[Metres, Metres] = Field(description="m, half its width and half its height")
+    apart_m: Metres = Field(gt=0, description="m, between the middles of two robots, at least")
 
 
 class Parameters(Settings):
     """A deployment, and what is chosen in it."""
 
     scenario: Scenario = Field(description="the run before anything is chosen")
-    choice: dict[str, Any] = Field(default_factory=dict, description="settings by their paths")
+    choice: dict[str, PlainData] = Field(default_factory=dict, description="settings by their paths")
     starts: StartSettings
     posts: str | None = Field(
         default=None, description="name of the floor's places, of which the first call gets as many as there are robots"

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from cosim.geometry.segments import SegmentGrid, sees
+from cosim.settings import Metres
 from cosim.simulation import simulate
 from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
@@ -41,7 +42,7 @@ COLUMNS: Final = (
 class Parameters(exploring.Parameters):
     """An exploration, what is chosen in it, and how far robots see each other."""
 
-    sight_m: float = Field(default=5.0, gt=0, description="m, farther robots do not count as seen")
+    sight_m: Metres = Field(default=5.0, gt=0, description="m, farther robots do not count as seen")
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from cosim.errors import UserError
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Metres, PlainData, Seconds, Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
@@ -56,8 +56,8 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 class Partings(Settings):
     """When, and of whom, it is asked whether robots part."""
 
-    later_s: float = Field(default=30.0, gt=0, description="s from a path laid, after which distances are compared")
-    near_m: float | None = Field(
+    later_s: Seconds = Field(default=30.0, gt=0, description="s from a path laid, after which distances are compared")
+    near_m: Metres | None = Field(
         default=None, gt=0, description="m, only robots are asked of that had another as near as this; null: all"
     )
 
@@ -66,7 +66,7 @@ class Parameters(Settings):
     """An exploration, and what is chosen in it."""
 
     scenario: Scenario = Field(description="the run before anything is chosen")
-    choice: dict[str, Any] = Field(default_factory=dict, description="settings by their paths")
+    choice: dict[str, PlainData] = Field(default_factory=dict, description="settings by their paths")
     partings: Partings = Partings()
 
     @model_validator(mode="after")

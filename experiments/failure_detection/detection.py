@@ -30,7 +30,7 @@ from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
 from cosim.node import Node
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Metres, Rate, Seconds, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import S, Time, from_seconds
@@ -79,24 +79,24 @@ class Network(Settings):
     channel: Annotated[IdealSettings | AdhocSettings, Field(discriminator="kind")] = Field(
         description="two robots are on it; a third, if there is chatter"
     )
-    mean_delay_s: float = Field(gt=0, description="s, E(D), as those who set detectors know it")
-    heartbeats: int = Field(default=2_000, gt=2 * SETTLING, description="of the long watch")
-    apart_m: float = Field(default=10.0, gt=0, description="m, from the sender to the watcher, and on to the third")
-    chatter_per_s: float = Field(
+    mean_delay_s: Seconds = Field(gt=0, description="s, E(D), as those who set detectors know it")
+    heartbeats: Count = Field(default=2_000, gt=2 * SETTLING, description="of the long watch")
+    apart_m: Metres = Field(default=10.0, gt=0, description="m, from the sender to the watcher, and on to the third")
+    chatter_per_s: Rate = Field(
         default=0.0, ge=0, description="1/s, payloads of the third robot, a Poisson process; 0: there is none"
     )
-    chatter_octets: int = Field(default=1500, ge=1, description="octets of those payloads")
+    chatter_octets: Count = Field(default=1500, ge=1, description="octets of those payloads")
 
 
 class Parameters(Settings):
     """What the experiment varies."""
 
     network: Network = Field(description="what carries the heartbeats")
-    period_s: float = Field(default=1.0, gt=0, description="s, eta, from one heartbeat to the next")
-    bounds_s: tuple[float, ...] = Field(description="s, T, times within which a crash is to be noticed")
-    thresholds: tuple[float, ...] = Field(description="of phi accrual")
-    phi_floor: float = Field(default=0.1, gt=0, description="least standard deviation of phi accrual, in periods")
-    crashes: int = Field(default=8, ge=1, description="robots that are killed")
+    period_s: Seconds = Field(default=1.0, gt=0, description="s, eta, from one heartbeat to the next")
+    bounds_s: tuple[Seconds, ...] = Field(description="s, T, times within which a crash is to be noticed")
+    thresholds: tuple[Gain, ...] = Field(description="of phi accrual")
+    phi_floor: Gain = Field(default=0.1, gt=0, description="least standard deviation of phi accrual, in periods")
+    crashes: Count = Field(default=8, ge=1, description="robots that are killed")
 
 
 class Recorder:

@@ -19,7 +19,7 @@ from scipy.optimize import Bounds, differential_evolution
 from cosim.errors import UserError
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Seconds, Settings, error_at
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 
@@ -47,14 +47,15 @@ Row: TypeAlias = dict[str, Any]
 class Range(Settings):
     """Between what a setting is searched for."""
 
-    low: float = Field(description="least value")
-    high: float = Field(description="greatest value")
+    low: Gain = Field(description="least value")
+    high: Gain = Field(description="greatest value")
     log: bool = Field(default=False, description="its logarithm is what is varied evenly")
 
     @model_validator(mode="after")
     def _ascends(self) -> "Range":
         if not self.low < self.high or (self.log and not self.low > 0):
-            raise ValueError(f"low {self.low} is not < high {self.high}, or not > 0 where logarithms are varied")
+            expected = f"is not < {self.high}, high, or not > 0 where logarithms are varied"
+            raise error_at(("low",), self.low, expected)
         return self
 
     def value(self, share: float) -> float:
@@ -76,15 +77,15 @@ class Parameters(Settings):
     ranges: dict[str, Range] = Field(description="what is searched for, of the schemas' settings")
     training: int = Field(default=3, ge=1, le=MOST_OFFICES, description="offices that each candidate explores")
     evaluation: int = Field(default=10, ge=1, le=MOST_OFFICES, description="other offices that the result explores")
-    evaluation_s: float = Field(default=600.0, gt=0, description="s, the longest run there")
-    popsize: int = Field(default=5, ge=1, description="candidates of a generation, for each setting searched for")
-    generations: int = Field(default=7, ge=0, description="after the first one")
-    contact_s: float = Field(default=0.5, ge=0, description="s, the fine for a tick in which a robot is held up")
+    evaluation_s: Seconds = Field(default=600.0, gt=0, description="s, the longest run there")
+    popsize: Count = Field(default=5, ge=1, description="candidates of a generation, for each setting searched for")
+    generations: Count = Field(default=7, ge=0, description="after the first one")
+    contact_s: Seconds = Field(default=0.5, ge=0, description="s, the fine for a tick in which a robot is held up")
 
     @model_validator(mode="after")
     def _searches_for_gains(self) -> "Parameters":
         if not self.ranges or not set(self.ranges) <= set(GAINS):
-            raise ValueError(f"ranges: {', '.join(self.ranges) or 'none'}; expected some of {', '.join(GAINS)}")
+            raise error_at(("ranges",), [*self.ranges], f"are not some of {', '.join(GAINS)}")
         for end in (0.0, 1.0):
             try:
                 self.with_gains({name: each.value(end) for name, each in self.ranges.items()}, 0)

@@ -18,7 +18,7 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Discovered, Inquire, LinkEvent, Reception
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import SLOT, Time, from_seconds, to_seconds
@@ -43,9 +43,9 @@ class Parameters(Settings):
         default_factory=InquiryScanSettings, description="how devices let themselves be found"
     )
     drift_ppm: int = Field(default=0, ge=0, le=250, description="native clocks drift by up to so many ppm, either way")
-    duration_s: float = Field(default=51.2, gt=0, description="s, length of an inquiry")
-    scanners: int = Field(default=1, ge=1, description="devices that scan, of each inquiry")
-    inquiries: int = Field(default=100, ge=1, description="inquiries of a run")
+    duration_s: Seconds = Field(default=51.2, gt=0, description="s, length of an inquiry")
+    scanners: Count = Field(default=1, ge=1, description="devices that scan, of each inquiry")
+    inquiries: Count = Field(default=100, ge=1, description="inquiries of a run")
 
 
 class Host:

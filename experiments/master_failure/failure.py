@@ -14,7 +14,7 @@ from pydantic import Field
 from cosim.faults.settings import KillSettings
 from cosim.machine import Address
 from cosim.scenario import Scenario
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 from cosim.trace import Trace
@@ -44,8 +44,8 @@ class Parameters(Settings):
     """A run of Pseudonet, and who dies in it."""
 
     scenario: Scenario = Field(description="the run, without faults or with others")
-    robot: Address = Field(default=0, ge=0, description="who dies; the first master is robot 0")
-    at_s: float | None = Field(default=None, ge=0, description="s, when it dies; nobody does if not given")
+    robot: Count = Field(default=0, ge=0, description="who dies; the first master is robot 0")
+    at_s: Seconds | None = Field(default=None, ge=0, description="s, when it dies; nobody does if not given")
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

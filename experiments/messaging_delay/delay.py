@@ -18,7 +18,7 @@ from cosim.machine import BROADCAST, Address, Command, Event, Fate, LinkCommand,
 from cosim.node import Node
 from cosim.observation import Observation
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S, Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
@@ -67,7 +67,7 @@ class Parameters(Settings):
 
     team_size: int = Field(ge=2, le=8)
     strategy: Strategy
-    n_bc: int = Field(default=1, ge=1)
+    n_bc: Count = Field(default=1, ge=1)
 
 
 def state(source: Address, exchange: int = 0) -> bytes:

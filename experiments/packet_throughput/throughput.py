@@ -21,7 +21,7 @@ from cosim.errors import CosimError
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, Fate, LinkEvent, Outcome, Outgoing, Page, PageFailed, Reception
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, SLOT, S, Time, to_seconds
@@ -47,14 +47,14 @@ class Parameters(Settings):
 
     packet: AclName = Field(default="DM1", description="type of the master's packets")
     es_n0_db: float = Field(default=14.0, ge=1, le=40, description="dB, Es/N0 of all frames at their receivers")
-    error_share: float = Field(
+    error_share: Gain = Field(
         default=0.3, gt=0, description="standard error of the rate, as a share of the larger of 1 % of it and 0.1 kb/s"
     )
-    least_pairs: int = Field(
+    least_pairs: Count = Field(
         default=1000, ge=10, description="slot pairs (or more slots, of longer packets) of a run, at least"
     )
-    most_pairs: int = Field(default=200_000, ge=10, description="and at most")
-    runs: int = Field(default=20, ge=1, description="runs that share the pairs that the standard error needs")
+    most_pairs: Count = Field(default=200_000, ge=10, description="and at most")
+    runs: Count = Field(default=20, ge=1, description="runs that share the pairs that the standard error needs")
 
 
 class Host:

@@ -20,7 +20,7 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, LinkEvent, Page, PageFailed, Reception
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.trace import Field as Column
 from cosim.units import MS, Time, to_seconds
@@ -47,8 +47,8 @@ class Parameters(Settings):
     estimate: Literal["exact", "random"] = Field(
         default="exact", description="what the pager knows of the other's clock"
     )
-    timeout_slots: int = Field(default=8192, ge=2, multiple_of=2, description="pageTO in slots of 625 us")
-    pages: int = Field(default=500, ge=1, description="pages of a run")
+    timeout_slots: Count = Field(default=8192, ge=2, multiple_of=2, description="pageTO in slots of 625 us")
+    pages: Count = Field(default=500, ge=1, description="pages of a run")
 
 
 class Times(NamedTuple):

@@ -23,7 +23,7 @@ from cosim.channels.bluetooth.medium import CO_CHANNEL, NEIGHBOURING, RECEIVED, 
 from cosim.channels.bluetooth.packets import DH1
 from cosim.jit import njit
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.trace import Field as Column
 from cosim.units import SLOT, TICK, Time
 from experiments.piconet_interference import links
@@ -55,8 +55,8 @@ class Parameters(Settings):
     interference: Literal["co_channel", "neighbouring"] = Field(
         default="co_channel", description="which frames destroy which"
     )
-    slots: int = Field(default=400, ge=2, multiple_of=2, description="slots of a run that are counted")
-    link_slots: int = Field(default=100, ge=2, multiple_of=2, description="the same for real links, which cost more")
+    slots: Count = Field(default=400, ge=2, multiple_of=2, description="slots of a run that are counted")
+    link_slots: Count = Field(default=100, ge=2, multiple_of=2, description="the same for real links, which cost more")
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

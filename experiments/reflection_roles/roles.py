@@ -12,7 +12,7 @@ from typing import Any, Final
 from pydantic import Field
 
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 from experiments.reflection_tables.choices import steps_with_target
@@ -31,9 +31,9 @@ class Parameters(Settings):
     """A run of goal reflection, and who does what in it."""
 
     scenario: Scenario = Field(description="the run; the team's size and the number of targets are set from the rest")
-    explorers: int = Field(ge=1, description="robots that have targets")
-    helpers: int = Field(ge=0, description="robots that patrol")
-    targets: int = Field(gt=0, description="targets of all explorers together; a remainder is left out")
+    explorers: Count = Field(ge=1, description="robots that have targets")
+    helpers: Count = Field(ge=0, description="robots that patrol")
+    targets: Count = Field(gt=0, description="targets of all explorers together; a remainder is left out")
 
 
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:

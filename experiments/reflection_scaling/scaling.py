@@ -8,7 +8,7 @@ from typing import Any, Final
 from pydantic import Field
 
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 from experiments.reflection_tables.choices import steps_with_target
@@ -28,14 +28,14 @@ class Task(Settings):
 
     everybody: bool = Field(description="all have targets; else the first has, and the others patrol")
     map: str = Field(description="the floor")
-    times: int = Field(default=1, ge=1, description="so many times the scenario's duration")
+    times: Count = Field(default=1, ge=1, description="so many times the scenario's duration")
 
 
 class Parameters(Settings):
     """A run of goal reflection, how many robots are in it, and what they do."""
 
     scenario: Scenario = Field(description="the run")
-    robots: int = Field(ge=1, description="robots in the team")
+    robots: Count = Field(ge=1, description="robots in the team")
     task: Task = Field(description="what they do")
 
 

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from cosim.errors import UserError
 from cosim.scenario import Scenario, changed
-from cosim.settings import Settings
+from cosim.settings import Count, PlainData, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 
@@ -50,7 +50,7 @@ _AS_THEY_ARE: Final = (
 class Choice(Settings):
     """What is chosen otherwise than in the scenario."""
 
-    set: dict[str, Any] = Field(default_factory=dict, description="settings of the scenario by their paths")
+    set: dict[str, PlainData] = Field(default_factory=dict, description="settings of the scenario by their paths")
     floors: dict[Floor, str] = Field(default_factory=dict, description="other maps for some floors")
     concerns: tuple[Algorithm, ...] | None = Field(
         default=None, description="the algorithms that it makes a difference for; all, if not given"
@@ -63,7 +63,7 @@ class Parameters(Settings):
     scenario: Scenario = Field(description="the run before anything is chosen")
     floors: dict[Floor, str] = Field(description="the map of each floor")
     floor: Floor = Field(default="first", description="which of them")
-    smallest: dict[Algorithm, int] = Field(
+    smallest: dict[Algorithm, Count] = Field(
         default_factory=dict, description="robots in the smallest team, by algorithm; 1 if not given"
     )
     team: Literal["whole", "smallest"] = Field(

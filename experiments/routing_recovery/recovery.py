@@ -21,7 +21,7 @@ from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, S, Time, from_seconds, to_seconds
@@ -68,12 +68,12 @@ class Parameters(Settings):
 
     radio: AdhocSettings = Field(description="all alike; without routing an omniscient router does it")
     shape: Literal["diamond", "ladder", "ring"] = Field(default="diamond", description="where stations stand")
-    payload_octets: int = Field(default=100, ge=4, description="octets of every payload")
-    interval_s: float = Field(default=0.1, gt=0, description="s from payload to payload")
-    settle_s: float = Field(default=30.0, ge=0, description="s that routers have before the first payload")
-    before_s: float = Field(default=5.0, ge=1, description="s of payloads, at least, before the death")
-    window_s: float = Field(default=10.0, ge=0, description="s, the death comes within it, at a random instant")
-    watch_s: float = Field(default=30.0, gt=3, description="s for which the others are watched after it")
+    payload_octets: Count = Field(default=100, ge=4, description="octets of every payload")
+    interval_s: Seconds = Field(default=0.1, gt=0, description="s from payload to payload")
+    settle_s: Seconds = Field(default=30.0, ge=0, description="s that routers have before the first payload")
+    before_s: Seconds = Field(default=5.0, ge=1, description="s of payloads, at least, before the death")
+    window_s: Seconds = Field(default=10.0, ge=0, description="s, the death comes within it, at a random instant")
+    watch_s: Seconds = Field(default=30.0, gt=3, description="s for which the others are watched after it")
 
 
 # ---------------------------------------------------------------- what is seen

@@ -19,7 +19,7 @@ from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkEvent, Outgoing, Reception
 from cosim.randomness import Streams
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import S, Time, to_seconds
@@ -40,7 +40,7 @@ class Network(Settings):
     """Radios, and what they carry."""
 
     radio: AdhocSettings = Field(description="all alike")
-    payload_octets: int = Field(default=1500, ge=1, description="octets of every payload")
+    payload_octets: Count = Field(default=1500, ge=1, description="octets of every payload")
 
 
 class Parameters(Settings):
@@ -48,9 +48,9 @@ class Parameters(Settings):
 
     network: Network = Field(description="the radios, and what they carry")
     access: Literal["basic", "rts"] = Field(default="basic", description="with RTS and CTS, or without")
-    stations: int = Field(default=5, ge=2, description="all in reach of each other")
-    payloads: int = Field(default=2000, ge=1, description="that are counted")
-    before: int = Field(default=1000, ge=0, description="payloads that get through before: all begin at once")
+    stations: Count = Field(default=5, ge=2, description="all in reach of each other")
+    payloads: Count = Field(default=2000, ge=1, description="that are counted")
+    before: Count = Field(default=1000, ge=0, description="payloads that get through before: all begin at once")
 
 
 class Tally:

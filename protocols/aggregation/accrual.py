@@ -22,7 +22,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.units import Time, from_seconds
 
 _LN_10 = math.log(10.0)
@@ -35,10 +35,10 @@ class PhiSettings(Settings):
         default="phi_akka", description="the tail of the normal distribution: Akka's approximation of it, or itself"
     )
     threshold: float = Field(default=8.0, gt=0, le=300, description="phi from which on the process is suspected")
-    window: int = Field(default=1000, gt=0, description="intervals between arrivals that are remembered")
-    min_deviation_s: float = Field(default=0.1, ge=1e-9, description="s, floor of the standard deviation")
-    acceptable_pause_s: float = Field(default=3.0, ge=0, description="s, added to the mean interval")
-    first_estimate_s: float | None = Field(
+    window: Count = Field(default=1000, gt=0, description="intervals between arrivals that are remembered")
+    min_deviation_s: Seconds = Field(default=0.1, ge=1e-9, description="s, floor of the standard deviation")
+    acceptable_pause_s: Seconds = Field(default=3.0, ge=0, description="s, added to the mean interval")
+    first_estimate_s: Seconds | None = Field(
         default=None, gt=0, description="s, the mean with which the history begins; by default the heartbeats' period"
     )
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.units import Time, from_seconds
 
 
@@ -23,7 +23,7 @@ class NfdSSettings(Settings):
     """NFD-S: freshness points at the times of sending, shifted; for synchronised clocks."""
 
     kind: Literal["nfd_s"] = "nfd_s"
-    shift_s: float = Field(
+    shift_s: Seconds = Field(
         default=2.0, gt=0, description="s, delta, from when a heartbeat is sent until it is overdue; two may be lost"
     )
 
@@ -32,10 +32,10 @@ class NfdESettings(Settings):
     """NFD-E: freshness points at the expected arrivals, and a margin; for clocks that differ but do not drift."""
 
     kind: Literal["nfd_e"] = "nfd_e"
-    margin_s: float = Field(
+    margin_s: Seconds = Field(
         default=2.0, gt=0, description="s, alpha, from a heartbeat's expected arrival until it is overdue"
     )
-    window: int = Field(default=32, gt=0, description="n, arrivals from which the next one is estimated")
+    window: Count = Field(default=32, gt=0, description="n, arrivals from which the next one is estimated")
 
 
 class NfdS:

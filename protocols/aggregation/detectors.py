@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Protocol, TypeAlias
 
 from pydantic import Field
 
-from cosim.settings import Settings
+from cosim.settings import Seconds, Settings
 from cosim.units import Time, from_seconds
 from protocols.aggregation.accrual import PhiAccrual, PhiSettings
 from protocols.aggregation.chen import NfdE, NfdESettings, NfdS, NfdSSettings
@@ -35,7 +35,7 @@ class FixedTimeoutSettings(Settings):
     """Suspicion when no heartbeat has come for a fixed time."""
 
     kind: Literal["fixed"] = "fixed"
-    timeout_s: float = Field(default=3.0, gt=0, description="s, from the last arrival until the peer is suspected")
+    timeout_s: Seconds = Field(default=3.0, gt=0, description="s, from the last arrival until the peer is suspected")
 
 
 DetectorSettings: TypeAlias = Annotated[

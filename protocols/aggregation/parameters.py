@@ -1,14 +1,15 @@
 """Parameters of aggregation (Meng, Nickerson and Gan, paper 002); what the paper leaves open is chosen, and said so."""
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from cosim.geometry.planning import Point
-from cosim.settings import Settings
+from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.aggregation.walking_parameters import WalkingParameters
 
+Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
+"""How far a camera recognises something: the floor is divided into what is seen from its posts."""
 StrategyName: TypeAlias = Literal["srp", "mrp", "mi", "mito", "random"]
 
 
@@ -21,37 +22,37 @@ class Parameters(Settings):
     strategy: StrategyName = Field(
         default="mi", description="static or mobile rally point, mobile integrator without or with time-out, or random"
     )
-    hosts: int = Field(default=1, ge=1, description="the first so many robots lead a sub-team each")
-    humans: tuple[int, ...] = Field(
+    hosts: Count = Field(default=1, ge=1, description="the first so many robots lead a sub-team each")
+    humans: tuple[Count, ...] = Field(
         default=(), description="searchers who are people: they have no planner, and go by what they see"
     )
-    strays: tuple[int, ...] = Field(
+    strays: tuple[Count, ...] = Field(
         default=(), description="hosts whose way is not kept within reach of the others (the paper's second case)"
     )
 
     target_count: int = Field(default=3, ge=1, le=255, description="targets, if they are drawn")
-    targets: tuple[Point, ...] | None = Field(
+    targets: tuple[tuple[Metres, Metres], ...] | None = Field(
         default=None, min_length=1, max_length=255, description="m, where they are; drawn in rooms if not given"
     )
     target_place: str | None = Field(
         default=None, description="the name under which the floor lists the targets' places, if it does"
     )
 
-    camera_m: float = Field(default=8.0, gt=0, description="m, how far a camera recognises a target")
-    vision_m: float = Field(default=20.0, ge=0, description="m, how far it recognises a host; 0: radio only")
-    human_camera_m: float | None = Field(
+    camera_m: Reach = Field(default=8.0, gt=0, description="m, how far a camera recognises a target")
+    vision_m: Metres = Field(default=20.0, ge=0, description="m, how far it recognises a host; 0: radio only")
+    human_camera_m: Reach | None = Field(
         default=None, gt=0, description="m, how far a person recognises a target; as a camera does if not given"
     )
-    human_vision_m: float | None = Field(
+    human_vision_m: Metres | None = Field(
         default=None, ge=0, description="m, how far a person recognises a host; as robots do if not given"
     )
-    short_m: float = Field(default=20.0, gt=0, description="m, nominal reach of the radio within a sub-team")
-    long_m: float = Field(default=100.0, gt=0, description="m, nominal reach of the radio between hosts")
+    short_m: Metres = Field(default=20.0, gt=0, description="m, nominal reach of the radio within a sub-team")
+    long_m: Metres = Field(default=100.0, gt=0, description="m, nominal reach of the radio between hosts")
     long_radio: int = Field(
         default=1, ge=0, le=1, description="the radio between hosts: 1, or 0 where robots have only one"
     )
-    host_speed_mps: float = Field(default=0.5, gt=0, description="the hosts' speed under way; at most their bodies'")
-    cell_m: float = Field(
+    host_speed_mps: Rate = Field(default=0.5, gt=0, description="the hosts' speed under way; at most their bodies'")
+    cell_m: Length = Field(
         default=0.5, gt=0, description="m, cells of the planner's grid; doors are wider than two radii and 2.42 cells"
     )
     planner: Literal["roadmap", "wavefront"] = Field(
@@ -61,53 +62,55 @@ class Parameters(Settings):
     )
     walking: WalkingParameters = WalkingParameters()
 
-    muster_s: float = Field(
+    muster_s: Seconds = Field(
         default=3.0, gt=0, description="s, for telling everybody the first plan, before hosts depart"
     )
-    reconvene_s: float = Field(default=150.0, gt=0, description="s, MRP: from a host's departure until it stops")
-    rounds: int = Field(default=4, ge=1, description="MRP: reconvening points on a host's way to the far end")
+    reconvene_s: Seconds = Field(default=150.0, gt=0, description="s, MRP: from a host's departure until it stops")
+    rounds: Count = Field(default=4, ge=1, description="MRP: reconvening points on a host's way to the far end")
     way_out: Literal["far", "exit"] = Field(
         default="far", description="MRP: a host's way leads to the far end of its region, or to the floor's exit"
     )
-    sync_s: float = Field(default=150.0, gt=0, description="s, MRP: longest wait for the sub-team at such a point")
+    sync_s: Seconds = Field(default=150.0, gt=0, description="s, MRP: longest wait for the sub-team at such a point")
     report: Literal["first", "area"] = Field(
         default="first",
         description='SRP: go to the rally point with the "first" find or a finished area, whichever comes first '
         '(section III.A), or only when the "area" is done (as section VII.B reads)',
     )
-    timeout_s_per_m2: float = Field(
+    timeout_s_per_m2: Rate = Field(
         default=0.04,
         gt=0,
         description="MITO: time-out, s a square metre of floor over the number of targets; ways there and back fit in",
     )
-    interception_rounds: int = Field(
+    interception_rounds: Count = Field(
         default=1, ge=0, description="how often the meeting with a moving host is foretold anew; 0: go where it is now"
     )
 
-    heartbeat_s: float = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
-    fresh_s: float = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
+    heartbeat_s: Period = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
+    fresh_s: Seconds = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
     detector: DetectorSettings = Field(
         default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts tell that another is gone"
     )
-    suspect_s: float = Field(
+    suspect_s: Seconds = Field(
         default=10.0,
         gt=0,
         description="s without a heartbeat close by, after which a searcher gives its host up",
     )
-    meet_s: float = Field(
+    meet_s: Seconds = Field(
         default=300.0, gt=0, description="s without a heartbeat on the way to it, after which it does so as well"
     )
     close_share: float = Field(
         default=0.5, gt=0, le=1, description="close by is who is nearer to a host's place than this share of short_m"
     )
-    lost_s: float = Field(default=900.0, gt=0, description="s of silence after which a host does without a searcher")
+    lost_s: Seconds = Field(default=900.0, gt=0, description="s of silence after which a host does without a searcher")
 
-    motion_j_per_m: float = Field(default=20.0, ge=0, description="J, energy of driving a metre")
+    motion_j_per_m: Rate = Field(default=20.0, ge=0, description="J, energy of driving a metre")
 
     @model_validator(mode="after")
     def _heartbeats_keep_contact(self) -> "Parameters":
         if not self.fresh_s > self.heartbeat_s:
-            raise ValueError(f"fresh_s {self.fresh_s} is not > heartbeat_s {self.heartbeat_s}: contact would not last")
+            raise error_at(
+                ("fresh_s",), self.fresh_s, f"is not > {self.heartbeat_s}, heartbeat_s: contact would not last"
+            )
         return self
 
     @field_validator("human_camera_m", "human_vision_m")

@@ -1,7 +1,7 @@
 """What cosim must know of aggregation: the entry point ``aggregation`` names ``SPEC``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from cosim.errors import UserError
 from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
 from cosim.machine import Address, Machine
-from cosim.protocol import ProtocolSpec, Surroundings
+from cosim.protocol import ProtocolSpec, Surroundings, check_cells
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
@@ -32,6 +32,8 @@ TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 APART = 6.0
 """Robots start so many radii apart."""
+MOST_STEPS = 1000
+"""Robots start no farther than so many of these steps from the middle."""
 ATTEMPTS = 10_000
 """So many places are tried for a robot, or for a target."""
 
@@ -45,12 +47,9 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     centre = surroundings.places_m.get("start", (((x_min + x_max) / 2.0, (y_min + y_max) / 2.0),))[0]
     floor = _ground(parameters, surroundings)
     step_m = APART * surroundings.radius_m
-    reach = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
-    offsets = [step_m * k for k in range(-reach, reach + 1)]
-    lattice = [(centre[0] + dx, centre[1] + dy) for dx in offsets for dy in offsets]
-    lattice.sort(key=lambda point: (math.dist(point, centre), point))
+    far = math.ceil(max(x_max - x_min, y_max - y_min) / step_m)
     starts: list[Point] = []
-    for point in lattice:
+    for point in _around(centre, step_m, min(far, MOST_STEPS)):
         inside = x_min < point[0] < x_max and y_min < point[1] < y_max
         if inside and floor.stands(point) == point and floor.length_m(centre, point) is not None:
             starts.append(point)
@@ -59,23 +58,42 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {centre}; give starts")
 
 
+def _around(centre: Point, step_m: float, reach: int) -> Iterator[Point]:
+    """Yield the points of a square lattice about *centre*, *reach* steps to each side, the nearest first."""
+    told_m, steps = -1.0, 0
+    while steps < reach:
+        steps = min(reach, 2 * steps + 8)
+        offsets = [step_m * k for k in range(-steps, steps + 1)]
+        lattice = [(centre[0] + dx, centre[1] + dy) for dx in offsets for dy in offsets]
+        near = sorted((math.dist(point, centre), point) for point in lattice)
+        whole_m = steps * step_m if steps < reach else math.inf  # farther out, points of the next square come before
+        yield from (point for away_m, point in near if told_m < away_m <= whole_m)
+        told_m = whole_m
+
+
 def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
-    return ground(
-        surroundings.walls_m,
-        surroundings.bounds_m,
-        surroundings.places_m,
-        surroundings.radius_m,
-        parameters.least_camera_m,
-        parameters.cell_m,
-        surroundings.forbidden,
-        MOST_CORNERS if parameters.planner == "roadmap" else 0,
-    )
+    """Return the ground of the floor; raise UserError if there are too many cells, or none where a robot fits."""
+    check_cells(surroundings, parameters.cell_m, "protocol.parameters.cell_m")
+    try:
+        return ground(
+            surroundings.walls_m,
+            surroundings.bounds_m,
+            surroundings.places_m,
+            surroundings.radius_m,
+            parameters.least_camera_m,
+            parameters.cell_m,
+            surroundings.forbidden,
+            MOST_CORNERS if parameters.planner == "roadmap" else 0,
+        )
+    except ValueError as error:
+        raise UserError(f"protocol.parameters.cell_m: {error}") from None
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     """Draw the targets, and divide the floor; raise UserError for a team or a floor that cannot be searched."""
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
+    _check_radios(parameters, surroundings.radios)
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
@@ -102,6 +120,15 @@ def _check_team(parameters: Parameters, size: int) -> None:
         for robot in robots:
             if not first <= robot <= last:
                 raise UserError(f"protocol.parameters.{name}: {robot} is not one of {first} to {last}")
+
+
+def _check_radios(parameters: Parameters, radios: Sequence[Sequence[int]]) -> None:
+    """Raise UserError if there are several hosts, and one of them without the radio between them."""
+    wanted = parameters.long_radio
+    for host, carried in enumerate(radios[: parameters.hosts] if parameters.hosts > 1 else ()):
+        if wanted not in carried:
+            known = ", ".join(map(str, carried))
+            raise UserError(f"protocol.parameters.long_radio: {wanted} is none of the radios of host {host}: {known}")
 
 
 def _targets(parameters: Parameters, surroundings: Surroundings, floor: Ground) -> tuple[Point, ...]:

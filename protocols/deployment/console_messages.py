@@ -9,8 +9,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import Field, TypeAdapter, ValidationError
 
 from cosim.errors import WireError
-from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Count, Int64, Settings
 from protocols.deployment.plan import Place, Strategy
 from protocols.deployment.planner import Call
 
@@ -21,7 +20,7 @@ MOST_BYTES: Final = 1 << 18
 class Request(Settings):
     """What all requests have."""
 
-    request: int = Field(description="a number that the answer repeats")
+    request: Int64 = Field(description="a number that the answer repeats")
 
 
 class Plays(Request):
@@ -42,7 +41,7 @@ class Execute(Request):
     """A plan that was made is executed."""
 
     say: Literal["execute"]
-    plan: int = Field(ge=0)
+    plan: Count = Field(ge=0)
 
 
 class Switch(Request):
@@ -69,7 +68,7 @@ class Route(Request):
     """The way of a robot to a place."""
 
     say: Literal["route"]
-    robot: Annotated[Address, Field(ge=0)]
+    robot: Annotated[Count, Field(ge=0)]
     to: Place = Field(description="m")
 
 
@@ -77,7 +76,7 @@ class Show(Request):
     """What a robot's camera sees."""
 
     say: Literal["picture"]
-    robot: Annotated[Address, Field(ge=0)]
+    robot: Annotated[Count, Field(ge=0)]
 
 
 class State(Request):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cosim.settings import Settings
+from cosim.settings import Bounded, Settings, error_at
 from protocols.deployment.plan import MOST, Between, Instant, Place
 
 BASE: Final = "base"
@@ -36,7 +36,8 @@ def _number(value: Any) -> Any:
 
 PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
 """A place in metres; or its name: of a parameter, of a place on the floor, or ``base``."""
-Quantity: TypeAlias = Annotated[float | str, BeforeValidator(_number)]
+Number: TypeAlias = Annotated[float, Bounded(-MOST, MOST)]
+Quantity: TypeAlias = Annotated[Number | str, BeforeValidator(_number)]
 """A number, or the name of a parameter."""
 Edge: TypeAlias = Literal["start", "end"]
 
@@ -65,7 +66,7 @@ class After(Settings):
     def _some_time_is_left(self) -> Self:
         least, most = self.at_least_s, self.at_most_s
         if isinstance(least, float) and isinstance(most, float) and most < least:
-            raise ValueError(f"is at most {in_seconds(most)} s and at least {in_seconds(least)} s, expected some time")
+            raise error_at(("at_most_s",), most, f"is not >= {in_seconds(least)}, at_least_s")
         return self
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field
 
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Count, Int64, Settings
 from cosim.units import Time
 from protocols.deployment.orders import Report, Result
 from protocols.deployment.plan import Place, Plan, Strategy
@@ -32,10 +32,10 @@ class Ended(Settings):
 
     fact: Literal["ended"] = "ended"
     task: str
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     result: Result
     why: str = ""
-    at: Time
+    at: Int64
 
     @property
     def rank(self) -> int:
@@ -52,10 +52,10 @@ class Heard(Settings):
     """A robot has fallen silent, or was heard again."""
 
     fact: Literal["heard"] = "heard"
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     again: bool
     place_m: Place | None = Field(default=None, description="m, where one that fell silent was last known to be")
-    at: Time
+    at: Int64
 
     @property
     def rank(self) -> int:
@@ -68,7 +68,7 @@ class Switched(Settings):
 
     fact: Literal["switched"] = "switched"
     strategy: Strategy
-    at: Time
+    at: Int64
 
     @property
     def rank(self) -> int:
@@ -81,7 +81,7 @@ class Terminated(Settings):
 
     fact: Literal["terminated"] = "terminated"
     task: str
-    at: Time
+    at: Int64
 
     @property
     def rank(self) -> int:
@@ -106,10 +106,10 @@ class Record(Settings):
     """All that it takes to go on with a plan: what a host tells the others, so that one of them can succeed it."""
 
     plan: Plan
-    start: Time
-    starts_m: dict[Address, Place] = Field(default_factory=dict, description="m, where robots stood; else at base")
+    start: Int64
+    starts_m: dict[Count, Place] = Field(default_factory=dict, description="m, where robots stood; else at base")
     facts: tuple[Fact, ...] = ()
-    serials: dict[Address, int] = Field(default_factory=dict, description="next serial number, by robot")
+    serials: dict[Count, Count] = Field(default_factory=dict, description="next serial number, by robot")
 
 
 class Book:

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from cosim.settings import Settings
+from cosim.settings import Seconds, Settings, error_at
 from protocols.exploration.parameters import Parameters
 
 
@@ -30,8 +30,8 @@ class ExploringParameters(Settings):
         default=ProtocolParameters(),
         description="of the exploration protocol; frontiers are seen as far as scans reach",
     )
-    most_s: float = Field(default=3600.0, gt=0, description="s, after which a robot has explored enough in any case")
-    renew_s: float = Field(
+    most_s: Seconds = Field(default=3600.0, gt=0, description="s, after which a robot has explored enough in any case")
+    renew_s: Seconds = Field(
         default=5.0, gt=0, description="s from one look at what was learned to the next: ways are planned anew by it"
     )
 
@@ -45,5 +45,6 @@ class ExploringParameters(Settings):
             ("sharing.links", own.sharing.links, None),
         ):
             if value != expected:
-                raise ValueError(f"protocol.{name}: {value} is not {expected}, the only one that goes with deployments")
+                place = ("protocol", *name.split("."))
+                raise error_at(place, value, f"is not {expected}, the only one that goes with deployments")
         return self

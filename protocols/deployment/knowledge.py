@@ -10,7 +10,7 @@ from cosim.errors import UserError
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
 from cosim.navigation.localization_motion import Pose
-from cosim.protocol import Surroundings
+from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.crew import Body, Crew
 from protocols.deployment.exploring import Ground, ground_of
@@ -53,6 +53,9 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledg
     """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
     size = len(surroundings.starts_m)
     _check_robots(parameters, size)
+    check_cells(surroundings, parameters.driving.cell_m, "protocol.parameters.driving.cell_m")
+    for number, cell_m in enumerate(parameters.cells_m or ()):
+        check_cells(surroundings, cell_m, f"protocol.parameters.cells_m[{number}]")
     floor = Floor.of(surroundings, parameters.driving)
     bodies = _bodies(parameters, surroundings, size)
     ground = ground_of(parameters.exploring, surroundings)

@@ -10,7 +10,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from cosim.errors import WireError
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Angle, Count, Metres, Settings
 from protocols.deployment.executive_facts import Ended, Fact, Heard, Record
 from protocols.deployment.orders import Errand, Halt, Order, Retreat
 from protocols.deployment.plan import Act, Go, Place, actors
@@ -20,7 +20,7 @@ MOST_BYTES: Final = 1 << 20
 COLUMNS: Final = 64
 """A picture has so many columns at most."""
 
-Robot: TypeAlias = Annotated[Address, Field(ge=0)]
+Robot: TypeAlias = Count
 
 
 class Facts(Settings):
@@ -30,7 +30,7 @@ class Facts(Settings):
     """
 
     say: Literal["facts"] = "facts"
-    plan: int = Field(ge=0, description="its number")
+    plan: Count = Field(ge=0, description="its number")
     facts: tuple[Fact, ...] = ()
 
 
@@ -40,14 +40,14 @@ class Told(Settings):
     say: Literal["plan"] = "plan"
     host: Robot = Field(description="who leads, as far as the writer knows")
     record: Record
-    calls: int = Field(default=0, ge=0, description="how many of the scenario's calls have been dealt with")
+    calls: Count = Field(default=0, ge=0, description="how many of the scenario's calls have been dealt with")
 
 
 class Ordered(Settings):
     """The host has a robot do something."""
 
     say: Literal["order"] = "order"
-    term: int = Field(ge=0, description="of the host: each that takes over counts on")
+    term: Count = Field(ge=0, description="of the host: each that takes over counts on")
     order: Order
 
 
@@ -64,19 +64,19 @@ class Look(Settings):
     """The host wants a picture of what a robot sees."""
 
     say: Literal["look"] = "look"
-    request: int = Field(ge=0)
+    request: Count = Field(ge=0)
 
 
 class Picture(Settings):
     """How far walls and bodies are in front of a robot, column by column from the left to the right."""
 
     say: Literal["picture"] = "picture"
-    request: int = Field(ge=0)
+    request: Count = Field(ge=0)
     robot: Robot
     at_m: Place
-    heading_rad: float
-    view_rad: float = Field(gt=0, description="rad, how wide the picture is")
-    columns_m: tuple[float | None, ...] = Field(
+    heading_rad: Angle
+    view_rad: Angle = Field(gt=0, description="rad, how wide the picture is")
+    columns_m: tuple[Metres | None, ...] = Field(
         max_length=COLUMNS, description="m; None: beyond the sensor's range; no columns: there is no camera"
     )
 

@@ -5,9 +5,7 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from cosim.machine import Address
-from cosim.settings import Settings
-from cosim.units import Time
+from cosim.settings import Angle, Count, Int64, Metres, Settings
 from protocols.deployment.plan import Explore, Go, Photo, Place
 
 
@@ -15,9 +13,9 @@ class Retreat(Settings):
     """A robot that is deployed already makes room for one that passes, then comes back (paper 004, section 5)."""
 
     act: Literal["retreat"] = "retreat"
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     post_m: Place = Field(description="m, where it stands, and comes back to")
-    passing: Address = Field(ge=0, description="who passes")
+    passing: Count = Field(ge=0, description="who passes")
     way_m: tuple[Place, ...] = Field(
         default=(), max_length=64, description="m, the corners of its way, to where it is to end up; empty: to the post"
     )
@@ -33,7 +31,7 @@ class Halt(Settings):
     """A robot stops where it is, whatever it was doing."""
 
     act: Literal["halt"] = "halt"
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
 
 
 Errand: TypeAlias = Annotated[Go | Photo | Explore | Retreat | Halt, Field(discriminator="act")]
@@ -42,10 +40,10 @@ Errand: TypeAlias = Annotated[Go | Photo | Explore | Retreat | Halt, Field(discr
 class Order(Settings):
     """One robot is to do something. A robot obeys the order of the highest *serial* of the highest *plan* only."""
 
-    plan: int = Field(ge=0)
-    serial: int = Field(ge=0, description="counts the orders of a plan to one robot, from 0")
+    plan: Count = Field(ge=0)
+    serial: Count = Field(ge=0, description="counts the orders of a plan to one robot, from 0")
     task: str = Field(description="of the plan; its report names it")
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     errand: Errand
 
 
@@ -61,22 +59,22 @@ class Result(StrEnum):
 class Report(Settings):
     """A robot has ended an order's task; or (the executive) a task above it has ended."""
 
-    plan: int = Field(ge=0)
-    serial: int = Field(ge=0)
+    plan: Count = Field(ge=0)
+    serial: Count = Field(ge=0)
     task: str
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     result: Result
     why: str = ""
-    at: Time = Field(description="ns, by the reporter's clock")
+    at: Int64 = Field(description="ns, by the reporter's clock")
 
 
 class Whereabouts(Settings):
     """What a robot says of itself every so often: news, of which only the latest counts."""
 
-    robot: Address = Field(ge=0)
-    x_m: float
-    y_m: float
-    heading_rad: float
-    plan: int = Field(default=0, ge=0)
+    robot: Count = Field(ge=0)
+    x_m: Metres
+    y_m: Metres
+    heading_rad: Angle
+    plan: Count = Field(default=0, ge=0)
     task: str = Field(default="", description="what it is at; empty: nothing")
     moving: bool = False

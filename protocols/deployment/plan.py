@@ -12,7 +12,7 @@ from typing import Annotated, Final, Literal, Self, TypeAlias, get_args
 from pydantic import Field, model_validator
 
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Angle, Count, Metres, Settings
 
 MOST: Final = 1e9
 """No place in a play or a plan is farther off, m, and no time longer, s: what robots tell has room for no more."""
@@ -36,13 +36,11 @@ class Go(Settings):
     """
 
     act: Literal["go"] = "go"
-    robot: Address = Field(ge=0)
+    robot: Count = Field(ge=0)
     place_m: Place
     via_m: tuple[Place, ...] = Field(default=(), description="m, waypoints, in their order")
-    behind: Address | None = Field(
-        default=None, description="does not set off until that robot, if it lives and moves,"
-    )
-    behind_m: float = Field(default=0.0, ge=0, description="m, is so far from it")
+    behind: Count | None = Field(default=None, description="does not set off until that robot, if it lives and moves,")
+    behind_m: Metres = Field(default=0.0, ge=0, description="m, is so far from it")
     final: bool = Field(default=True, description="whether the robot is to end up there, or passes a stage")
 
     @model_validator(mode="after")
@@ -56,8 +54,8 @@ class Photo(Settings):
     """One robot takes a picture of what is in front of it, or in a direction, where it stands. Needs a camera."""
 
     act: Literal["photo"] = "photo"
-    robot: Address = Field(ge=0)
-    heading_rad: float | None = None
+    robot: Count = Field(ge=0)
+    heading_rad: Angle | None = None
 
 
 class Wait(Settings):
@@ -71,7 +69,7 @@ class Explore(Settings):
     """Robots explore the floor by the exploration protocol, until nothing is left to see."""
 
     act: Literal["explore"] = "explore"
-    robots: tuple[Address, ...] = Field(min_length=1)
+    robots: tuple[Count, ...] = Field(min_length=1)
 
 
 class Deployment(Settings):
@@ -84,7 +82,7 @@ class Deployment(Settings):
 
     act: Literal["deploy"] = "deploy"
     strategy: Staging
-    robots: tuple[Address, ...] = Field(min_length=1)
+    robots: tuple[Count, ...] = Field(min_length=1)
     places_m: tuple[Place, ...] = Field(min_length=1)
     augmented: bool = Field(default=True, description="offsets, staggered starts, stepping aside (section 5)")
 
@@ -157,9 +155,9 @@ class Between(Settings):
 class Plan(Settings):
     """A whole task net."""
 
-    number: int = Field(ge=0, description="of the plan; a later plan replaces an earlier one")
+    number: Count = Field(ge=0, description="of the plan; a later plan replaces an earlier one")
     play: str = Field(description="path of the play in its library")
-    robots: tuple[Address, ...] = Field(description="all robots that it makes use of")
+    robots: tuple[Count, ...] = Field(description="all robots that it makes use of")
     root: Task
     constraints: tuple[Between, ...] = ()
 

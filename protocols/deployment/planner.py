@@ -17,7 +17,7 @@ from pydantic import Field, JsonValue
 
 from cosim.errors import UserError
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.units import to_seconds
 from protocols.deployment.constraints import Constraint, PlaceName, between, quantities_of
 from protocols.deployment.crew import Body, Crew
@@ -79,7 +79,7 @@ class PlannerParameters(Settings):
     """How the planner plans."""
 
     cost: Literal["length", "time"] = Field(default="length", description="of routes, when roles are assigned")
-    expand: Literal["none", "all"] | int = Field(
+    expand: Literal["none", "all"] | Count = Field(
         default="none", description="which deployments the planner expands itself: levels below the play, or all"
     )
     timing: TimingParameters = TimingParameters()
@@ -91,8 +91,8 @@ class Call(Settings):
     play: str = Field(description="path in the tree: of a play, of a folder (the quickest in it), of a task of a play")
     parameters: dict[str, JsonValue] = Field(default_factory=dict, description="of the play")
     places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter of that name")
-    robots: tuple[Address, ...] | None = Field(default=None, description="who may take part; None: all")
-    roles: dict[str, Address] = Field(default_factory=dict, description="who plays a role; the planner chooses others")
+    robots: tuple[Count, ...] | None = Field(default=None, description="who may take part; None: all")
+    roles: dict[str, Count] = Field(default_factory=dict, description="who plays a role; the planner chooses others")
     constraints: tuple[Constraint, ...] = Field(
         default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play's"
     )
@@ -101,7 +101,7 @@ class Call(Settings):
     )
     strategy: Strategy | None = Field(default=None, description="of all deployments, instead of the play's own")
     augmented: bool | None = Field(default=None, description="of all deployments, instead of the play's own")
-    expand: Literal["none", "all"] | int | None = Field(default=None, description="instead of the planner's own")
+    expand: Literal["none", "all"] | Count | None = Field(default=None, description="instead of the planner's own")
 
 
 class Refusal(Settings):

@@ -23,8 +23,8 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field, JsonValue
 
-from cosim.settings import Settings
-from protocols.deployment.constraints import Constraint, PlaceName, Quantity
+from cosim.settings import Metres, Settings
+from protocols.deployment.constraints import Constraint, Number, PlaceName, Quantity
 from protocols.deployment.plan import Strategy
 
 Order: TypeAlias = Literal["serial", "parallel"]
@@ -41,7 +41,9 @@ class Needs(Settings):
 
     camera: bool = False
     sensor: Literal["laser", "sonar"] | None = Field(default=None, description="None: whichever")
-    passage_m: float | None = Field(default=None, gt=0, description="m, the narrowest passage that it must get through")
+    passage_m: Metres | None = Field(
+        default=None, gt=0, description="m, the narrowest passage that it must get through"
+    )
 
 
 # ---------------------------------------------------------------- parameters
@@ -88,9 +90,9 @@ class NumberParameter(Settings):
 
     kind: Literal["number"] = "number"
     about: str = ""
-    default: float | None = None
-    least: float | None = None
-    most: float | None = None
+    default: Number | None = None
+    least: Number | None = None
+    most: Number | None = None
 
 
 class StrategyParameter(Settings):

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from cosim.navigation.localization import LocalizationParameters
-from cosim.settings import Settings
+from cosim.settings import Angle, Metres, Seconds, Settings
 
 
 def tracking() -> LocalizationParameters:
@@ -29,17 +29,17 @@ class PositioningParameters(Settings):
     filter: LocalizationParameters = Field(
         default_factory=tracking, description="of the filter; its range is that of the robot's sensor"
     )
-    start_m: float = Field(default=0.05, ge=0, description="m, standard deviation of what is known of the start")
-    start_rad: float = Field(default=0.02, ge=0, description="rad, standard deviation of the heading there")
-    settle_s: float = Field(
+    start_m: Metres = Field(default=0.05, ge=0, description="m, standard deviation of what is known of the start")
+    start_rad: Angle = Field(default=0.02, ge=0, description="rad, standard deviation of the heading there")
+    settle_s: Seconds = Field(
         default=0.3, ge=0, description="s in which a correction is made by 63 %, so that it is no jump for who drives"
     )
-    jump_m: float = Field(default=0.5, gt=0, description="m, a greater correction is made at once")
+    jump_m: Metres = Field(default=0.5, gt=0, description="m, a greater correction is made at once")
 
 
 class SonarParameters(Settings):
     """What a ring of sonars tells; the beams are some of the range scanner's."""
 
     beams: int = Field(default=24, ge=4, le=720, description="sonars of a ring; about so many beams are used")
-    range_m: float = Field(default=5.0, gt=0, description="m, how far they reach, if the scanner reaches as far")
-    noise_m: float = Field(default=0.0, ge=0, description="m, standard deviation of a range, of their own")
+    range_m: Metres = Field(default=5.0, gt=0, description="m, how far they reach, if the scanner reaches as far")
+    noise_m: Metres = Field(default=0.0, ge=0, description="m, standard deviation of a range, of their own")

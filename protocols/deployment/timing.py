@@ -18,7 +18,7 @@ import networkx as nx
 from pydantic import Field
 
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Gain, Seconds, Settings
 from cosim.units import from_seconds, to_seconds
 from protocols.deployment.constraints import in_seconds, sentence
 from protocols.deployment.crew import Body
@@ -32,9 +32,9 @@ class TimingParameters(Settings):
     least_share: float = Field(
         default=0.9, gt=0, le=1, description="a drive takes at least this share of its time at full speed"
     )
-    turns_s: float = Field(default=5.0, ge=0, description="s, expected for the turns of a drive")
-    slack: float = Field(default=4.0, ge=1, description="a drive takes at most so many times what is expected")
-    photo_s: float = Field(default=5.0, ge=0, description="s, a picture takes at most")
+    turns_s: Seconds = Field(default=5.0, ge=0, description="s, expected for the turns of a drive")
+    slack: Gain = Field(default=4.0, ge=1, description="a drive takes at most so many times what is expected")
+    photo_s: Seconds = Field(default=5.0, ge=0, description="s, a picture takes at most")
 
 
 LeastExploring: TypeAlias = Callable[[Mapping[Address, Body], Mapping[Address, Place]], float]

@@ -5,27 +5,27 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from cosim.navigation.slam import SlamParameters
-from cosim.settings import Settings
+from cosim.settings import Count, Gain, Length, Metres, Period, Rate, Seconds, Settings, error_at
 
 
 class SchemaParameters(Settings):
     """Ranges and gains of the schemas (Table 1): forces fall with the square of the distance."""
 
-    frontier_m: float = Field(default=5.0, gt=0, description="m, d_frontier: how far frontiers attract")
-    frontier_gain: float = Field(default=1.0, ge=0, description="Gain_frontier, of each frontier cell")
-    obstacle_m: float = Field(
+    frontier_m: Metres = Field(default=5.0, gt=0, description="m, d_frontier: how far frontiers attract")
+    frontier_gain: Gain = Field(default=1.0, ge=0, description="Gain_frontier, of each frontier cell")
+    obstacle_m: Metres = Field(
         default=0.6,
         gt=0,
         description="m, d_obstacle: how far obstacles repel; body, radius of its turns, and a cell more",
     )
-    obstacle_gain: float = Field(
+    obstacle_gain: Gain = Field(
         default=1.0,
         ge=0,
         description="Gain_obstacle, of each occupied cell; by default a wall ahead outweighs a path to it where "
         "the robot must begin to turn: 2 sqrt(d_obstacle^2 - D^2) / (cell D d_obstacle) against 1 / (cell d_obstacle)",
     )
-    robot_range_scale: float = Field(default=2.0, gt=0, description="d_robot over d_obstacle")
-    robot_gain_scale: float = Field(default=6.0, ge=0, description="Gain_robot over Gain_obstacle")
+    robot_range_scale: Gain = Field(default=2.0, gt=0, description="d_robot over d_obstacle")
+    robot_gain_scale: Gain = Field(default=6.0, ge=0, description="Gain_robot over Gain_obstacle")
     in_sight: bool = Field(default=False, description="only obstacles in line of sight repel (section 3.3)")
     information: float = Field(
         default=0.0,
@@ -47,7 +47,7 @@ class SchemaParameters(Settings):
     @model_validator(mode="after")
     def _obstacles_leave_frontiers_alone(self) -> "SchemaParameters":
         if not self.obstacle_m < self.frontier_m:
-            raise ValueError(f"obstacle_m {self.obstacle_m} is not < frontier_m {self.frontier_m} (paper 001, 3.3)")
+            raise error_at(("obstacle_m",), self.obstacle_m, f"is not < {self.frontier_m}, frontier_m (paper 001, 3.3)")
         return self
 
 
@@ -55,9 +55,9 @@ class EscapeParameters(Settings):
     """When a robot takes itself to be caught in a local minimum, and how it gets out (sections 3.5 to 3.7)."""
 
     enabled: bool = Field(default=True, description="without it the robot stalls")
-    period_s: float = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
-    box_m: float = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
-    patience_s: float | None = Field(
+    period_s: Period = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
+    box_m: Metres = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
+    patience_s: Seconds | None = Field(
         default=15.0,
         gt=0,
         description="s without a new cell, or one of its path walked, after which it stalls as well: it may circle in "
@@ -66,8 +66,8 @@ class EscapeParameters(Settings):
     cost: Literal["octile", "printed"] = Field(
         default="octile", description='A*: true lengths, or "printed": every step costs 1, straight-line heuristic'
     )
-    clearance_m: float = Field(default=0.6, ge=0, description="m, from an obstacle, nearer cells cost more")
-    clearance_cost: float = Field(default=5.0, ge=0, description="of a cell next to an obstacle, in steps")
+    clearance_m: Metres = Field(default=0.6, ge=0, description="m, from an obstacle, nearer cells cost more")
+    clearance_cost: Gain = Field(default=5.0, ge=0, description="of a cell next to an obstacle, in steps")
     choice: Literal["nearest", "utility"] = Field(
         default="nearest", description="the frontier to go to: the nearest (3.6), or the most useful one (5.1)"
     )
@@ -79,14 +79,14 @@ class EscapeParameters(Settings):
 class SteeringParameters(Settings):
     """How a desired heading becomes motion (section 3.2), and who sets the speed (section 5)."""
 
-    speed_mps: float = Field(default=0.3, gt=0, description="m/s, at most the body's limit")
-    turn_gain: float = Field(default=2.0, gt=0, description="1/s, rate of turn over the error of the heading")
-    turn_radps: float = Field(default=1.5, gt=0, description="rad/s, the greatest rate of turn")
-    fast_mps: float | None = Field(
+    speed_mps: Rate = Field(default=0.3, gt=0, description="m/s, at most the body's limit")
+    turn_gain: Gain = Field(default=2.0, gt=0, description="1/s, rate of turn over the error of the heading")
+    turn_radps: Rate = Field(default=1.5, gt=0, description="rad/s, the greatest rate of turn")
+    fast_mps: Rate | None = Field(
         default=None, gt=0, description="m/s, where no obstacle is near (section 5.2); by default never faster"
     )
-    fast_m: float = Field(default=1.2, gt=0, description="m, what is near")
-    margin_m: float | None = Field(
+    fast_m: Metres = Field(default=1.2, gt=0, description="m, what is near")
+    margin_m: Metres | None = Field(
         default=0.05,
         ge=0,
         description="m from the body's edge, where the sensors themselves turn it away (section 5.1); null: never",
@@ -96,38 +96,38 @@ class SteeringParameters(Settings):
 class RivalParameters(Settings):
     """How algorithms choose frontiers that the schemas are compared with."""
 
-    least_cells: int = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
-    plan_s: float = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
-    patience_s: float = Field(
+    least_cells: Count = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
+    plan_s: Period = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
+    patience_s: Seconds = Field(
         default=6.0, gt=0, description="s without way made, after which a robot goes round others, or gives the goal up"
     )
-    cost_weight: float = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
+    cost_weight: Gain = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
 
 
 class LinkParameters(Settings):
     """How robot 0 keeps a piconet of all, for radios that carry nothing without a link."""
 
-    patience_s: float = Field(default=6.0, gt=0, description="s, the host waits no longer for the end of a page")
-    page_s: float = Field(
+    patience_s: Seconds = Field(default=6.0, gt=0, description="s, the host waits no longer for the end of a page")
+    page_s: Seconds = Field(
         default=5.0, gt=0, description="s from one page in vain to the next, of a robot that is likely to be near"
     )
-    page_most_s: float = Field(
+    page_most_s: Seconds = Field(
         default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
     )
 
     @model_validator(mode="after")
     def _waits_grow(self) -> "LinkParameters":
         if not self.page_s <= self.page_most_s:
-            raise ValueError(f"page_s {self.page_s} is not <= page_most_s {self.page_most_s}")
+            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
         return self
 
 
 class SharingParameters(Settings):
     """How maps are merged by messages."""
 
-    period_s: float = Field(default=1.0, gt=0, description="s, from one telling to the next")
+    period_s: Period = Field(default=1.0, gt=0, description="s, from one telling to the next")
     octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
-    again: int = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
+    again: Count = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
     links: LinkParameters | None = Field(
         default=None, description="talk over the links of a piconet: what Bluetooth needs; by default to all in reach"
     )
@@ -137,19 +137,19 @@ class SpeedControlParameters(Settings):
     """How a filter sets speed and rate of turn, by the spread of its particles (section 5.2, figure 5)."""
 
     enabled: bool = Field(default=True, description="without it the robot drives as fast as the steering says")
-    slow_m: float = Field(default=0.05, ge=0, description="m of spread, up to which a robot has all of its speed")
-    stop_m: float = Field(default=0.15, gt=0, description="m, from which it waits; between them speed falls linearly")
-    resume_m: float = Field(default=0.1, ge=0, description="m, down to which it goes on waiting")
+    slow_m: Metres = Field(default=0.05, ge=0, description="m of spread, up to which a robot has all of its speed")
+    stop_m: Metres = Field(default=0.15, gt=0, description="m, from which it waits; between them speed falls linearly")
+    resume_m: Metres = Field(default=0.1, ge=0, description="m, down to which it goes on waiting")
     creep: float = Field(default=0.2, gt=0, le=1, description="the least share of its speed that a moving robot has")
-    wait_s: float = Field(default=20.0, gt=0, description="s, the longest wait: there may be nothing to see")
-    creep_s: float = Field(default=10.0, gt=0, description="s for which it then goes on, whatever the spread")
+    wait_s: Seconds = Field(default=20.0, gt=0, description="s, the longest wait: there may be nothing to see")
+    creep_s: Seconds = Field(default=10.0, gt=0, description="s for which it then goes on, whatever the spread")
 
     @model_validator(mode="after")
     def _in_order(self) -> "SpeedControlParameters":
         if not self.slow_m < self.stop_m:
-            raise ValueError(f"slow_m {self.slow_m} is not < stop_m {self.stop_m}")
+            raise error_at(("slow_m",), self.slow_m, f"is not < {self.stop_m}, stop_m")
         if not self.resume_m <= self.stop_m:
-            raise ValueError(f"resume_m {self.resume_m} is not <= stop_m {self.stop_m}")
+            raise error_at(("resume_m",), self.resume_m, f"is not <= {self.stop_m}, stop_m")
         return self
 
 
@@ -164,7 +164,7 @@ class PositioningParameters(Settings):
         default=SlamParameters(), description="the filter; its range_m is not used: a beam reaches as the scanner does"
     )
     control: SpeedControlParameters = SpeedControlParameters()
-    margin_m: float = Field(
+    margin_m: Metres = Field(
         default=0.0, ge=0, description="m, by which maps reach beyond the floor: who errs may draw over its edge"
     )
 
@@ -176,19 +176,19 @@ class BeaconParameters(Settings):
         default="free",
         description="no beacons; each keeps others in sight while all move; or one half moves while the other stands",
     )
-    least: int = Field(default=1, ge=1, description="how many others a robot keeps in sight")
-    keep_m: float = Field(default=5.0, gt=0, description="m, the farthest that those may be away")
-    near_m: float = Field(default=2.5, gt=0, description="m, the distance from which on they attract")
-    gain: float = Field(default=100.0, ge=0, description="attraction of each of them, over the distance's square")
-    slot_s: float = Field(default=10.0, gt=0, description="s, leapfrog: after so long the halves change their roles")
-    patience_s: float = Field(
+    least: Count = Field(default=1, ge=1, description="how many others a robot keeps in sight")
+    keep_m: Metres = Field(default=5.0, gt=0, description="m, the farthest that those may be away")
+    near_m: Metres = Field(default=2.5, gt=0, description="m, the distance from which on they attract")
+    gain: Gain = Field(default=100.0, ge=0, description="attraction of each of them, over the distance's square")
+    slot_s: Seconds = Field(default=10.0, gt=0, description="s, leapfrog: after so long the halves change their roles")
+    patience_s: Seconds = Field(
         default=60.0, gt=0, description="s without progress, after which a robot does without the others for as long"
     )
 
     @model_validator(mode="after")
     def _attract_before_they_hold(self) -> "BeaconParameters":
         if not self.near_m < self.keep_m:
-            raise ValueError(f"near_m {self.near_m} is not < keep_m {self.keep_m}")
+            raise error_at(("near_m",), self.near_m, f"is not < {self.keep_m}, keep_m")
         return self
 
 
@@ -203,7 +203,7 @@ class Parameters(Settings):
     map: Literal["shared", "messages"] = Field(
         default="shared", description="one map in one memory, as in the paper, or one each, merged by messages"
     )
-    cell_m: float = Field(default=0.1, gt=0, description="m, cells of the map (section 4.1)")
+    cell_m: Length = Field(default=0.1, gt=0, description="m, cells of the map (section 4.1)")
     evidence: Literal["certain", "counted"] = Field(
         default="certain",
         description="whether one hit makes a cell occupied for good, as without false hits (section 4.3), or hits and "
@@ -229,8 +229,10 @@ class Parameters(Settings):
 
     @model_validator(mode="after")
     def _beacons_fit(self) -> "Parameters":
-        if self.beacons.pattern != "free" and self.algorithm != "schemas":
-            raise ValueError(f"beacons.pattern {self.beacons.pattern} is one of schemas, not of {self.algorithm}")
-        if self.beacons.pattern == "leapfrog" and self.positioning.kind != "given":
-            raise ValueError("beacons.pattern leapfrog counts ticks, and a filter stops that: expected positions given")
+        pattern = self.beacons.pattern
+        if pattern != "free" and self.algorithm != "schemas":
+            raise error_at(("beacons", "pattern"), pattern, f"is one of schemas, not of {self.algorithm}")
+        if pattern == "leapfrog" and self.positioning.kind != "given":
+            expected = "counts ticks, and a filter stops that: expected positioning.kind given"
+            raise error_at(("beacons", "pattern"), pattern, expected)
         return self

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from protocols.aggregation.chen import NfdESettings
 from protocols.aggregation.detectors import DetectorSettings
 
@@ -10,8 +10,8 @@ from protocols.aggregation.detectors import DetectorSettings
 class Parameters(Settings):
     """Parameters of monitoring: who sends heartbeats, how often, and what becomes of them."""
 
-    period_s: float = Field(default=1.0, ge=1e-6, description="s, eta, from one heartbeat of a robot to the next")
-    senders: int | None = Field(
+    period_s: Seconds = Field(default=1.0, ge=1e-6, description="s, eta, from one heartbeat of a robot to the next")
+    senders: Count | None = Field(
         default=None, ge=1, description="robots 0 to so many less one send heartbeats; all, if not given"
     )
     spread: bool = Field(

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from cosim.protocol import Surroundings
-from cosim.settings import Settings
+from cosim.settings import Count, Length, Seconds, Settings
 from cosim.units import Time, from_seconds
 from protocols.pseudonet.topology import Topology
 
@@ -18,40 +18,40 @@ class TeamParameters(Settings):
         default="ring", description="shape of the scatternet of a team that does not fit into one piconet"
     )
     piconet_size: int = Field(default=8, ge=3, le=8, description="devices in a piconet, the master included")
-    share_slots: int = Field(
+    share_slots: Count = Field(
         default=32, ge=4, multiple_of=2, description="slots on end that a bridge spends in each of its piconets"
     )
-    cell_m: float = Field(default=0.5, gt=0, description="side of a cell of the grid, the footprint of a robot")
-    step_limit: int | None = Field(
+    cell_m: Length = Field(default=0.5, gt=0, description="side of a cell of the grid, the footprint of a robot")
+    step_limit: Count | None = Field(
         default=None,
         gt=0,
         description="steps after which the team ends; by default none for a task that ends by itself, and for OSCARD "
         "and random walk four times the number of cells that each robot would have to cover",
     )
-    rounds: int = Field(
+    rounds: Count = Field(
         default=2, ge=0, description="how often a team tries the cells again that it could not enter, before it ends"
     )
-    inquiry_s: float = Field(default=10.24, gt=0, description="length of an inquiry, unless all are found before")
-    inquiries: int = Field(
+    inquiry_s: Seconds = Field(default=10.24, gt=0, description="length of an inquiry, unless all are found before")
+    inquiries: Count = Field(
         default=3, gt=0, description="most inquiries that are made, while robots are missing and the last found some"
     )
-    page_attempts: int = Field(default=2, gt=0, description="pages of a robot before the team does without it")
-    page_s: float = Field(default=10.0, gt=0, description="time after which the host gives up a page by itself")
-    settle_s: float = Field(
+    page_attempts: Count = Field(default=2, gt=0, description="pages of a robot before the team does without it")
+    page_s: Seconds = Field(default=10.0, gt=0, description="time after which the host gives up a page by itself")
+    settle_s: Seconds = Field(
         default=1.0, gt=0, description="time that all have to notice that their team is gone, before one looks for them"
     )
-    stagger_s: float = Field(
+    stagger_s: Seconds = Field(
         default=60.0,
         gt=0,
         description="time that a robot waits, for each robot of a lower number, to be found before it looks for "
         "others; and that a robot which was found waits to be called up",
     )
-    poll_timeout_s: float = Field(default=0.5, gt=0, description="time in which a poll must be answered")
-    poll_retries: int = Field(default=8, ge=0, description="empty answers to a poll before a robot counts as missing")
-    repair_s: float = Field(
+    poll_timeout_s: Seconds = Field(default=0.5, gt=0, description="time in which a poll must be answered")
+    poll_retries: Count = Field(default=8, ge=0, description="empty answers to a poll before a robot counts as missing")
+    repair_s: Seconds = Field(
         default=0.2, gt=0, description="time without news in an exchange after which missed messages are asked for"
     )
-    silence_s: float = Field(
+    silence_s: Seconds = Field(
         default=30.0, gt=0, description="time without a message, steps not counted, after which a team counts as lost"
     )
     map_bytes: int = Field(
@@ -73,10 +73,14 @@ class Parameters(TeamParameters):
         le=1,
         description="share of all cells that a robot of OSCARD or random walk covers itself before it stops",
     )
-    patience: int = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
-    history: int = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
-    revisits: int = Field(default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap")
-    k_forced: int = Field(default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers")
+    patience: Count = Field(default=2, ge=0, description="OSCARD: steps on end that a robot is trapped before it asks")
+    history: Count = Field(default=12, gt=0, description="OSCARD: cells that a robot remembers to notice revisits")
+    revisits: Count = Field(
+        default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap"
+    )
+    k_forced: Count = Field(
+        default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers"
+    )
 
 
 class Timing(NamedTuple):

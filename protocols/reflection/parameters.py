@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
-from cosim.settings import Settings
+from cosim.settings import Count, Metres, Period, Seconds, Settings
 from protocols.reflection.promises import Renewal
 from protocols.reflection.trouble import ProgressMeasure, TroubleRule
 
@@ -23,7 +23,7 @@ class Parameters(Settings):
     )
     potential_field: PotentialFieldParameters = PotentialFieldParameters()
     avoid_past: AvoidPastParameters = AvoidPastParameters()
-    vision_m: float = Field(
+    vision_m: Metres = Field(
         default=10.0, gt=0, description="VisBug's radius of vision: as far as the robots' sensors reach"
     )
     goals: Literal["place", "object"] = Field(
@@ -37,18 +37,18 @@ class Parameters(Settings):
         "with the potential field, as in the paper",
     )
 
-    explorers: int = Field(default=1, ge=0, description="the first so many robots have targets; the others help")
+    explorers: Count = Field(default=1, ge=0, description="the first so many robots have targets; the others help")
     targets: tuple[tuple[Place, ...], ...] | None = Field(
         default=None, description="the targets of each explorer, in their order; by default they are drawn in rooms"
     )
     rooms: tuple[Place, ...] = Field(
         default=(), description="middles of rooms, where targets are drawn; by default those that the floor names"
     )
-    target_count: int = Field(default=200, gt=0, description="targets of each explorer, if they are drawn")
-    target_set: int | None = Field(
+    target_count: Count = Field(default=200, gt=0, description="targets of each explorer, if they are drawn")
+    target_set: Count | None = Field(
         default=None, ge=0, description="which of the random sets of targets; by default that of the run's seed"
     )
-    target_spread_m: float = Field(
+    target_spread_m: Metres = Field(
         default=0.0, ge=0, description="how far, along x and y, a drawn target may lie from the middle of its room"
     )
     patrols: tuple[tuple[Place, ...], ...] = Field(
@@ -58,9 +58,9 @@ class Parameters(Settings):
     )
     patrol: Literal["shuttle", "cycle"] = Field(default="shuttle", description="there and back, or round and round")
 
-    epsilon_m: float = Field(default=0.3, gt=0, description="a goal is reached by who is nearer to it than this")
-    give_up_s: float = Field(default=600.0, gt=0, description="time after which a robot does without a goal")
-    promise_life_s: float = Field(
+    epsilon_m: Metres = Field(default=0.3, gt=0, description="a goal is reached by who is nearer to it than this")
+    give_up_s: Seconds = Field(default=600.0, gt=0, description="time after which a robot does without a goal")
+    promise_life_s: Seconds = Field(
         default=120.0, gt=0, description="a promise is forgotten when nobody has seen its goal for so long"
     )
     renewal: Renewal = Field(
@@ -68,15 +68,15 @@ class Parameters(Settings):
         description="what a robot follows that has found a promise useless: only a way that is shorter than that was "
         'when it was taken ("stored", as in the paper), only one "shorter" than it is from here, or "any"',
     )
-    patience_s: float = Field(
+    patience_s: Seconds = Field(
         default=3.0, gt=0, description="time without progress after which a robot heads for a place straight no more"
     )
-    detour_s: float = Field(
+    detour_s: Seconds = Field(
         default=5.0, gt=0, description="time for which it then leaves a goal in sight to the algorithm A"
     )
-    hold_s: float = Field(default=1.0, gt=0, description="time for which a robot that has made way stays aside")
+    hold_s: Seconds = Field(default=1.0, gt=0, description="time for which a robot that has made way stays aside")
 
-    trouble_limit: int = Field(default=30, gt=0, description="Cr, motion steps without progress that make a trouble")
+    trouble_limit: Count = Field(default=30, gt=0, description="Cr, motion steps without progress that make a trouble")
     trouble_rule: TroubleRule = Field(
         default="reaches", description='in trouble from Pr >= Cr on, or as printed, when Pr "equals" Cr'
     )
@@ -84,7 +84,7 @@ class Parameters(Settings):
         default="goal", description="Pr and Nt begin anew with each goal, or never"
     )
     progress: ProgressMeasure = Field(default="window", description="what counts as progress, see trouble.Progress")
-    progress_window: int = Field(default=10, gt=0, description="motion steps that are looked back on")
+    progress_window: Count = Field(default=10, gt=0, description="motion steps that are looked back on")
     progress_share: float = Field(
         default=0.2, ge=0, le=1, description="share of the greatest possible progress that is progress"
     )
@@ -93,10 +93,10 @@ class Parameters(Settings):
         default=False,
         description="look for the robots in sight by radio, and talk over links: what Bluetooth needs",
     )
-    inquiry_s: float = Field(default=5.12, gt=0, description="longest inquiry on meeting a robot, if links are used")
-    page_s: float = Field(default=6.0, gt=0, description="time after which the host waits for the device no more")
-    period_s: float | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
-    stale_s: float = Field(
+    inquiry_s: Seconds = Field(default=5.12, gt=0, description="longest inquiry on meeting a robot, if links are used")
+    page_s: Seconds = Field(default=6.0, gt=0, description="time after which the host waits for the device no more")
+    period_s: Period | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
+    stale_s: Seconds = Field(
         default=0.5, gt=0, description="advice that is older on arrival than this is counted as stale"
     )
 

@@ -169,7 +169,7 @@ def test_a_mend_is_told_to_the_tenth_of_a_second_however_long_it_takes(tmp_path:
 def test_a_constraint_that_leaves_no_time_is_a_mistake_where_it_stands(tmp_path: Path) -> None:
     after = {"kind": "after", "task": "b", "of": "a", "at_least_s": 10, "at_most_s": 5}
     tasks = [WAIT | {"label": label} for label in ("a", "b")]
-    with pytest.raises(UserError, match=r"is at most 5 s and at least 10 s, expected some time"):
+    with pytest.raises(UserError, match=r"constraints\[0\].at_most_s: 5.0 is not >= 10, at_least_s$"):
         of(tmp_path, tasks=tasks, constraints=[after])
     assert isinstance(of(tmp_path, tasks=tasks, constraints=[after | {"at_least_s": 5}]).plan("mine").root, Task)
 
@@ -178,7 +178,7 @@ def test_a_constraint_that_leaves_no_time_is_a_mistake_where_it_stands(tmp_path:
 def test_what_looks_like_a_number_or_a_date_and_is_none_is_told_with_its_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(f"tasks: [{{kind: wait, seconds: 1}}]\nabout: {text}\n", encoding="utf-8")
-    with pytest.raises(UserError, match=r"mine.yaml: line 2, column 8: is no value: "):
+    with pytest.raises(UserError, match=r"mine.yaml: line 2, column 8: .* is no (timestamp|int): "):
         reader(path)
 
 

@@ -41,11 +41,11 @@ def test_more_robots_than_a_piconet_holds_are_refused() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"silence_s": 1.0, "news_s": 1.0}, "silence_s 1.0 is not >= 2 news_s"),
-        ({"silence_s": 20.0, "alone_s": 10.0}, "alone_s 10.0 is not >= silence_s"),
-        ({"courier": {"octets": 120}}, "courier.octets 120 is not >= 1[0-9][0-9], the longest news"),
-        ({"calls": [call() | {"at_s": 9}, call()]}, "not in the order of their times"),
-        ({"member": {"near_m": 3.0, "away_m": 3.0}}, "near_m 3.0 is not < away_m"),
+        ({"silence_s": 1.0, "news_s": 1.0}, "silence_s\n  is not >= 2.0, twice news_s"),
+        ({"silence_s": 20.0, "alone_s": 10.0}, "alone_s\n  is not >= 20.0, silence_s"),
+        ({"courier": {"octets": 120}}, "courier.octets\n  is not >= 1[0-9][0-9], the longest news"),
+        ({"calls": [call() | {"at_s": 9}, call()]}, "calls\n  is not in the order of the times"),
+        ({"member": {"near_m": 3.0, "away_m": 3.0}}, "member.near_m\n  is not < 3.0, away_m"),
         ({"calls": [{"call": {"play": "x", "plaices": []}}]}, "plaices"),
     ],
 )

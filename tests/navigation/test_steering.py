@@ -262,12 +262,12 @@ def test_the_field_does_not_depend_on_how_the_frame_is_turned(quarters):
 @pytest.mark.parametrize(
     ("kind", "wrong", "words"),
     [
-        (PotentialFieldParameters, {"avoid_margin_m": 0.8}, "avoid_margin_m 0.8 is not < avoid_sphere_m 0.8"),
-        (PotentialFieldParameters, {"robot_sphere_m": 0.4}, "robot_margin_m 0.5 is not < robot_sphere_m 0.4"),
+        (PotentialFieldParameters, {"avoid_margin_m": 0.8}, "is not < 0.8, avoid_sphere_m"),
+        (PotentialFieldParameters, {"robot_sphere_m": 0.4}, "is not < 0.4, robot_sphere_m"),
         (AvoidPastParameters, {"horizon_m": 0.02}, "less than a cell"),
-        (AvoidPastParameters, {"side_m": 1.0}, "not more than twice horizon_m"),
-        (AvoidPastParameters, {"mark_m": 15.0}, "not more than twice"),
-        (AvoidPastParameters, {"avoid_margin_m": 0.9}, "is not < avoid_sphere_m"),
+        (AvoidPastParameters, {"side_m": 1.0}, "is not > twice horizon_m"),
+        (AvoidPastParameters, {"mark_m": 15.0}, "is not > twice"),
+        (AvoidPastParameters, {"avoid_margin_m": 0.9}, "is not < 0.8, avoid_sphere_m"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_refused(kind, wrong, words):

@@ -22,7 +22,7 @@ from cosim.channels.adhoc.phy import (
 from cosim.channels.adhoc.reception import Limits
 from cosim.channels.adhoc.routing.choice import RoutingSettings
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import Settings
+from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, Settings, error_at
 from cosim.units import US, from_seconds
 
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
@@ -32,7 +32,7 @@ class AdhocSettings(Settings):
     """Parameters of an 802.11 ad hoc network: the distributed coordination function, on one channel."""
 
     kind: Literal["adhoc"] = "adhoc"
-    range_m: float | None = Field(
+    range_m: Metres | None = Field(
         default=None,
         gt=0,
         description="m, reach of a radio without propagation, unless the team says otherwise; unlimited if not given",
@@ -40,11 +40,11 @@ class AdhocSettings(Settings):
     propagation: PropagationSettings | None = Field(
         default=None, description="how signals fade; without it all frames in range_m are alike, and any two collide"
     )
-    power_dbm: float = Field(default=15.0, description="dBm, transmit power, unless the team says otherwise")
-    noise_figure_db: float = Field(default=NOISE_FIGURE_DB, ge=0, description="dB, of the receivers")
-    detection_dbm: float = Field(default=-82.0, description="dBm, weaker frames are not noticed as frames")
-    energy_dbm: float = Field(default=-62.0, description="dBm, from which on energy makes the medium busy")
-    capture_db: float | None = Field(
+    power_dbm: Decibels = Field(default=15.0, description="dBm, transmit power, unless the team says otherwise")
+    noise_figure_db: Decibels = Field(default=NOISE_FIGURE_DB, ge=0, description="dB, of the receivers")
+    detection_dbm: Decibels = Field(default=-82.0, description="dBm, weaker frames are not noticed as frames")
+    energy_dbm: Decibels = Field(default=-62.0, description="dBm, from which on energy makes the medium busy")
+    capture_db: Decibels | None = Field(
         default=5.0,
         ge=0,
         description="dB, so much stronger a frame takes over from one in its preamble; null: none does",
@@ -55,39 +55,39 @@ class AdhocSettings(Settings):
     channel: int = Field(
         default=1, ge=1, le=13, description="in the band of 2.4 GHz, 5 MHz apart: which jammers disturb it"
     )
-    rate_mbps: float | None = Field(
+    rate_mbps: Rate | None = Field(
         default=None, gt=0, description="Mb/s of payloads to one robot; the lowest of the PHY if not given"
     )
-    basic_rates_mbps: tuple[float, ...] | None = Field(
+    basic_rates_mbps: tuple[Gain, ...] | None = Field(
         default=None, min_length=1, description="Mb/s, of broadcasts (the lowest) and answers; the PHY's if not given"
     )
-    overhead_octets: int = Field(
+    overhead_octets: Count = Field(
         default=36, ge=28, description="octets of a frame beyond the payload: MAC header and FCS 28, LLC and SNAP 8"
     )
-    cw_min: int | None = Field(
+    cw_min: Count | None = Field(
         default=None, ge=0, description="slots, the first contention window; the PHY's if not given"
     )
-    cw_max: int | None = Field(default=None, ge=0, description="slots, the greatest one; the PHY's if not given")
-    rts_threshold: int | None = Field(
+    cw_max: Count | None = Field(default=None, ge=0, description="slots, the greatest one; the PHY's if not given")
+    rts_threshold: Count | None = Field(
         default=None, ge=0, description="octets, longer payloads are preceded by RTS and CTS; none if not given"
     )
-    short_retries: int | None = Field(
+    short_retries: Count | None = Field(
         default=7, ge=1, description="times that an RTS, or a frame without, is sent; null: until it gets an answer"
     )
-    long_retries: int | None = Field(default=4, ge=1, description="times that a frame after an RTS is sent")
-    queue_payloads: int | None = Field(
+    long_retries: Count | None = Field(default=4, ge=1, description="times that a frame after an RTS is sent")
+    queue_payloads: Count | None = Field(
         default=None, ge=1, description="payloads that a device holds; unlimited if not given"
     )
     routing: RoutingSettings | None = Field(
         default=None,
         description="how payloads get beyond a radio's reach, over other robots; not at all if not given",
     )
-    host_jitter_s: float = Field(
+    host_jitter_s: Seconds = Field(
         default=0.0,
         ge=0,
         description="s, at most, that a payload takes from host to radio, at random; hosts may act at one instant",
     )
-    propagation_s: float = Field(default=1e-6, gt=0, description="s from a sender to a receiver, wherever they are")
+    propagation_s: Seconds = Field(default=1e-6, gt=0, description="s from a sender to a receiver, wherever they are")
     bianchi_counting: bool = Field(
         default=False, description="whether a busy period takes a slot from every back-off, as in Bianchi's model"
     )
@@ -98,11 +98,12 @@ class AdhocSettings(Settings):
         for field, wanted in (("rate_mbps", (self.rate_mbps,)), ("basic_rates_mbps", self.basic_rates_mbps or ())):
             for rate in wanted:
                 if rate is not None and rate not in rates:
-                    raise ValueError(f"{field}: {rate:g} is not one of {', '.join(f'{each:g}' for each in rates)}")
+                    expected = f"is not one of {', '.join(f'{each:g}' for each in rates)}"
+                    raise error_at((field,), rate, expected)
         if self.propagation is not None and self.phy == "fhss":
-            raise ValueError("phy: fhss has no model of bit errors, which propagation needs")
+            raise error_at(("phy",), self.phy, "has no model of bit errors, which propagation needs")
         if self.access.cw_max < self.access.cw_min:
-            raise ValueError(f"cw_max {self.access.cw_max} is not >= cw_min {self.access.cw_min}")
+            raise error_at(("cw_max",), self.access.cw_max, f"is not >= {self.access.cw_min}, cw_min")
         return self
 
     @property

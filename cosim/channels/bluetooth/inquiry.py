@@ -48,7 +48,7 @@ from cosim.errors import LocalProtocolError
 from cosim.kernel import Handle, Kernel
 from cosim.machine import Address
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Count, Settings, error_at
 from cosim.units import SLOT, Time
 
 CLOCK_RANGE: Final = 1 << 28
@@ -66,7 +66,7 @@ BACKOFF_PURPOSE: Final = 1
 class InquirySettings(Settings):
     """How a device inquires."""
 
-    n_inquiry: int = Field(default=256, ge=1)
+    n_inquiry: Count = Field(default=256, ge=1)
     """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
     first_train: Train = "A"
 
@@ -83,7 +83,7 @@ class InquiryScanSettings(ScanSettings):
     @model_validator(mode="after")
     def _known_in_version(self) -> Self:
         if self.interlaced and self.version == "1.1":
-            raise ValueError("interlaced: true is not known to version 1.1")
+            raise error_at(("interlaced",), True, "is not known to version 1.1")
         return self
 
 

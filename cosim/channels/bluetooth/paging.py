@@ -45,7 +45,7 @@ from cosim.channels.bluetooth.scanning import (
 )
 from cosim.kernel import Handle, Kernel
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Count, Settings
 from cosim.units import SLOT, Time
 
 PAGE_RESPONSE_TIMEOUT: Final[Time] = 8 * SLOT
@@ -63,7 +63,7 @@ class PageSettings(Settings):
 
     mode: Literal["R0", "R1", "R2"] = "R1"
     """Scan mode that the paged devices are taken to have: R0 continuous, R1 every 1.28 s, R2 every 2.56 s."""
-    timeout_slots: int = Field(default=8192, ge=2, multiple_of=2)
+    timeout_slots: Count = Field(default=8192, ge=2, multiple_of=2)
     """pageTO in slots of 625 us."""
 
     @property

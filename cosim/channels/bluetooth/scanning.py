@@ -25,7 +25,7 @@ from cosim.channels.bluetooth.packets import ID_AIR
 from cosim.jit import njit
 from cosim.kernel import DELIVER, Callback, Handle, Kernel
 from cosim.machine import Address
-from cosim.settings import Settings
+from cosim.settings import Settings, error_at
 from cosim.units import SLOT, TICK, Time, from_seconds
 
 WINDOW: Final = 36
@@ -53,9 +53,9 @@ class ScanSettings(Settings):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if from_seconds(self.interval_s) % TICK:
-            raise ValueError(f"interval_s: {self.interval_s} is not a multiple of 0.0003125")
+            raise error_at(("interval_s",), self.interval_s, "is not a multiple of 0.0003125")
         if self.interlaced and self.interval_ticks < 2 * WINDOW:
-            raise ValueError(f"interval_s: {self.interval_s} does not hold the two windows of an interlaced scan")
+            raise error_at(("interval_s",), self.interval_s, "does not hold the two windows of an interlaced scan")
         return self
 
 

@@ -13,7 +13,7 @@ from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.channels.bluetooth.schedule import Scheduler
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import Settings
+from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, Settings, error_at
 from cosim.units import from_seconds
 
 
@@ -21,7 +21,7 @@ class BluetoothSettings(Settings):
     """Parameters of the Bluetooth channel."""
 
     kind: Literal["bluetooth"] = "bluetooth"
-    range_m: float | None = Field(
+    range_m: Metres | None = Field(
         default=None, gt=0, description="m, reach of a radio without a law of propagation; unlimited if not given"
     )
     propagation: PropagationSettings | None = Field(
@@ -30,8 +30,8 @@ class BluetoothSettings(Settings):
     power_class: Literal[1, 2, 3] = Field(
         default=2, description="transmit power 20, 4 or 0 dBm, of robots that the team gives none of their own"
     )
-    sensitivity_dbm: float = Field(default=-80.0, description="dBm, received power at a bit error rate of 1e-3")
-    noise_figure_db: float | None = Field(
+    sensitivity_dbm: Decibels = Field(default=-80.0, description="dBm, received power at a bit error rate of 1e-3")
+    noise_figure_db: Decibels | None = Field(
         default=None, ge=0, description="dB, of the receivers; if given, it stands in place of the sensitivity"
     )
     interference: Interference = Field(
@@ -41,8 +41,8 @@ class BluetoothSettings(Settings):
     packet_types: tuple[AclName, ...] = Field(
         default=("DM1", "DH1", "DM3", "DH3", "DM5", "DH5"), min_length=1, description="packets that carry payloads"
     )
-    n_bc: int = Field(default=1, ge=1, description="how often a broadcast is sent")
-    t_poll_slots: int = Field(
+    n_bc: Count = Field(default=1, ge=1, description="how often a broadcast is sent")
+    t_poll_slots: Count = Field(
         default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
     )
     scheduler: Scheduler = Field(
@@ -51,29 +51,29 @@ class BluetoothSettings(Settings):
     packet_choice: Literal["smallest", "best"] = Field(
         default="smallest", description="packet type of a payload: the smallest, or the best at the link's Es/N0"
     )
-    queue_payloads: int | None = Field(
+    queue_payloads: Count | None = Field(
         default=None, ge=1, description="payloads that a device holds for a piconet; unlimited if not given"
     )
-    host_bps: int | None = Field(
+    host_bps: BitRate | None = Field(
         default=None, gt=0, description="bit/s at which a device hands payloads to its host; at once if not given"
     )
-    receive_payloads: int = Field(
+    receive_payloads: Count = Field(
         default=8, ge=1, description="payloads of one sender that a device holds until its host has them (FLOW)"
     )
-    flush_s: float | None = Field(
+    flush_s: Seconds | None = Field(
         default=None, gt=0, description="s until a payload without acknowledgement is dropped; never if not given"
     )
-    park_interval_slots: int = Field(
+    park_interval_slots: Count = Field(
         default=2048, ge=64, multiple_of=2, description="slots from a beacon for parked slaves to the next"
     )
-    park_window_slots: int = Field(
+    park_window_slots: Count = Field(
         default=64, ge=12, multiple_of=2, description="slots at a beacon in which parked slaves hear broadcasts"
     )
     channels: Literal[79, 23] = Field(default=79, description="79, or 23 as in v1.1 (statistically alike only)")
     afh: bool = Field(default=False, description="whether masters leave out bad channels")
-    afh_interval_s: float = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
-    afh_retry_s: float = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
-    supervision_s: float = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
+    afh_interval_s: Seconds = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
+    afh_retry_s: Seconds = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
+    supervision_s: Seconds = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
     clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
     inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
     inquiry_scan: InquiryScanSettings = Field(
@@ -86,9 +86,13 @@ class BluetoothSettings(Settings):
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if self.afh and self.channels == 23:
-            raise ValueError("afh: true is not known to a system of 23 channels")
+            raise error_at(("afh",), True, "is not known to a system of 23 channels")
         if self.park_window_slots > self.park_interval_slots:
-            raise ValueError(f"park_window_slots: {self.park_window_slots} is more than park_interval_slots")
+            raise error_at(
+                ("park_window_slots",),
+                self.park_window_slots,
+                f"is not <= {self.park_interval_slots}, park_interval_slots",
+            )
         return self
 
     @property

@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings
 from cosim.units import Time, from_seconds
 
 
@@ -39,24 +39,28 @@ class AodvSettings(Settings):
     """
 
     kind: Literal["aodv"] = "aodv"
-    active_route_timeout_s: float = Field(
+    active_route_timeout_s: Seconds = Field(
         default=3.0, gt=0, description="s that a route lasts without use (the RFC: 10 at least with use_mac_feedback)"
     )
-    hello_interval_s: float = Field(default=1.0, gt=0, description="s without a broadcast, after which a hello is sent")
-    allowed_hello_loss: int = Field(
+    hello_interval_s: Seconds = Field(
+        default=1.0, gt=0, description="s without a broadcast, after which a hello is sent"
+    )
+    allowed_hello_loss: Count = Field(
         default=2, ge=1, description="hello intervals without a packet, after which a link is taken for broken"
     )
     net_diameter: int = Field(default=35, ge=1, le=255, description="hops between any two robots, at most")
-    node_traversal_time_s: float = Field(default=0.04, gt=0, description="s that a packet takes for a hop, all told")
-    rreq_retries: int = Field(default=2, ge=0, description="times that a search of the whole network is repeated")
-    rreq_ratelimit: int = Field(default=10, ge=1, description="route requests per second, at most; others wait")
-    rerr_ratelimit: int = Field(default=10, ge=1, description="route errors per second, at most; others are dropped")
-    timeout_buffer: int = Field(default=2, ge=0, description="hops by which the wait for a reply exceeds the ring")
-    ttl_start: int = Field(default=1, ge=1, description="hops that the first request of a search goes (with hellos 2)")
-    ttl_increment: int = Field(default=2, ge=1, description="hops that each further one goes farther")
-    ttl_threshold: int = Field(default=7, ge=0, description="hops beyond which a request goes net_diameter hops")
-    local_add_ttl: int = Field(default=2, ge=0, description="hops that the request of a local repair goes farther")
-    delete_factor: int = Field(
+    node_traversal_time_s: Seconds = Field(default=0.04, gt=0, description="s that a packet takes for a hop, all told")
+    rreq_retries: Count = Field(default=2, ge=0, description="times that a search of the whole network is repeated")
+    rreq_ratelimit: Count = Field(default=10, ge=1, description="route requests per second, at most; others wait")
+    rerr_ratelimit: Count = Field(default=10, ge=1, description="route errors per second, at most; others are dropped")
+    timeout_buffer: Count = Field(default=2, ge=0, description="hops by which the wait for a reply exceeds the ring")
+    ttl_start: Count = Field(
+        default=1, ge=1, description="hops that the first request of a search goes (with hellos 2)"
+    )
+    ttl_increment: Count = Field(default=2, ge=1, description="hops that each further one goes farther")
+    ttl_threshold: Count = Field(default=7, ge=0, description="hops beyond which a request goes net_diameter hops")
+    local_add_ttl: Count = Field(default=2, ge=0, description="hops that the request of a local repair goes farther")
+    delete_factor: Count = Field(
         default=5, ge=1, description="K: an ended route is remembered K times the longer of timeout and hello interval"
     )
     use_hello: bool = Field(default=True, description="whether robots on active routes send hellos and miss them")
@@ -74,13 +78,13 @@ class AodvSettings(Settings):
     destination_only: bool = Field(default=False, description="whether only the destination may answer a request")
     gratuitous: bool = Field(default=True, description="whether who answers for a destination tells it of the route")
     local_repair: bool = Field(default=False, description="whether a robot on the way looks for another way itself")
-    salvages: int = Field(
+    salvages: Count = Field(
         default=1, ge=0, description="times that the source routes a payload anew that the next hop has not taken"
     )
-    queue_payloads: int = Field(
+    queue_payloads: Count = Field(
         default=64, ge=1, description="payloads of a robot that wait for routes; the oldest gives way"
     )
-    broadcast_jitter_s: float = Field(
+    broadcast_jitter_s: Seconds = Field(
         default=0.01,
         ge=0,
         description="s, at most, that a broadcast that is passed on is held back, and a hello early (not in the RFC)",

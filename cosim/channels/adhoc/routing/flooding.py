@@ -16,7 +16,7 @@ from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Seconds, Settings
 from cosim.units import Time, from_seconds
 
 NUMBERS: Final = 1 << 16
@@ -30,10 +30,10 @@ class FloodingSettings(Settings):
 
     kind: Literal["flooding"] = "flooding"
     ttl: int = Field(default=35, ge=1, le=255, description="hops that a payload makes at most")
-    jitter_s: float = Field(
+    jitter_s: Seconds = Field(
         default=0.01, ge=0, description="s, a payload is repeated within that time, uniformly distributed"
     )
-    dup_hold_s: float = Field(
+    dup_hold_s: Seconds = Field(
         default=30.0, gt=0, description="s, so long a payload is known again; its number returns after 65536 payloads"
     )
 

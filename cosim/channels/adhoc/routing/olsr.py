@@ -43,7 +43,7 @@ from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
-from cosim.settings import Settings
+from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.units import Time, from_seconds, to_seconds
 
 EVERYWHERE: Final = 255
@@ -59,24 +59,26 @@ class OlsrSettings(Settings):
     """Parameters of OLSR; defaults are those of RFC 3626, section 18."""
 
     kind: Literal["olsr"] = "olsr"
-    hello_interval_s: float = Field(default=2.0, gt=0, description="s between HELLOs, less the jitter")
-    refresh_interval_s: float = Field(default=2.0, gt=0, description="s, each neighbour is told at least so often")
-    tc_interval_s: float = Field(default=5.0, gt=0, description="s between TCs, less the jitter")
-    neighb_hold_s: float | None = Field(
+    hello_interval_s: Seconds = Field(default=2.0, gt=0, description="s between HELLOs, less the jitter")
+    refresh_interval_s: Seconds = Field(default=2.0, gt=0, description="s, each neighbour is told at least so often")
+    tc_interval_s: Seconds = Field(default=5.0, gt=0, description="s between TCs, less the jitter")
+    neighb_hold_s: Seconds | None = Field(
         default=None, gt=0, description="s, so long a HELLO holds; 3 refresh intervals if not given"
     )
-    top_hold_s: float | None = Field(
+    top_hold_s: Seconds | None = Field(
         default=None, gt=0, description="s, so long a TC holds; 3 TC intervals if not given"
     )
-    dup_hold_s: float = Field(default=30.0, gt=0, description="s, so long a message is known again")
-    maxjitter_s: float | None = Field(
+    dup_hold_s: Seconds = Field(default=30.0, gt=0, description="s, so long a message is known again")
+    maxjitter_s: Seconds | None = Field(
         default=None, ge=0, description="s, greatest jitter; a quarter of the HELLO interval if not given"
     )
     willingness: int = Field(default=WILL_DEFAULT, ge=0, le=7, description="to forward for others: 0 never, 7 always")
     tc_redundancy: Literal[0, 1, 2] = Field(
         default=0, description="TCs tell: 0 who has chosen this relay, 1 and its own relays, 2 all neighbours"
     )
-    mpr_coverage: int = Field(default=1, ge=1, description="relays to every robot two hops away, if there are so many")
+    mpr_coverage: Count = Field(
+        default=1, ge=1, description="relays to every robot two hops away, if there are so many"
+    )
     hysteresis: bool = Field(
         default=False,
         description="whether links prove themselves by packets that arrive and are lost (section 14); needs jitter, as "
@@ -92,7 +94,7 @@ class OlsrSettings(Settings):
         default=True, description="whether payloads to all are repeated by relays only, not by everybody"
     )
     payload_ttl: int = Field(default=35, ge=1, le=255, description="hops that a payload makes at most")
-    payload_jitter_s: float = Field(
+    payload_jitter_s: Seconds = Field(
         default=0.01, ge=0, description="s, a payload to all is repeated within that time, uniformly distributed"
     )
 
@@ -102,11 +104,15 @@ class OlsrSettings(Settings):
         for field, time in told.items():
             if not SHORTEST <= time <= LONGEST:
                 fits = f"{to_seconds(SHORTEST):g}..{to_seconds(LONGEST):g}"
-                raise ValueError(f"{field}: {to_seconds(time):g} is not in {fits}, which messages can tell")
+                raise error_at((field,), to_seconds(time), f"is not in {fits}, which messages can tell")
         if self.jitter >= min(self.hello_interval, from_seconds(self.tc_interval_s)):
-            raise ValueError(f"maxjitter_s: {to_seconds(self.jitter):g} is not below the intervals of messages")
+            raise error_at(("maxjitter_s",), to_seconds(self.jitter), "is not below the intervals of messages")
         if self.hyst_threshold_high < self.hyst_threshold_low:
-            raise ValueError(f"hyst_threshold_high: {self.hyst_threshold_high} is not >= {self.hyst_threshold_low}")
+            raise error_at(
+                ("hyst_threshold_high",),
+                self.hyst_threshold_high,
+                f"is not >= {self.hyst_threshold_low}, hyst_threshold_low",
+            )
         return self
 
     @property
