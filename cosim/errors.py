@@ -9,6 +9,9 @@ A peer's bad bytes never leave a machine as an exception. Every class is also a 
 catch either. Constructors take one string: SimPy re-creates exceptions from ``args``.
 """
 
+from collections.abc import Iterable
+from importlib.util import find_spec
+
 
 class CosimError(Exception):
     """Root of all errors that this program raises on purpose."""
@@ -24,3 +27,10 @@ class LocalProtocolError(CosimError, RuntimeError):
 
 class WireError(CosimError, ValueError):
     """Bytes that are not an encoding of anything; caught where bytes enter a machine."""
+
+
+def check_extra(extra: str, user: str, modules: Iterable[str]) -> None:
+    """Raise UserError if *modules*, which *user* needs and the extra *extra* installs, are not there."""
+    missing = [name for name in modules if find_spec(name) is None]
+    if missing:
+        raise UserError(f"{user} need {', '.join(missing)}, not installed here: pip install 'cosim-robots[{extra}]'")

@@ -235,7 +235,12 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
 
 def provenance() -> dict[str, str]:
     """Return the versions of the libraries and the commit of the sources, for the metadata of files."""
-    return {f"version.{name}": _version(name) for name in _LIBRARIES} | {"commit": _commit()}
+    return {f"version.{name}": version for name, version in versions().items()} | {"commit": _commit()}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that decide results; empty where one is not installed."""
+    return {name: _version(name) for name in _LIBRARIES}
 
 
 def _version(name: str) -> str:

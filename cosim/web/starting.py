@@ -6,10 +6,9 @@ Nothing here loads the server before it is asked to: it is an extra that an inst
 import secrets
 import webbrowser
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import NamedTuple
 
-from cosim.errors import UserError
+from cosim.errors import check_extra
 from cosim.web.pages import VIEW
 from cosim.web.session import Session
 
@@ -27,9 +26,7 @@ class Showing(NamedTuple):
 
 def check_installed() -> None:
     """Raise UserError if what the server is made of is not installed."""
-    missing = [name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None]
-    if missing:
-        raise UserError(f"pages need {', '.join(missing)}, not installed here: pip install 'cosim[web]'")
+    check_extra("web", "pages", ("starlette", "uvicorn", "websockets"))
 
 
 def show(session: Session, showing: Showing, told: Callable[[str], None], page: str = VIEW) -> None:

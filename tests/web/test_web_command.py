@@ -99,12 +99,12 @@ def test_a_command_that_says_nothing_is_not_waited_for():
 def test_what_is_not_installed_is_named_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("cosim.web.starting.find_spec", lambda name: None if name == "uvicorn" else name)
+    monkeypatch.setattr("cosim.errors.find_spec", lambda name: None if name == "uvicorn" else name)
     with pytest.raises(SystemExit) as ended:
         main(["view", "pseudonet_coverage"])
     told = capsys.readouterr()
     assert (ended.value.code, told.out) == (2, "")
-    assert told.err == "pages need uvicorn, not installed here: pip install 'cosim[web]'\n"
+    assert told.err == "pages need uvicorn, not installed here: pip install 'cosim-robots[web]'\n"
 
 
 def test_what_a_browser_loads_is_part_of_the_package():
