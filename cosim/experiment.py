@@ -31,7 +31,7 @@ from pydantic import Field, field_validator, model_validator
 
 from cosim.documents import Assignment, Place, assign, nearest, parse_assignment, parse_place, read_yaml, validated
 from cosim.errors import UserError
-from cosim.results import FIXED
+from cosim.results import FIXED, ReportSettings
 from cosim.scenario import Scenario, build, digest, dump, given_here
 from cosim.settings import Settings
 
@@ -64,17 +64,6 @@ class QuickSettings(Settings):
     replicates: int = Field(default=2, ge=1, description="runs of each arm")
     sweep: dict[str, Any] = Field(default_factory=dict, description="other values for some axes, by their columns")
     set: dict[str, Any] = Field(default_factory=dict, description="other settings, by their paths")
-
-
-class ReportSettings(Settings):
-    """What the report shows first."""
-
-    metrics: tuple[str, ...] = Field(default=(), description="columns of the table; all, if none are named")
-    figures: tuple[str, ...] = Field(default=(), description="those of them to draw; all, if none are named")
-    x: str | None = Field(
-        default=None, description="the axis along the figures; the first one with numbers, if not named"
-    )
-    panel: str | None = Field(default=None, description="the axis whose values get a panel each")
 
 
 class ExperimentSettings(Settings):

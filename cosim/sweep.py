@@ -21,7 +21,18 @@ from typing import Any, NamedTuple, TypeAlias
 
 from cosim.errors import UserError, check_extra
 from cosim.experiment import Arm, Experiment, find_function
-from cosim.results import PACKAGES, Row, RunStore, code_digest, kind_of, metric_fields, provenance, versions
+from cosim.results import (
+    PACKAGES,
+    AxisDescription,
+    Row,
+    RunStore,
+    SweepDescription,
+    code_digest,
+    kind_of,
+    metric_fields,
+    provenance,
+    versions,
+)
 from cosim.scenario import digest
 from cosim.simulation import Simulation, simulate
 from cosim.trace import Field
@@ -236,19 +247,20 @@ def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
     return tuple(f"{_named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
 
 
-def _description(experiment: Experiment, code: str) -> dict[str, Any]:
-    return {
-        "experiment": experiment.name,
-        "about": experiment.settings.about,
-        "source": str(experiment.source.resolve()),
-        "axes": {
-            axis.name: {"path": axis.path, "values": [label for label, _ in axis.values]} for axis in experiment.axes
+def _description(experiment: Experiment, code: str) -> SweepDescription:
+    return SweepDescription(
+        experiment=experiment.name,
+        about=experiment.settings.about,
+        source=str(experiment.source.resolve()),
+        axes={
+            axis.name: AxisDescription(path=axis.path, values=tuple(label for label, _ in axis.values))
+            for axis in experiment.axes
         },
-        "replicates": experiment.replicates,
-        "report": experiment.settings.report.model_dump(mode="json"),
-        "configurations": [arm.configuration for arm in experiment.arms],
-        "code": code,
-    }
+        replicates=experiment.replicates,
+        report=experiment.settings.report,
+        configurations=tuple(arm.configuration for arm in experiment.arms),
+        code=code,
+    )
 
 
 def _packages(experiment: Experiment) -> set[str]:

@@ -14,7 +14,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from cosim import trace
 from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
 from cosim.results import RunStore
@@ -161,12 +160,12 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path):
 def test_a_full_disk_ends_the_sweep_and_keeps_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     run_sweep(experiment(DELAYS | {"replicates": 1}), tmp_path / "r", jobs=1)
 
-    def full(table: Any, name: str) -> None:
-        Path(name).write_bytes(b"PAR1 half")
+    def full(path: Path, data: bytes) -> None:
+        path.write_text("PAR1 half")
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(trace.pq, "write_table", full)
+        patch.setattr(Path, "write_bytes", full)
         with pytest.raises(OSError, match="No space left"):
             run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
     assert not list((tmp_path / "r").rglob("*.part"))
