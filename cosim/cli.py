@@ -11,7 +11,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -303,6 +303,7 @@ def _tell_address(address: str) -> None:
 @click.argument("experiment")
 @click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
+@click.option("--dask", metavar="ADDRESS", help="Of a Dask scheduler, whose workers make the runs.")
 @click.option("--quick", is_flag=True, help="Cut down for a first look, as the experiment says.")
 @_SETS
 @click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
@@ -312,6 +313,7 @@ def sweep(
     experiment: str,
     replicates: int | None,
     jobs: int | None,
+    dask: str | None,
     quick: bool,
     sets: tuple[str, ...],
     output: Path | None,
@@ -319,11 +321,14 @@ def sweep(
 ) -> int:
     """Make all runs of EXPERIMENT, a name or a sweep.yaml, that are not there yet."""
     from cosim.experiment import find_experiment, load_experiment
-    from cosim.sweep import default_folder, run_sweep
+    from cosim.sweep import cluster, default_folder, run_sweep
 
+    if dask is not None and jobs is not None:
+        raise UserError("--jobs: is for processes of this computer, not beside --dask")
     chosen = load_experiment(find_experiment(experiment), sets, quick, replicates)
-    with _keeping(), _bar(chosen.name) as told:
-        summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, progress=told)
+    elsewhere = nullcontext() if dask is None else cluster(dask, chosen)
+    with _keeping(), elsewhere as executor, _bar(chosen.name) as told:
+        summary = run_sweep(chosen, output or default_folder(chosen, quick), jobs, executor, told)
     if as_json:
         click.echo(_json(summary._asdict()))
     else:

@@ -10,18 +10,20 @@
     quick: {replicates: 2, sweep: {size: [2, 4]}, set: {duration_s: 60}}
 
 What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
-It is called with (parameters, seed) and returns metrics as a dict, or observations as a list of dicts. If there are
-settings called ``Parameters`` in its module, the parameters of every arm are validated with them; a tuple of
-``cosim.trace.Field`` called ``COLUMNS`` there gives what it returns types, units and meanings.
+It is marked with ``experiment_function``, is called with (parameters, seed) and returns metrics as a dict, or
+observations as a list of dicts. If there are settings called ``Parameters`` in its module, the parameters of every arm
+are validated with them; a tuple of ``cosim.trace.Field`` called ``COLUMNS`` there gives what it returns types, units
+and meanings.
 """
 
 import itertools
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -38,10 +40,15 @@ from cosim.documents import (
 )
 from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
+from cosim.results import ReportSettings
 from cosim.scenario import Scenario, build, digest, dump, given_here
 from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings
 
 Label: TypeAlias = str | int | float | bool
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_MARK = "experiment_function"
+"""The attribute of functions that a sweep.yaml may name."""
 
 
 class AxisSettings(Settings):
@@ -68,17 +75,6 @@ class QuickSettings(Settings):
         default_factory=dict, description="other values for some axes, by their columns"
     )
     set: dict[str, PlainData] = Field(default_factory=dict, description="other settings, by their paths")
-
-
-class ReportSettings(Settings):
-    """What the report shows first."""
-
-    metrics: tuple[str, ...] = Field(default=(), description="columns of the table; all, if none are named")
-    figures: tuple[str, ...] = Field(default=(), description="those of them to draw; all, if none are named")
-    x: str | None = Field(
-        default=None, description="the axis along the figures; the first one with numbers, if not named"
-    )
-    panel: str | None = Field(default=None, description="the axis whose values get a panel each")
 
 
 class ExperimentSettings(Settings):
@@ -181,12 +177,31 @@ def is_experiment(plain: Mapping[str, Any]) -> bool:
     return bool({"sweep", "run", "replicates", "scenario"} & plain.keys())
 
 
+def experiment_function(function: Function) -> Function:
+    """Mark *function*, (parameters, seed) -> metrics or observations, as one that ``run:`` of a sweep.yaml may name.
+
+    Without it a document could have any function of any library called.
+    """
+    setattr(function, _MARK, True)
+    return function
+
+
 def find_function(name: str, source: str) -> Callable[[dict[str, Any], int], Any]:
-    """Return the function that ``run: module:function`` names; raise UserError if it is not there."""
+    """Return the function that ``run: module:function`` names; raise UserError if it is not there, or not marked.
+
+    The module is imported, unless it is one of Python's own, and nothing of it is called.
+    """
+    module, _, function = name.partition(":")
+    if not all(part.isidentifier() for part in (*module.split("."), function)):
+        raise UserError(f"{source}: run: {name!r} is not module:function")
+    if module.partition(".")[0] in sys.stdlib_module_names:
+        raise UserError(f"{source}: run: {name!r} is of Python's own library, expected a function of an experiment")
     try:
         found: Callable[[dict[str, Any], int], Any] = find_named(name)
     except ImportError as error:
         raise UserError(f"{source}: run: {name!r} is not module:function: {error}") from None
+    if getattr(found, _MARK, None) is not True:
+        raise UserError(f"{source}: run: {name!r} is not marked with @experiment_function of cosim.experiment")
     return found
 
 

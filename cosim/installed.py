@@ -6,6 +6,7 @@ with an ``__init__.py`` hides ours. And on the command line, which looks there l
 have the name of something of ours. Then an error says which file hides which.
 """
 
+import shlex
 import sys
 from collections.abc import Iterable
 from importlib import import_module
@@ -76,6 +77,16 @@ def installed_folders(group: str) -> dict[str, Path]:
         if spec is None and (hidden := hiding(point.value)) is not None:
             raise UserError(str(hidden))
     return found
+
+
+def check_libraries(user: str, requirements: Iterable[str]) -> None:
+    """Raise UserError, with the way to get them, if libraries that *user* needs are not installed.
+
+    *requirements* are those of an extra of pyproject.toml, such as ``uvicorn>=0.54``.
+    """
+    missing = [each for each in requirements if find_spec(each.partition(">=")[0]) is None]
+    if missing:
+        raise UserError(f"{user} need what is not installed here: pip install {shlex.join(missing)}")
 
 
 def hiding(module: str) -> Hiding | None:

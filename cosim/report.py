@@ -17,10 +17,14 @@ and figures.
 
 import csv
 import importlib.util
+import io
 import math
+import os
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+import traceback
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -30,21 +34,27 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from pydantic import Field, ValidationInfo, field_validator
 from scipy import stats
 
+from cosim.documents import read_text, validated
 from cosim.errors import UserError
 from cosim.experiment import experiment_folders
-from cosim.results import FIXED, OBSERVATION_FIXED, RunStore
+from cosim.results import FIXED, OBSERVATION_FIXED, RunStore, SweepDescription
+from cosim.settings import Settings
 
 CONFIDENCE = 0.95
 WIDTH = 110
+"""Columns of a terminal that claims are wrapped to."""
 MOST_LABELS = 4
 """With more names than this below a figure they stand upright."""
-"""Columns of a terminal that claims are wrapped to."""
 _COLUMNS = ("id", "paper", "section", "claim", "quantity", "where", "unit", "published", "test")
 ANSWER = "answer"
 """The column of a claim's rows that holds the value of its quantity."""
-_WITHIN = re.compile(r"within ([0-9.]+) ?%")
+_WITHIN = re.compile(r"within ([0-9]+(?:\.[0-9]+)?) ?%")
+_MOST_LETTERS = 80
+"""Of what somebody wrote, in an error."""
+_NO_TEST = "is neither equal, within N %, at least, at most, in the interval, nor a function in figures.py"
 
 
 class Estimate(NamedTuple):
@@ -59,6 +69,47 @@ class Estimate(NamedTuple):
             return "-"
         spread = self.half > 1e-12 * abs(self.mean)  # NaN for a single run; less is the rounding of the sum
         return f"{self.mean:.4g} ± {self.half:.2g}" if spread else f"{self.mean:.4g}"
+
+
+class Claim(Settings):
+    """A row of published.csv."""
+
+    id: str = Field(min_length=1, max_length=_MOST_LETTERS)
+    paper: str
+    section: str
+    claim: str
+    quantity: str
+    where: str
+    unit: str
+    test: str
+    published: str
+    place: str = "published.csv"
+    """Where it stands, for errors."""
+
+    @field_validator("test")
+    @classmethod
+    def _known(cls, test: str) -> str:
+        if not (_compares(test) or test.isidentifier()):
+            raise ValueError(_NO_TEST)
+        return test
+
+    @field_validator("published")
+    @classmethod
+    def _finite(cls, published: str, info: ValidationInfo) -> str:
+        test = info.data.get("test", "")
+        if _compares(test):
+            try:
+                finite = math.isfinite(float(published))
+            except ValueError:
+                finite = False
+            if not finite:
+                raise ValueError(f"is not a finite number, which the test {test!r} compares ours with")
+        return published
+
+
+def _compares(test: str) -> bool:
+    """Return whether *test* holds ours against a printed number; if not, a function in figures.py decides."""
+    return test in ("equal", "at least", "at most", "in the interval") or _WITHIN.fullmatch(test) is not None
 
 
 class Verdict(NamedTuple):
@@ -121,26 +172,26 @@ def report(folder: Path) -> Report:
     told = store.description()
     runs, seen = store.present(), store.present("observations")
     good = runs[runs["status"] == "done"]
-    axes = [axis for axis in told["axes"] if axis in runs or axis in seen]
-    name = told["experiment"]
+    axes = [axis for axis in told.axes if axis in runs or axis in seen]
+    name = told.experiment
     source = _source_folder(told)
     figures = _figures_module(source)
-    verdicts = [judge(claim, good, seen, figures) for claim in _published(source)]
+    verdicts = [judge(claim, good, seen, figures) for claim in published_claims(source)]
     made = Report(name, {}, verdicts, failures=len(runs) - len(good))
     for title, frame, fixed in ((f"{name}, runs", good, FIXED), (f"{name}, observations", seen, OBSERVATION_FIXED)):
-        metrics = _metrics(frame, axes, [each.name for each in fixed], told["report"]["metrics"])
+        metrics = _metrics(frame, axes, [each.name for each in fixed], told.report.metrics)
         if metrics:
             kinds = [column for column in frame if not pd.api.types.is_numeric_dtype(frame[column])]
             by = [*axes, *(str(column) for column in kinds if column not in {*axes, *_fixed()})]
             made.tables[f"{title}: mean ± half of the 95 % confidence interval"] = _shown(estimates(frame, by, metrics))
-            drawn = [metric for metric in told["report"].get("figures", ()) if metric in metrics] or metrics
-            x, panel = told["report"]["x"], told["report"].get("panel")
+            drawn = [metric for metric in told.report.figures if metric in metrics] or metrics
+            x, panel = told.report.x, told.report.panel
             known = [metric for metric in drawn if frame[metric].notna().any()]
             made.figures += [draw(frame, axes, metric, x, folder, panel) for metric in known]
-    if figures is not None and hasattr(figures, "tables"):
-        made.tables |= figures.tables(good, seen)
-    if figures is not None and hasattr(figures, "draw"):
-        made.figures += figures.draw(good, seen, folder)
+    if hasattr(figures, "tables"):
+        made.tables |= _asked(figures, "tables", good, seen)
+    if hasattr(figures, "draw"):
+        made.figures += _asked(figures, "draw", good, seen, folder)
     return made
 
 
@@ -207,15 +258,108 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 # ---------------------------------------------------------------- claims
 
 
-def _source_folder(told: dict[str, Any]) -> Path | None:
+def _source_folder(told: SweepDescription) -> Path | None:
     """Return the experiment's folder: where it was when it was run, or where the installed one of its name is.
 
     A sweep of another name in the folder answers other questions: the claims there are not about it.
     """
-    source = Path(told["source"])
+    source = Path(told.source)
     if source.name != "sweep.yaml":
         return None
-    return source.parent if source.parent.is_dir() else experiment_folders().get(told["experiment"])
+    return source.parent if os.path.isdir(source.parent) else experiment_folders().get(told.experiment)
+
+
+def published_claims(folder: Path | None) -> list[Claim]:
+    """Return the rows of the published.csv in *folder*, if there is one; raise UserError for one that is wrong."""
+    path = folder / "published.csv" if folder else None
+    if path is None or not path.is_file():
+        return []
+    rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
+    claims = []
+    try:
+        for row in rows:
+            place = f"{path}: line {rows.line_num}"
+            if set(row) != set(_COLUMNS) or None in row.values():
+                raise UserError(f"{place}: expected the columns {', '.join(_COLUMNS)}")
+            claims.append(validated(Claim, row | {"place": place}, place))
+    except csv.Error as error:
+        raise UserError(f"{path}: line {rows.line_num}: is not CSV: {error}") from None
+    return claims
+
+
+def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleType | None) -> Verdict:
+    """Return our answer to *claim*; raise UserError if it cannot be held against anything."""
+    published = f"{claim.published} {claim.unit.removeprefix('1')}".strip()
+    function = None if _compares(claim.test) else claim.test
+    if function is not None and not callable(getattr(figures, function, None)):
+        raise UserError(f"{claim.place}: {claim.id}: test: {_short(repr(function))} {_NO_TEST}")
+    if runs.empty:
+        return Verdict(claim.id, claim.claim, published, "-", "no data")
+    if function is not None:
+        ours, holds = _asked(figures, function, runs, seen)
+        undecided = "no data" if ours == "-" else "open"
+        word = undecided if holds is None else "holds" if holds else "fails"
+        return Verdict(claim.id, claim.claim, published, str(ours), word)
+    rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
+    if rows is None or rows.empty or rows[ANSWER].isna().all():
+        return Verdict(claim.id, claim.claim, published, "-", "no data")
+    found = estimate(rows[ANSWER], _seeds_of(rows))
+    holds = _passes(claim, rows[ANSWER], found)
+    word = "open" if holds is None else "holds" if holds else "fails"
+    return Verdict(claim.id, claim.claim, published, str(found), word)
+
+
+def _rows(frame: pd.DataFrame, claim: Claim) -> pd.DataFrame | None:
+    """Return the rows that *claim* is about, its quantity in the column ANSWER; None if *frame* does not hold that."""
+    if not claim.quantity or frame.empty:
+        return None
+    try:
+        answer = _evaluated(frame, claim, "quantity").astype(float)
+    except pd.errors.UndefinedVariableError:
+        return None
+    return frame.assign(**{ANSWER: answer})[_evaluated(frame, claim, "where") if claim.where else slice(None)]
+
+
+def _evaluated(frame: pd.DataFrame, claim: Claim, column: str) -> "pd.Series[Any]":
+    """Return what the expression in *column* of *claim* gives for each row: numbers, or for ``where`` truth values.
+
+    Raise UndefinedVariableError for a quantity that names no column, UserError for all else that is wrong with it.
+    """
+    expression = getattr(claim, column)
+    try:  # nothing of this program is to be seen from the expression
+        found: Any = frame[expression] if expression in frame else frame.eval(expression, local_dict={}, global_dict={})
+        if not isinstance(found, pd.Series) or not found.index.equals(frame.index):
+            raise TypeError("gives no value for each row")
+        if column == "where" and not pd.api.types.is_bool_dtype(found):
+            raise TypeError("is neither true nor false of each row")
+        return found if column == "where" else found.astype(float)
+    except Exception as error:  # what is wrong with an expression pandas tells by exceptions of a dozen classes
+        if column == "quantity" and isinstance(error, pd.errors.UndefinedVariableError):
+            raise
+        raise UserError(
+            f"{claim.place}: {claim.id}: {column}: {_short(repr(expression))}: {_short(error) or type(error).__name__}"
+        ) from None
+
+
+def _passes(claim: Claim, values: "pd.Series[float]", found: Estimate) -> bool | None:
+    published, mean, test = float(claim.published), found.mean, claim.test
+    within = _WITHIN.fullmatch(test)
+    if within:
+        return abs(mean - published) <= abs(published) * float(within[1]) / 100
+    if test == "in the interval":
+        return None if math.isnan(found.half) else abs(mean - published) <= found.half
+    if test == "equal":
+        return bool(np.isclose(values.to_numpy(dtype=float), published, rtol=1e-12, atol=0).all())
+    return mean >= published if test == "at least" else mean <= published
+
+
+def _short(text: object) -> str:
+    """Return *text* in one line of not too many letters."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= _MOST_LETTERS else f"{line[: _MOST_LETTERS - 3]}..."
+
+
+# ---------------------------------------------------------------- an experiment's figures.py
 
 
 def _figures_module(folder: Path | None) -> ModuleType | None:
@@ -226,77 +370,42 @@ def _figures_module(folder: Path | None) -> ModuleType | None:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    with _blamed(str(path)):
+        spec.loader.exec_module(module)
     return module
 
 
-def _published(folder: Path | None) -> list[dict[str, str]]:
-    path = folder / "published.csv" if folder else None
-    if path is None or not path.is_file():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    for number, row in enumerate(rows, start=2):
-        if set(row) != set(_COLUMNS) or None in row.values():
-            raise UserError(f"{path}: line {number}: expected the columns {', '.join(_COLUMNS)}")
-    return rows
+def _asked(figures: ModuleType | None, name: str, *arguments: Any) -> Any:
+    """Return what the function *name* in *figures* answers; raise UserError if it fails, or answers something else."""
+    path = getattr(figures, "__file__", None) or "figures.py"
+    with _blamed(path, f"{name}: "):
+        answer = getattr(figures, name)(*arguments)
+    if name == "tables":
+        expected = "a dict of titles and tables"
+        right = isinstance(answer, dict) and all(isinstance(table, pd.DataFrame) for table in answer.values())
+    elif name == "draw":
+        expected = "a list of paths"
+        right = isinstance(answer, list) and all(isinstance(path, Path) for path in answer)
+    else:
+        expected = "(ours, whether the claim holds or None)"
+        right = isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], bool | np.bool_ | None)
+    if not right:
+        raise UserError(f"{path}: {name}: answers {_short(repr(answer))}, expected {expected}")
+    return answer
 
 
-def judge(claim: dict[str, str], runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleType | None) -> Verdict:
-    """Return our answer to *claim*, a row of published.csv."""
-    published = f"{claim['published']} {claim['unit'].removeprefix('1')}".strip()
-    function = (
-        getattr(figures, claim["test"], None) if claim["test"].isidentifier() and claim["test"] != "equal" else None
-    )
-    if runs.empty:
-        return Verdict(claim["id"], claim["claim"], published, "-", "no data")
-    if function is not None:
-        ours, holds = function(runs, seen)
-        undecided = "no data" if ours == "-" else "open"
-        word = undecided if holds is None else "holds" if holds else "fails"
-        return Verdict(claim["id"], claim["claim"], published, str(ours), word)
-    rows = next((rows for rows in (_rows(each, claim) for each in (runs, seen)) if rows is not None), None)
-    if rows is None or rows.empty or rows[ANSWER].isna().all():
-        return Verdict(claim["id"], claim["claim"], published, "-", "no data")
-    found = estimate(rows[ANSWER], _seeds_of(rows))
-    holds = _passes(claim, rows[ANSWER], found)
-    word = "open" if holds is None else "holds" if holds else "fails"
-    return Verdict(claim["id"], claim["claim"], published, str(found), word)
-
-
-def _rows(frame: pd.DataFrame, claim: dict[str, str]) -> pd.DataFrame | None:
-    """Return the rows that *claim* is about, its quantity in the column ANSWER; None if *frame* does not hold that."""
-    quantity, where = claim["quantity"], claim["where"]
-    if not quantity or frame.empty:
-        return None
+@contextmanager
+def _blamed(path: str, name: str = "") -> Iterator[None]:
+    """Tell in one line with the place in the file *path* what goes wrong in it; the cause has the whole traceback."""
     try:
-        answer: Any = frame[quantity] if quantity in frame else frame.eval(quantity)
-    except pd.errors.UndefinedVariableError:
-        return None
-    except (SyntaxError, TypeError, ValueError) as error:
-        raise UserError(f"published.csv: {claim['id']}: quantity: {quantity!r}: {error}") from None
-    frame = frame.assign(**{ANSWER: answer.astype(float)})
-    try:
-        return frame.query(where) if where else frame
-    except (pd.errors.UndefinedVariableError, SyntaxError) as error:
-        raise UserError(f"published.csv: {claim['id']}: where: {where!r}: {error}") from None
-
-
-def _passes(claim: dict[str, str], values: "pd.Series[float]", found: Estimate) -> bool | None:
-    published, mean, test = float(claim["published"]), found.mean, claim["test"]
-    within = _WITHIN.fullmatch(test)
-    if within:
-        return abs(mean - published) <= abs(published) * float(within[1]) / 100
-    if test == "in the interval":
-        return None if math.isnan(found.half) else abs(mean - published) <= found.half
-    if test == "equal":
-        return bool(np.isclose(values.to_numpy(dtype=float), published, rtol=1e-12, atol=0).all())
-    if test in ("at least", "at most"):
-        return mean >= published if test == "at least" else mean <= published
-    raise UserError(
-        f"published.csv: {claim['id']}: test: {test!r} is neither equal, within N %, at least, at most, "
-        "in the interval, nor a function in figures.py"
-    )
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
+        where = f"{path}: line {line}" if line else path
+        raise UserError(f"{where}: {name}{type(error).__name__}: {_short(error)}") from error
 
 
 # ---------------------------------------------------------------- figures

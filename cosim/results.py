@@ -1,34 +1,51 @@
 """What sweeps keep: two tables of Parquet parts in one folder, written whole, so that nothing finished is ever lost.
 
     FOLDER/sweep.json                     what the last sweep into this folder was
-    FOLDER/runs/part-00000-1f0c9a2b.parquet          a row a run: axes, seed, digests, status, metrics
-    FOLDER/observations/part-00000-1f0c9a2b.parquet  a row for each thing that a run counts more than once
+    FOLDER/runs/part-00000-RUNS-OBSERVATIONS.parquet          a row a run: axes, seed, digests, status, metrics
+    FOLDER/observations/part-00000-RUNS-OBSERVATIONS.parquet  a row for each thing that a run counts more than once
 
-A part is one batch of finished runs and one row group. The observations of a batch are renamed into place before its
-runs: a run whose row is there is there whole, and observations without runs (the process was killed in between) are
-ignored and cleared away. A sweep resumes by the difference of sets: what is to run, without the keys (configuration
+A part is one batch of finished runs and one row group. Its name tells the digests of the bytes of both files (of one,
+where nothing was observed): a damaged part is noticed. (Parquet's own check sums leave out the schema and the metadata,
+four fifths of a small part.) The observations of a batch are renamed into place before its runs: a run whose row is
+there is there whole. Observations without runs (the process was killed in between) and runs whose observations are gone
+are ignored and cleared away. A sweep resumes by the difference of sets: what is to run, without the keys (configuration
 digest, seed, code digest) that are there.
 """
 
-import fcntl
 import hashlib
 import importlib.util
+import io
 import json
 import os
+import re
 import subprocess
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+from pydantic import Field as Setting
 
 from cosim import __version__
+from cosim.documents import validated
 from cosim.errors import UserError
 from cosim.protocol import Metric
-from cosim.trace import Field, write_parquet
+from cosim.settings import Settings
+from cosim.trace import Field, drafted
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,6 +81,42 @@ OBSERVATION_FIXED: Final = (*KEY, Field("replicate", "int", "", "number of the r
 PACKAGES: Final = ("cosim", "protocols", "experiments")
 _LIBRARIES: Final = ("simpy", "numpy", "numba", "scipy", "shapely", "networkx", "pydantic", "pyarrow")
 
+_PART: Final = re.compile(r"part-\d+-([0-9a-f]{16})(?:-([0-9a-f]{16}))?\.parquet")
+"""The name of a part: the digests of its runs and of its observations. Older parts tell none."""
+
+
+class ReportSettings(Settings):
+    """What the report shows first."""
+
+    metrics: tuple[str, ...] = Setting(default=(), description="columns of the table; all, if none are named")
+    figures: tuple[str, ...] = Setting(default=(), description="those of them to draw; all, if none are named")
+    x: str | None = Setting(
+        default=None, description="the axis along the figures; the first one with numbers, if not named"
+    )
+    panel: str | None = Setting(default=None, description="the axis whose values get a panel each")
+
+
+class AxisDescription(Settings):
+    """An axis in a sweep.json."""
+
+    path: str
+    values: tuple[str | int | float | bool, ...]
+
+
+class SweepDescription(Settings):
+    """A sweep.json: what the last sweep into a folder was."""
+
+    experiment: str
+    about: str = ""
+    source: str
+    """The sweep.yaml."""
+    axes: dict[str, AxisDescription]
+    replicates: int = Setting(ge=1)
+    report: ReportSettings
+    configurations: tuple[str, ...]
+    """Of the arms, in the order of the axes."""
+    code: str
+
 
 class RunStore:
     """The results in one folder: ``writing`` creates it, empty tables and all, and reading creates nothing."""
@@ -78,8 +131,8 @@ class RunStore:
             (self.folder / table).mkdir(parents=True, exist_ok=True)
         lock = os.open(self.folder / ".lock", os.O_CREAT | os.O_RDWR, 0o644)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            _lock(lock)
+        except (BlockingIOError, PermissionError):  # by POSIX, by Windows
             raise UserError(f"{self.folder}: another sweep is writing there, expected a folder of its own") from None
         else:
             self._tidy()
@@ -90,63 +143,60 @@ class RunStore:
     def done(self) -> set[Key]:
         """Return the keys of all rows that are there."""
         names = [field.name for field in KEY]
-        tables = [self._whole(pq.read_table, part, columns=names) for part in self._parts("runs")]
+        tables = [self._table(part, names) for part in self._whole()]
         return {(row["configuration"], row["seed"], row["code"]) for table in tables for row in table.to_pylist()}
 
     def append(
         self, runs: Sequence[Row], observations: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]
     ) -> None:
         """Write a batch of finished *runs* and their *observations*; *fields* describe the columns beside the fixed."""
-        name = f"part-{len(self._parts('runs')):05}-{_short_digest(runs)}.parquet"
-        if observations:
-            write_parquet(
-                _table(observations, (*OBSERVATION_FIXED, *fields), metadata), self.folder / "observations" / name
-            )
-        write_parquet(_table(runs, (*FIXED, *fields), metadata), self.folder / "runs" / name)
+        files = {"runs": _parquet(runs, (*FIXED, *fields), metadata)}
+        if observations:  # first: see above
+            files = {"observations": _parquet(observations, (*OBSERVATION_FIXED, *fields), metadata)} | files
+        digests = "-".join(_digest(files[table]) for table in ("runs", "observations") if table in files)
+        name = f"part-{len(self._parts('runs')):05}-{digests}.parquet"
+        for table, data in files.items():
+            with drafted(self.folder / table / name) as draft:
+                draft.write_bytes(data)
 
-    def describe(self, description: Mapping[str, Any]) -> None:
+    def describe(self, description: SweepDescription) -> None:
         """Write down what the present sweep is."""
-        path = self.folder / "sweep.json"
-        draft = path.with_name(f".{path.name}.part")
-        try:
-            draft.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
-            draft.replace(path)
-        except BaseException:
-            draft.unlink(missing_ok=True)
-            raise
+        with drafted(self.folder / "sweep.json") as draft:
+            draft.write_text(json.dumps(description.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
 
-    def description(self) -> dict[str, Any]:
+    def description(self) -> SweepDescription:
         """Return what the last sweep into this folder was; raise UserError if this is no such folder."""
         path = self.folder / "sweep.json"
         try:
-            return dict(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError):
+            plain = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
             raise UserError(
                 f"{self.folder}: holds no results, expected a folder that cosim sweep has written"
             ) from None
+        return validated(SweepDescription, plain, str(path))
 
     def read(self, table: str = "runs") -> "pd.DataFrame":
         """Return all rows of *table* (``runs`` or ``observations``), of older configurations and code too.
 
         Raise UserError for a part that is damaged, as ``done`` and ``units`` do.
         """
-        import pandas as pd  # it takes long to load, and who makes runs writes without it
-
-        whole = {part.name for part in self._parts("runs")}
-        parts = [self._whole(pq.read_table, part) for part in self._parts(table) if part.name in whole]
-        if not parts:
-            return pd.DataFrame(columns=[field.name for field in (FIXED if table == "runs" else OBSERVATION_FIXED)])
-        frame: pd.DataFrame = pa.concat_tables(parts, promote_options="permissive").to_pandas()
-        return frame
+        return self._joined(table, lambda part: part)
 
     def present(self, table: str = "runs") -> "pd.DataFrame":
         """Return the rows of *table* that belong to the last sweep into this folder, in the order of its axes."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
         told = self.description()
-        frame = self.read(table)
-        wanted = frame["configuration"].isin(told["configurations"]) & (frame["code"] == told["code"])
-        wanted &= frame["replicate"] < told["replicates"]
-        ranks = {digest: rank for rank, digest in enumerate(told["configurations"])}
-        rows = frame[wanted].assign(_rank=frame["configuration"].map(ranks))
+        arms = pa.array(told.configurations, pa.string())
+
+        def belonging(part: Any) -> Any:
+            ours = pc.and_(pc.is_in(part["configuration"], arms), pc.equal(part["code"], told.code))
+            return part.filter(pc.and_(ours, pc.less(part["replicate"], told.replicates)))
+
+        frame = self._joined(table, belonging)
+        ranks = {digest: rank for rank, digest in enumerate(told.configurations)}
+        rows = frame.assign(_rank=frame["configuration"].map(ranks))
         ordered: pd.DataFrame = (
             rows.sort_values(["_rank", "replicate"], kind="stable").drop(columns="_rank").reset_index(drop=True)
         )
@@ -154,15 +204,41 @@ class RunStore:
 
     def units(self) -> dict[str, tuple[str, str]]:
         """Return (unit, meaning) of every column of ``runs``."""
-        schemas = [self._whole(pq.read_schema, part) for part in self._parts("runs")]
+        schemas = [self._table(part).schema for part in self._whole()]
         described = [(field.name, field.metadata or {}) for schema in schemas for field in schema]
         return {name: (each.get(b"unit", b"").decode(), each.get(b"meaning", b"").decode()) for name, each in described}
 
-    def _whole(self, read: Callable[..., Any], part: Path, **how: Any) -> Any:
-        """Return what *read* finds in *part*; raise UserError if that is damaged."""
+    def _joined(self, table: str, chosen: Callable[[Any], Any]) -> "pd.DataFrame":
+        """Return the rows of all parts of *table* that *chosen* leaves of each."""
+        import pandas as pd
+        import pyarrow as pa
+
+        names = {part.name for part in self._whole()}
+        fixed = [field.name for field in (FIXED if table == "runs" else OBSERVATION_FIXED)]
         try:
-            return read(part, **how)
-        except (pa.ArrowException, OSError) as error:
+            tables = [chosen(self._table(part)) for part in self._parts(table) if part.name in names]
+            tables = [each for each in tables if each.num_rows] or tables[:1]
+            joined = pa.concat_tables(tables, promote_options="permissive") if tables else None
+        except (pa.ArrowException, KeyError) as error:  # older parts in which other things went by the same names
+            raise UserError(
+                f"{self.folder / table}: the parts do not fit together, expected a folder for each sweep: {error}"
+            ) from None
+        return pd.DataFrame(columns=fixed) if joined is None else joined.to_pandas()
+
+    def _table(self, part: Path, columns: Sequence[str] | None = None) -> Any:
+        """Return the table in *part*; raise UserError if that is damaged."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        data = part.read_bytes()
+        name = _PART.fullmatch(part.name)
+        digest = name and name[1 if part.parent.name == "runs" else 2]
+        try:
+            if digest in (None, _digest(data)):
+                table = pq.read_table(io.BytesIO(data), columns=columns)
+                if table.column_names:
+                    return table
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
                 raise
         runs = self.folder / "runs" / part.name  # the next sweep clears away observations without runs
@@ -171,13 +247,19 @@ class RunStore:
         ) from None
 
     def _parts(self, table: str) -> list[Path]:
-        return sorted((self.folder / table).glob("part-*.parquet"))
+        return sorted(part for part in (self.folder / table).glob("part-*.parquet") if part.is_file())
+
+    def _whole(self) -> list[Path]:
+        """Return the parts of ``runs`` whose observations are there, if they had any."""
+        there = {part.name for part in self._parts("observations")}
+        names = [(part, _PART.fullmatch(part.name)) for part in self._parts("runs")]
+        return [part for part, name in names if not (name and name[2]) or part.name in there]
 
     def _tidy(self) -> None:
-        whole = {part.name for part in self._parts("runs")}
+        whole = {part.name for part in self._whole()}
         drafts = [draft for table in (".", "runs", "observations") for draft in (self.folder / table).glob(".*.part")]
-        orphans = [part for part in self._parts("observations") if part.name not in whole]
-        for path in (*drafts, *orphans):
+        halves = [part for table in ("runs", "observations") for part in self._parts(table) if part.name not in whole]
+        for path in (*drafts, *halves):
             path.unlink()
 
 
@@ -186,10 +268,12 @@ def metric_fields(metrics: Iterable[Metric]) -> list[Field]:
     return [Field(metric.name, "float", metric.unit, metric.meaning, optional=True) for metric in metrics]
 
 
-_TYPES: Final = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_(), "null": pa.null()}
+def _parquet(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]) -> bytes:
+    """Return *rows* as a Parquet file; *fields* describe their columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-
-def _table(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, str]) -> Any:
+    types = {"int": pa.int64(), "float": pa.float64(), "str": pa.string(), "bool": pa.bool_(), "null": pa.null()}
     described = {field.name: field for field in fields}
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns, schema = [], []
@@ -197,9 +281,11 @@ def _table(rows: Sequence[Row], fields: Sequence[Field], metadata: Mapping[str, 
         values = [row.get(name) for row in rows]
         field = described.get(name) or Field(name, kind_of(values), "", "", optional=True)
         notes = {"unit": field.unit, "meaning": field.meaning}
-        columns.append(pa.array(values, type=_TYPES[field.kind]))
-        schema.append(pa.field(name, _TYPES[field.kind], field.optional, notes))
-    return pa.table(columns, schema=pa.schema(schema, dict(metadata)))
+        columns.append(pa.array(values, type=types[field.kind]))
+        schema.append(pa.field(name, types[field.kind], field.optional, notes))
+    file = io.BytesIO()
+    pq.write_table(pa.table(columns, schema=pa.schema(schema, dict(metadata))), file)
+    return file.getvalue()
 
 
 def kind_of(values: Iterable[Any]) -> Any:
@@ -212,8 +298,8 @@ def kind_of(values: Iterable[Any]) -> Any:
     return "bool" if kinds == {bool} else "str"
 
 
-def _short_digest(rows: Sequence[Row]) -> str:
-    return hashlib.sha256(json.dumps(rows, sort_keys=True, default=str).encode()).hexdigest()[:8]
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
 
 
 # ---------------------------------------------------------------- where results come from
@@ -248,8 +334,12 @@ def _sources(name: str) -> list[tuple[Path, Path]]:
 
 def provenance() -> dict[str, str]:
     """Return the versions of the libraries and the commit of the sources, for the metadata of files."""
-    versions = {"cosim": __version__} | {name: _version(name) for name in _LIBRARIES}
-    return {f"version.{name}": version for name, version in versions.items()} | {"commit": _commit()}
+    return {f"version.{name}": version for name, version in versions().items()} | {"commit": _commit()}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the program and of the libraries that decide results; empty where one is not there."""
+    return {"cosim": __version__} | {name: _version(name) for name in _LIBRARIES}
 
 
 def _version(name: str) -> str:

@@ -11,17 +11,29 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import closing
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple, TypeAlias
 
 from cosim.errors import UserError
 from cosim.experiment import Arm, Experiment, find_function
-from cosim.results import PACKAGES, Row, RunStore, code_digest, kind_of, metric_fields, provenance
+from cosim.installed import check_libraries
+from cosim.results import (
+    PACKAGES,
+    AxisDescription,
+    Row,
+    RunStore,
+    SweepDescription,
+    code_digest,
+    kind_of,
+    metric_fields,
+    provenance,
+    versions,
+)
 from cosim.scenario import digest
 from cosim.simulation import Simulation, simulate
 from cosim.trace import Field
@@ -31,6 +43,11 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 BATCH_S = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
+
+CLUSTER_NEEDS = ("distributed>=2024.8",)
+"""The extra ``cluster`` of pyproject.toml."""
+CLUSTER_WAIT_S = 10.0
+"""Patience with a Dask scheduler that does not answer, and with one that has no worker."""
 
 
 class Task(NamedTuple):
@@ -234,19 +251,20 @@ def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
     return tuple(f"{_named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
 
 
-def _description(experiment: Experiment, code: str) -> dict[str, Any]:
-    return {
-        "experiment": experiment.name,
-        "about": experiment.settings.about,
-        "source": str(experiment.source.resolve()),
-        "axes": {
-            axis.name: {"path": axis.path, "values": [label for label, _ in axis.values]} for axis in experiment.axes
+def _description(experiment: Experiment, code: str) -> SweepDescription:
+    return SweepDescription(
+        experiment=experiment.name,
+        about=experiment.settings.about,
+        source=str(experiment.source.resolve()),
+        axes={
+            axis.name: AxisDescription(path=axis.path, values=tuple(label for label, _ in axis.values))
+            for axis in experiment.axes
         },
-        "replicates": experiment.replicates,
-        "report": experiment.settings.report.model_dump(mode="json"),
-        "configurations": [arm.configuration for arm in experiment.arms],
-        "code": code,
-    }
+        replicates=experiment.replicates,
+        report=experiment.settings.report,
+        configurations=tuple(arm.configuration for arm in experiment.arms),
+        code=code,
+    )
 
 
 def _packages(experiment: Experiment) -> set[str]:
@@ -268,7 +286,7 @@ def _package(module: str) -> str:
 def _finished(todo: Sequence[Task], jobs: int | None, executor: Executor | None) -> Generator[Finished, None, None]:
     workers = min(jobs or os.cpu_count() or 1, len(todo))
     if executor is not None:
-        yield from _from(executor, todo)
+        yield from _from(executor, [_anywhere(task) for task in todo])
     elif workers <= 1:
         yield from map(execute, todo)
     else:
@@ -301,6 +319,14 @@ def _from(executor: Executor, todo: Sequence[Task], cancel: bool = True) -> Gene
             future.cancel()
 
 
+def _anywhere(task: Task) -> Task:
+    """Return *task* with the folder of its maps in full: a process elsewhere stands in another one."""
+    scenario = task.arm.scenario
+    if scenario is None:
+        return task
+    return task._replace(arm=replace(task.arm, scenario=scenario.placed(scenario.folder.resolve())))
+
+
 def _begin_worker() -> None:
     """Set a worker up: what its imports have made is not looked through again whenever garbage is collected (5 %)."""
     gc.freeze()
@@ -318,3 +344,54 @@ def _die_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+# ---------------------------------------------------------------- many machines
+
+
+@contextmanager
+def cluster(address: str, experiment: Experiment) -> Iterator[Executor]:
+    """Give an executor on the workers of the Dask scheduler at *address*, for the runs of *experiment*.
+
+    Raise UserError if the extra is not installed, nobody answers, there is no worker, or one of them has other code or
+    libraries than this process; ChildProcessError if the cluster loses a run.
+    """
+    check_libraries("sweeps on a cluster", CLUSTER_NEEDS)
+    from distributed import Client, KilledWorker
+    from distributed.comm import resolve_address
+
+    try:
+        resolve_address(address)  # a client that never had an address does not close
+        client = Client(address, timeout=CLUSTER_WAIT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UserError(f"--dask {address}: no Dask scheduler answers there: {error}") from None
+    with client:
+        try:
+            client.wait_for_workers(1, CLUSTER_WAIT_S)
+        except TimeoutError:
+            raise UserError(f"--dask {address}: the scheduler has no worker, expected one at least") from None
+        packages = sorted(_packages(experiment))
+        ours = _makings(packages)
+        for worker, theirs in client.run(_makings, packages, on_error="return").items():
+            _check_worker(f"--dask {address}: worker {worker}", ours, theirs)
+        try:
+            yield client.get_executor(pure=False)
+        except KilledWorker as error:
+            raise ChildProcessError(
+                f"--dask {address}: several workers died in a run, at last {error.last_worker.address}"
+            ) from None
+        except CancelledError:
+            raise ChildProcessError(f"--dask {address}: the scheduler has gone") from None
+
+
+def _makings(packages: Sequence[str]) -> dict[str, str]:
+    """Return what beside the settings decides results here: versions of libraries, digests of the sources."""
+    return versions() | {f"the sources of {name}": code_digest([name]) for name in packages}
+
+
+def _check_worker(worker: str, ours: Mapping[str, str], theirs: Mapping[str, str] | BaseException) -> None:
+    if isinstance(theirs, BaseException):
+        raise UserError(f"{worker}: cosim cannot be used there: {type(theirs).__name__}: {theirs}")
+    other = [name for name, value in ours.items() if theirs.get(name) != value]
+    if other:
+        raise UserError(f"{worker}: has others than this computer: {', '.join(other)}; expected the same installation")

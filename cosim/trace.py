@@ -11,7 +11,8 @@ import dataclasses
 import hashlib
 import os
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import repeat
 from operator import itemgetter
 from pathlib import Path
@@ -200,12 +201,16 @@ class Trace:
         return {field.name: list(column) for field, column in zip(fields, self._columns[name], strict=True)}
 
     def arrow(self, name: str, metadata: Mapping[str, str] | None = None) -> Any:
-        """Return the table *name* as a pyarrow table, with units and meanings as metadata of its fields."""
+        """Return the table *name* as a pyarrow table, with units and meanings as metadata of its fields.
+
+        Its rows are in the order of time; those of one instant keep the order in which they were appended.
+        """
         import pyarrow as pa
 
         fields = self.tables[name].fields
         arrays = [pa.array(c, type=_ARROW[f.kind]) for f, c in zip(fields, self._columns[name], strict=True)]
-        return pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
+        table = pa.table(arrays, schema=pa.schema([_arrow_field(field) for field in fields], dict(metadata or {})))
+        return table.sort_by(_TIME.name)  # a stable sort; a frame is appended when it ends and tells when it began
 
     def digest(self, names: Iterable[str] | None = None) -> str:
         """Return a SHA-256 of the rows of the tables *names* (default: all), by (time, table, source, sequence)."""
@@ -263,12 +268,21 @@ class StoredTable:
 
 
 def write_parquet(table: Any, path: Path) -> None:
-    """Write *table* to *path* whole: to a draft beside it, then renamed; nobody ever reads half a file."""
+    """Write *table* to *path* whole: nobody ever reads half a file."""
     import pyarrow.parquet as pq
 
+    with drafted(path) as draft:
+        pq.write_table(table, draft)
+
+
+@contextmanager
+def drafted(path: Path) -> Iterator[Path]:
+    """Give the path of a draft beside *path*, which takes its place when it is written and on the disk."""
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        pq.write_table(table, draft)
+        yield draft
+        with draft.open("rb+") as file:
+            os.fsync(file.fileno())  # a rename may reach the disk before what was written: 5 ms
         draft.replace(path)
     except BaseException:
         draft.unlink(missing_ok=True)

@@ -245,7 +245,7 @@ def test_alternatives_have_the_arms_of_every_claim(name: str):
         for at in range(2)
     ).assign(completed=1.0)
     found = alternatives.verdicts(runs, name)
-    assert list(found.index) == [claim["id"] for claim in claims(name)]
+    assert list(found.index) == [claim.id for claim in claims(name)]
     assert "no data" not in set(found.to_numpy().ravel())
 
 

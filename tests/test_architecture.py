@@ -41,6 +41,8 @@ OWNERS = {
     "starlette": {"web"},
     "uvicorn": {"web"},
     "websockets": {"web"},
+    "dask": {"sweep"},
+    "distributed": {"sweep"},
     "random": set(),
     "time": {"sweep", "results", "web", "cli"},
     "datetime": {"sweep", "results", "cli"},

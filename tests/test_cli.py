@@ -244,6 +244,10 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
         (("run", "depot.yaml", "--sed", "1"), "No such option '--sed'. (Did you mean"),
         (("run", "depot.yaml", "--seed", "-1"), "Invalid value for '--seed': -1 is not in the range x>=0."),
         (("sweep", "sweep.yaml", "--jobs", "0"), "Invalid value for '--jobs': 0 is not in the range x>=1."),
+        (
+            ("sweep", "sweep.yaml", "--jobs", "1", "--dask", "a:1"),
+            "--jobs: is for processes of this computer, not beside",
+        ),
         (("sweep", "sweep.yaml", "--set", "sise=3"), "--set sise=3: there is no sise, did you mean size?"),
         (("sweep", "depot.yaml"), "depot.yaml: duration_s: 10 is not expected here: there is no such key"),
         (("view", "nowhere.yaml"), "nowhere.yaml: is neither a file nor an experiment"),

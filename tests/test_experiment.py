@@ -7,8 +7,17 @@ from pathlib import Path
 import pytest
 import yaml
 
+from cosim.documents import read_yaml
 from cosim.errors import UserError
-from cosim.experiment import base_scenario, experiment_folders, find_experiment, find_playbook, load_experiment
+from cosim.experiment import (
+    base_scenario,
+    experiment_folders,
+    find_experiment,
+    find_function,
+    find_playbook,
+    is_experiment,
+    load_experiment,
+)
 
 DATA = Path(__file__).parent / "data"
 SCENARIO = {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}}
@@ -187,6 +196,42 @@ def test_parameters_of_a_function_without_a_model_are_plain_data(change: dict[st
 )
 def test_a_wrong_experiment_is_told_in_one_line(change: dict[str, object], expected: str):
     assert complaint(SWEEP | change).startswith(expected)
+
+
+@pytest.mark.parametrize(
+    ("run", "expected"),
+    [
+        ("subprocess:Popen", "is of Python's own library, expected a function of an experiment"),
+        ("os.path:join", "is of Python's own library, expected a function of an experiment"),
+        ("yaml:safe_load", "is not marked with @experiment_function of cosim.experiment"),
+        ("delays:time", "is not marked with @experiment_function of cosim.experiment"),
+        ("unmarked:anything", "is not marked with @experiment_function of cosim.experiment"),
+        ("delays", "is not module:function"),
+        ("delays:", "is not module:function"),
+        ("..delays:metrics", "is not module:function"),
+        ("delays:metrics.__call__", "is not module:function"),
+        ("delays:nothing", "is not module:function: module 'delays' has no attribute 'nothing'"),
+    ],
+)
+def test_a_document_has_no_function_called_that_is_not_marked(folder: Path, run: str, expected: str):
+    (folder / "unmarked.py").write_text(
+        "def __getattr__(name):\n    return __import__('unittest.mock').mock.MagicMock()\n"
+    )
+    assert complaint({"run": run}) == f"sweep.yaml: run: {run!r} {expected}"
+
+
+def test_a_function_of_pythons_own_library_is_refused_without_importing_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.experiment.import_module", lambda name: pytest.fail(f"{name} was imported"))
+    assert complaint({"run": "antigravity:fly"}).startswith("sweep.yaml: run: 'antigravity:fly' is of Python's own")
+
+
+@pytest.mark.slow
+def test_the_functions_of_our_experiments_are_marked():
+    documents = sorted(path for folder in experiment_folders().values() for path in folder.glob("*.yaml"))
+    runs = [plain["run"] for plain in map(read_yaml, documents) if is_experiment(plain) and "run" in plain]
+    assert len(runs) > 20
+    for run in runs:
+        assert find_function(run, "").__module__ == run.partition(":")[0]
 
 
 def test_a_quick_axis_that_is_none_is_told():

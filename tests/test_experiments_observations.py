@@ -13,7 +13,7 @@ import yaml
 
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
-from cosim.report import estimate, estimates, judge
+from cosim.report import Claim, estimate, estimates, judge
 from cosim.results import RunStore
 from cosim.sweep import run_sweep
 from experiments.inquiry_time import discovery
@@ -21,9 +21,9 @@ from experiments.inquiry_time import discovery
 NOTHING = pd.DataFrame()
 
 
-def claim(**fields: str) -> dict[str, str]:
+def claim(**fields: str) -> Claim:
     base = {"id": "a", "paper": "P", "section": "", "claim": "it is so", "quantity": "delay_s", "where": ""}
-    return base | {"unit": "s", "published": "2", "test": "within 1 %"} | fields
+    return Claim.model_validate(base | {"unit": "s", "published": "2", "test": "within 1 %"} | fields)
 
 
 def observations(values: list[list[float]]) -> pd.DataFrame:

@@ -335,14 +335,14 @@ def test_a_run_with_nothing_chosen_is_the_run_of_the_scenario():
 
 @pytest.mark.parametrize("name", MODULES)
 def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: str):
-    claims = reports._published(EXPERIMENTS / name)
-    assert len({claim["id"] for claim in claims}) == len(claims) > 2
+    claims = reports.published_claims(EXPERIMENTS / name)
+    assert len({claim.id for claim in claims}) == len(claims) > 2
     module: Any = MODULES[name]
     for rows in (NOTHING, pd.DataFrame({"status": ["done"], "replicate": [0]})):
         assert {judge(claim, rows, NOTHING, module).verdict for claim in claims} == {"no data"}
         assert module.draw(rows, NOTHING, Path()) == []
     for claim in claims:
-        assert callable(getattr(module, claim["test"]))
+        assert callable(getattr(module, claim.test))
 
 
 # ---------------------------------------------------------------- sweeps

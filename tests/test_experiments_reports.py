@@ -75,7 +75,7 @@ def test_a_folder_in_which_all_runs_failed_is_reported(
 def test_claims_about_columns_that_are_not_there_have_no_data(rows: pd.DataFrame):
     nothing = pd.DataFrame()
     for name, module in (("messaging_delay", delay_figures), ("pseudonet_coverage", coverage_figures)):
-        claims = reports._published(experiment_folders()[name])
+        claims = reports.published_claims(experiment_folders()[name])
         assert {judge(claim, rows, nothing, module).verdict for claim in claims} == {"no data"}
     assert coverage_figures.tables(rows, nothing) == {}
     assert coverage_figures.draw(rows, nothing, Path()) == []
@@ -118,6 +118,6 @@ def test_a_first_look_at_coverage_has_intervals_and_both_channels_in_a_panel():
 
 @pytest.mark.parametrize("name", ["messaging_delay", "pseudonet_coverage"])
 def test_claims_speak_of_the_paper(name: str):
-    for row in reports._published(experiment_folders()[name]):
-        assert "issue" not in row["claim"]
-        assert "report it" not in row["claim"]
+    for row in reports.published_claims(experiment_folders()[name]):
+        assert "issue" not in row.claim
+        assert "report it" not in row.claim

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from cosim import report as reports
 from cosim.errors import UserError
-from cosim.report import Report, Verdict, draw, estimate, estimates, judge, report
-from cosim.results import RunStore
+from cosim.report import Claim, Report, Verdict, draw, estimate, estimates, judge, published_claims, report
+from cosim.results import RunStore, SweepDescription
 
-DESCRIPTION = {
+DESCRIPTION: dict[str, Any] = {
     "experiment": "calls",
-    "axes": {"size": {}, "radio": {}},
+    "axes": {"size": {"path": "team.size", "values": [2, 4]}, "radio": {"path": "radio", "values": ["near", "far"]}},
     "replicates": 10,
     "report": {"metrics": [], "x": None},
     "code": "k",
@@ -31,17 +31,36 @@ RUNS = [
 ]
 
 
+def described(**fields: Any) -> SweepDescription:
+    return SweepDescription.model_validate(DESCRIPTION | fields)
+
+
 def filled(folder: Path, source: Path, **description: Any) -> Path:
     store = RunStore(folder)
     with store.writing():
-        store.describe(DESCRIPTION | {"source": str(source / "sweep.yaml")} | description)
+        store.describe(
+            SweepDescription.model_validate(DESCRIPTION | {"source": str(source / "sweep.yaml")} | description)
+        )
         store.append(RUNS, [], [], {})
     return folder
 
 
-def claim(**fields: str) -> dict[str, str]:
+def claim(**fields: str) -> Claim:
     base = {"id": "a", "paper": "003", "section": "V", "claim": "it is so", "quantity": "delay_s", "where": ""}
-    return base | {"unit": "s", "published": "8", "test": "equal"} | fields
+    return Claim.model_validate(base | {"unit": "s", "published": "8", "test": "equal"} | fields)
+
+
+FIGURES = """
+constant = 3
+def three():
+    return 3
+def fails(runs, seen):
+    return runs['delay']
+def single(runs, seen):
+    return 1
+def wordy(runs, seen):
+    return 1, 'yes'
+"""
 
 
 def test_the_interval_is_students():
@@ -98,6 +117,82 @@ def test_a_test_that_does_not_exist_is_told():
         judge(claim(test="about"), pd.DataFrame(RUNS), pd.DataFrame(), None)
 
 
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"published": "x"}, "published: 'x' is not a finite number, which the test 'equal' compares ours with"),
+        ({"published": ""}, "published: '' is not a finite number, which the test 'equal' compares ours with"),
+        ({"published": "nan"}, "published: 'nan' is not a finite number, which the test 'equal' compares ours with"),
+        ({"test": "within 1.2.3 %"}, "test: 'within 1.2.3 %' is neither equal, within N %, at least, at most,"),
+        ({"id": ""}, "id: '': string should have at least 1 character"),
+        ({"quantity": "1"}, "a: quantity: '1': gives no value for each row"),
+        ({"quantity": "delay_s.head(2)"}, "a: quantity: 'delay_s.head(2)': gives no value for each row"),
+        ({"quantity": "x = 1"}, "a: quantity: 'x = 1': gives no value for each row"),
+        ({"quantity": "radio"}, "a: quantity: 'radio': could not convert string to float: "),
+        ({"quantity": "((("}, "a: quantity: '(((': "),
+        ({"quantity": "lambda: 1"}, "a: quantity: 'lambda: 1': 'Lambda' nodes are not implemented"),
+        ({"where": "size"}, "a: where: 'size': is neither true nor false of each row"),
+        ({"where": "nothing == 1"}, "a: where: 'nothing == 1': name 'nothing' is not defined"),
+        ({"where": "import os"}, "a: where: 'import os': 'Import' nodes are not implemented"),
+        ({"where": "x" * 5000}, "a: where: 'xxx"),
+        ({"test": "nothing"}, "a: test: 'nothing' is neither equal, within N %,"),
+        ({"test": "constant"}, "a: test: 'constant' is neither equal, within N %,"),
+        ({"test": "three"}, "figures.py: three: TypeError: three() takes 0 positional arguments but 2 were given"),
+        ({"test": "fails"}, "figures.py: line 6: fails: KeyError: 'delay'"),
+        ({"test": "single"}, "figures.py: single: answers 1, expected (ours, whether the claim holds or None)"),
+        ({"test": "wordy"}, "figures.py: wordy: answers (1, 'yes'), expected (ours, whether the claim holds or None)"),
+    ],
+)
+def test_what_is_wrong_with_a_claim_is_told_in_one_line(tmp_path: Path, fields: dict[str, str], told: str):
+    row = {name: value for name, value in dict(claim()).items() if name != "place"} | fields
+    pd.DataFrame([row]).to_csv(tmp_path / "published.csv", index=False)
+    (tmp_path / "figures.py").write_text(FIGURES)
+    with pytest.raises(UserError) as raised:
+        report(filled(tmp_path / "r", tmp_path))
+    text = str(raised.value).removeprefix(f"{tmp_path}/").removeprefix("published.csv: line 2: ")
+    assert text.startswith(told)
+    assert "\n" not in text
+    assert len(text) <= 250
+
+
+@pytest.mark.parametrize(
+    ("source", "told"),
+    [
+        ("def tables(:\n", "line 1: SyntaxError: invalid syntax"),
+        ("import nothing_such\n", "line 1: ModuleNotFoundError: No module named 'nothing_such'"),
+        ("\nx = 1 / 0\n", "line 2: ZeroDivisionError: division by zero"),
+        (
+            "def tables(runs, seen):\n    return runs.nothing\n",
+            "line 2: tables: AttributeError: 'DataFrame' object has",
+        ),
+        ("def tables(runs, seen):\n    return 1\n", "tables: answers 1, expected a dict of titles and tables"),
+        ("tables = 1\n", "tables: TypeError: 'int' object is not callable"),
+        ("def draw(runs, seen, folder):\n    return folder\n", "draw: answers "),
+    ],
+)
+def test_what_is_wrong_with_figures_is_told_with_its_line_and_keeps_its_cause(tmp_path: Path, source: str, told: str):
+    (tmp_path / "figures.py").write_text(source)
+    with pytest.raises(UserError) as raised:
+        report(filled(tmp_path / "r", tmp_path))
+    assert str(raised.value).startswith(f"{tmp_path / 'figures.py'}: {told}")
+    assert ("Error" in told) == (raised.value.__cause__ is not None)
+
+
+def test_an_expression_sees_columns_and_nothing_of_this_program():
+    sly = claim(quantity="@importlib.import_module('os').getpid() + delay_s")
+    assert judge(sly, pd.DataFrame(RUNS), pd.DataFrame(), None).verdict == "no data"
+
+
+@pytest.mark.parametrize(
+    "text", [b"\xff\xfe", b"id,paper\n1,2\n", b'id,"paper\n', b"id\0,paper\n\0", b'"' + b"x" * 140_000]
+)
+def test_a_file_that_is_no_table_of_claims_is_told(tmp_path: Path, text: bytes):
+    (tmp_path / "published.csv").write_bytes(text)
+    with pytest.raises(UserError, match=r"published\.csv: ") as raised:
+        published_claims(tmp_path)
+    assert "\n" not in str(raised.value)
+
+
 @pytest.mark.slow
 def test_a_report_has_tables_claims_and_figures(tmp_path: Path):
     source = tmp_path / "experiment"
@@ -133,7 +228,7 @@ def test_failed_runs_are_counted_and_left_out(tmp_path: Path):
     folder = tmp_path / "r"
     store = RunStore(folder)
     with store.writing():
-        store.describe(DESCRIPTION | {"source": str(tmp_path / "sweep.yaml")})
+        store.describe(described(source=str(tmp_path / "sweep.yaml")))
         store.append([row | {"status": "failed", "delay_s": None, "constant": None} for row in RUNS], [], [], {})
     made = report(folder)
     assert made.tables == {}
@@ -173,10 +268,10 @@ def test_another_sweep_in_an_experiments_folder_is_not_held_against_its_claims(t
     (source / "published.csv").write_text("nonsense\n1\n", encoding="utf-8")
     store = RunStore(tmp_path / "results")
     with store.writing():
-        store.describe(DESCRIPTION | {"source": str(source / "sensitivity.yaml")})
+        store.describe(described(source=str(source / "sensitivity.yaml")))
     assert report(tmp_path / "results").verdicts == []
     with store.writing():
-        store.describe(DESCRIPTION | {"source": str(source / "sweep.yaml")})
+        store.describe(described(source=str(source / "sweep.yaml")))
     with pytest.raises(UserError, match="line 2"):
         report(tmp_path / "results")
 
@@ -247,7 +342,7 @@ def test_the_report_takes_the_panel_from_the_sweep_and_draws_nothing_where_nothi
     store = RunStore(tmp_path / "r")
     shown = {"metrics": ["delay_s", "constant"], "x": "size", "panel": "radio"}
     with store.writing():
-        store.describe(DESCRIPTION | {"source": str(tmp_path / "sweep.yaml"), "report": shown})
+        store.describe(described(source=str(tmp_path / "sweep.yaml"), report=shown))
         store.append([row | {"constant": math.nan} for row in RUNS], [], [], {})
     report(tmp_path / "r")
     assert told == [("delay_s", "radio")]

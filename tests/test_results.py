@@ -3,12 +3,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 import protocols
 from cosim.errors import UserError
-from cosim.results import RunStore, code_digest, kind_of, provenance
+from cosim.results import ReportSettings, RunStore, SweepDescription, code_digest, kind_of, provenance
 from cosim.trace import Field
 
 
@@ -21,7 +22,15 @@ def key(seed: int) -> dict[str, Any]:
     return {"configuration": "c", "seed": seed, "code": "k", "replicate": seed - 1}
 
 
-DESCRIPTION = {"configurations": ["c"], "code": "k", "replicates": 10}
+DESCRIPTION = SweepDescription(
+    experiment="calls",
+    source="sweep.yaml",
+    axes={},
+    replicates=10,
+    report=ReportSettings(),
+    configurations=("c",),
+    code="k",
+)
 
 
 def test_what_is_appended_is_read_and_done(tmp_path: Path):
@@ -62,7 +71,7 @@ def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
         store.append(
             [run_row(2), run_row(1), run_row(3), run_row(2, code="old"), run_row(1, configuration="b")], [], [], {}
         )
-        store.describe(DESCRIPTION | {"configurations": ["b", "c"], "replicates": 2})
+        store.describe(DESCRIPTION.model_copy(update={"configurations": ("b", "c"), "replicates": 2}))
     rows = store.present()[["configuration", "seed"]].to_numpy().tolist()
     assert rows == [["b", 1], ["c", 1], ["c", 2]]
 
@@ -70,13 +79,13 @@ def test_the_present_sweep_is_what_was_described_last(tmp_path: Path):
 def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     store = RunStore(tmp_path)
 
-    def full(table: Any, name: str) -> None:
-        Path(name).write_bytes(b"PAR1 half")
+    def full(path: Path, data: bytes) -> None:
+        path.write_text("PAR1 half")
         raise OSError(28, "No space left on device")
 
     with store.writing():
         store.append([run_row(1)], [], [], {})
-        monkeypatch.setattr("pyarrow.parquet.write_table", full)
+        monkeypatch.setattr(Path, "write_bytes", full)
         with pytest.raises(OSError, match="No space left"):
             store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
     assert store.done() == {("c", 1, "k")}
@@ -94,7 +103,7 @@ def test_a_full_disk_leaves_no_draft_of_the_description(tmp_path: Path, monkeypa
         store.describe(DESCRIPTION)
         monkeypatch.setattr(Path, "write_text", full)
         with pytest.raises(OSError, match="No space left"):
-            store.describe(DESCRIPTION | {"replicates": 11})
+            store.describe(DESCRIPTION.model_copy(update={"replicates": 11}))
         assert not list(tmp_path.rglob("*.part"))
     assert store.description() == DESCRIPTION
 
@@ -123,6 +132,84 @@ def test_a_damaged_part_is_told(tmp_path: Path, table: str, damaged: bytes):
         assert (store.done(), len(store.read(table))) == (set(), 0)
         store.append([run_row(1)], [key(1) | {"robot": 0}], [], {})
     assert len(store.read(table)) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", ["runs", "observations"])
+def test_no_bit_of_a_part_flips_unseen(tmp_path: Path, table: str):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1, heard=2.5)], [key(1) | {"robot": 0}], [], {"commit": "abc"})
+    (part,) = (tmp_path / table).glob("*.parquet")
+    whole = part.read_bytes()
+    bits = np.random.default_rng(5).permutation(8 * len(whole))[:300].tolist()
+    for bit in bits:
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        part.write_bytes(flipped)
+        with pytest.raises(UserError, match="is not a whole Parquet file"):
+            store.read(table)
+    part.write_bytes(whole)
+    assert len(store.read(table)) == 1
+
+
+def test_parts_of_an_older_program_are_read_whose_names_tell_nothing_of_their_bytes(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [key(1) | {"robot": 0}], [], {})
+    for table in ("runs", "observations"):
+        (part,) = (tmp_path / table).glob("*.parquet")
+        part.rename(part.with_name("part-00000-1f0c9a2b.parquet"))
+    with store.writing():
+        assert store.done() == {("c", 1, "k")}
+    assert len(store.read("observations")) == 1
+
+
+@pytest.mark.parametrize("instead", ["nothing", "a folder", "a link that leads nowhere"])
+def test_observations_that_are_gone_are_made_again_with_their_runs(tmp_path: Path, instead: str):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1)], [], [], {})
+        store.append([run_row(2)], [key(2) | {"robot": 0}], [], {})
+    (part,) = (tmp_path / "observations").glob("*.parquet")
+    part.unlink()
+    if instead == "a folder":
+        part.mkdir()
+    elif instead != "nothing":
+        part.symlink_to(tmp_path / "nowhere")
+    assert store.done() == {("c", 1, "k")}
+    assert store.read()["seed"].tolist() == [1]
+    with store.writing():
+        store.append([run_row(2)], [key(2) | {"robot": 7}], [], {})
+    assert store.read()["seed"].tolist() == [1, 2]
+    assert store.read("observations")["robot"].tolist() == [7]
+
+
+def test_columns_that_were_of_another_kind_in_an_older_sweep_do_not_disturb_the_present_one(tmp_path: Path):
+    store = RunStore(tmp_path)
+    with store.writing():
+        store.append([run_row(1, size=2, code="old")], [], [], {})
+        store.append([run_row(1, size="two")], [], [], {})
+        store.describe(DESCRIPTION)
+    assert store.present()["size"].tolist() == ["two"]
+    with pytest.raises(UserError, match="runs: the parts do not fit together, expected a folder for each sweep"):
+        store.read()
+
+
+@pytest.mark.parametrize(
+    ("plain", "told"),
+    [
+        ("{", "holds no results, expected a folder that cosim sweep has written"),
+        ("[" * 100_000, "holds no results, expected a folder that cosim sweep has written"),
+        ("[]", "sweep.json: [] is not a mapping of settings"),
+        ("{}", "sweep.json: experiment: is missing (and 6 more)"),
+    ],
+)
+def test_another_sweep_json_is_told(tmp_path: Path, plain: str, told: str):
+    (tmp_path / "sweep.json").write_text(plain)
+    with pytest.raises(UserError) as raised:
+        RunStore(tmp_path).present()
+    assert str(raised.value).endswith(told)
 
 
 def test_a_disk_that_fails_is_no_damaged_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

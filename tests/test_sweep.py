@@ -1,9 +1,11 @@
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,10 @@ import yaml
 from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
 from cosim.results import RunStore
-from cosim.sweep import execute, run_sweep, tasks
+from cosim.sweep import cluster, execute, run_sweep, tasks
 
 DATA = Path(__file__).parent / "data"
-ROBOTS = {
+ROBOTS: dict[str, Any] = {
     "name": "calls",
     "scenario": {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}},
     "sweep": {"team.size": [2, 3], "protocol.parameters.calls": [1, 2]},
@@ -158,12 +160,12 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path):
 def test_a_full_disk_ends_the_sweep_and_keeps_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     run_sweep(experiment(DELAYS | {"replicates": 1}), tmp_path / "r", jobs=1)
 
-    def full(table: Any, name: str) -> None:
-        Path(name).write_bytes(b"PAR1 half")
+    def full(path: Path, data: bytes) -> None:
+        path.write_text("PAR1 half")
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("pyarrow.parquet.write_table", full)
+        patch.setattr(Path, "write_bytes", full)
         with pytest.raises(OSError, match="No space left"):
             run_sweep(experiment(DELAYS), tmp_path / "r", jobs=1)
     assert not list((tmp_path / "r").rglob("*.part"))
@@ -249,3 +251,85 @@ def test_an_interrupted_sweep_ends_with_130_and_keeps_what_is_finished(tmp_path:
     assert process.returncode == 130
     assert complaint.strip() == "interrupted: what is finished is kept"
     assert 0 < len(rows(tmp_path / "r")) < 12
+
+
+# ---------------------------------------------------------------- many machines
+
+
+@pytest.fixture(scope="module")
+def dask_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Give the address of a Dask scheduler with two workers, all processes on loopback in a folder of their own."""
+    distributed = pytest.importorskip("distributed", reason="sweeps on a cluster need the extra cluster")
+    home = tmp_path_factory.mktemp("cluster")
+    for name in ("beacon.py", "delays.py"):
+        shutil.copy(DATA / name, home)
+    told, words = home / "scheduler.json", ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file")
+    alone = ("--no-nanny", "--nthreads", "1", "--local-directory", str(home))
+    roles = [("dask_scheduler", "--port", "0"), ("dask_worker", *alone), ("dask_worker", *alone)]
+    with (home / "log").open("w") as log:
+        started = [
+            subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.{role}", *words, str(told), *more], cwd=home, stderr=log
+            )
+            for role, *more in roles
+        ]
+    try:
+        _wait_for(lambda: told.is_file() and told.read_text().endswith("}"))
+        address = str(json.loads(told.read_text())["address"])
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, 60)
+        yield address
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_the_workers_of_a_cluster_give_the_rows_of_one_process(tmp_path: Path, dask_address: str):
+    Path("hall.yaml").write_text(yaml.safe_dump({"bounds_m": [0, 0, 9, 4]}))  # the workers stand in another folder
+    robots = experiment(ROBOTS | {"scenario": {**ROBOTS["scenario"], "floorplan": {"map": "hall.yaml"}}})
+    run_sweep(robots, tmp_path / "one", jobs=1)
+    with cluster(dask_address, robots) as executor:
+        assert run_sweep(robots, tmp_path / "many", executor=executor).failures == ()
+    pd.testing.assert_frame_equal(rows(tmp_path / "many"), rows(tmp_path / "one"))
+
+
+@pytest.mark.slow
+def test_an_interrupt_leaves_the_cluster_nothing_to_do(tmp_path: Path, dask_address: str):
+    def interrupt(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    slow = experiment(SLOW | {"replicates": 1000})
+    with pytest.raises(KeyboardInterrupt), cluster(dask_address, slow) as executor:
+        run_sweep(slow, tmp_path / "r", executor=executor, progress=interrupt)
+    assert len(rows(tmp_path / "r")) == 2
+    distributed = pytest.importorskip("distributed")
+    with distributed.Client(dask_address, set_as_default=False) as client:
+        _wait_for(lambda: not any(client.processing().values()))  # two workers would take 150 s
+
+
+@pytest.mark.slow
+def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, dask_address: str):
+    (tmp_path / "delays.py").write_text((tmp_path / "delays.py").read_text() + "\n# edited\n")
+    pattern = r"^--dask tcp://127\.0\.0\.1:\d+: worker tcp://\S+: has others than this computer: the sources of delays;"
+    with pytest.raises(UserError, match=pattern), cluster(dask_address, experiment(DELAYS)):
+        pass
+
+
+def test_what_a_cluster_needs_and_lacks_is_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.installed.find_spec", lambda name: None)
+    told = r"^sweeps on a cluster need what is not installed here: pip install 'distributed>=2024.8'$"
+    with pytest.raises(UserError, match=told), cluster("127.0.0.1:1", experiment(DELAYS)):
+        pass
+
+
+@pytest.mark.slow
+def test_an_address_where_no_scheduler_answers_is_told(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("distributed", reason="sweeps on a cluster need the extra cluster")
+    monkeypatch.setattr("cosim.sweep.CLUSTER_WAIT_S", 0.2)
+    for address in ("127.0.0.1:1", "nothing://", ""):
+        told = f"^--dask {address}: no Dask scheduler answers there: "
+        with pytest.raises(UserError, match=told), cluster(address, experiment(DELAYS)):
+            pass

@@ -288,3 +288,22 @@ def test_a_full_disk_or_an_interrupt_leaves_what_was_there(
             write_parquet(pa.table({"new": [2]}), target)
     assert [item.name for item in tmp_path.iterdir()] == ["poses.parquet"]
     assert pq.read_table(path).column_names == ["old"]
+
+
+def test_rows_are_written_in_the_order_of_time(tmp_path: Path):
+    trace = Trace([POSES])
+    for time, source in ((30, 0), (10, 2), (20, 1), (10, 0), (10, 1)):
+        trace.row(POSES, time, source, 0.0, 0.0, 0.0)
+    before = trace.digest()
+    (path,) = trace.write(tmp_path, {"seed": "1"})
+    table = pq.read_table(path)
+    assert list(zip(*(table[name].to_pylist() for name in ("time_ns", "source")), strict=True)) == [
+        (10, 2),
+        (10, 0),
+        (10, 1),
+        (20, 1),
+        (30, 0),
+    ]
+    assert table.schema.metadata[b"seed"] == b"1"
+    assert table.schema.field("x_m").metadata == {b"unit": b"m", b"meaning": b"position, world frame"}
+    assert trace.digest() == before

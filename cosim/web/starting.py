@@ -4,13 +4,11 @@ Nothing here loads the server before it is asked to: it is an extra that an inst
 """
 
 import secrets
-import shlex
 import webbrowser
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Final, NamedTuple
 
-from cosim.errors import UserError
+from cosim.installed import check_libraries
 from cosim.web.pages import VIEW
 from cosim.web.session import Session
 
@@ -31,9 +29,7 @@ class Showing(NamedTuple):
 
 def check_installed() -> None:
     """Raise UserError if what the server is made of is not installed."""
-    missing = [needed for needed in NEEDED if find_spec(needed.partition(">=")[0]) is None]
-    if missing:
-        raise UserError(f"pages need what is not installed here: pip install {shlex.join(missing)}")
+    check_libraries("pages", NEEDED)
 
 
 def show(session: Session, showing: Showing, told: Callable[[str], None], page: str = VIEW) -> None:

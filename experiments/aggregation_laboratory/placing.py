@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Metres
@@ -42,6 +43,7 @@ class Parameters(searching.Parameters):
         return changed(scenario, changes, "placing", Path(__file__).parent)
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     metrics = simulate(Parameters.model_validate(parameters).placed(seed), seed).metrics

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed, dump
 from cosim.settings import Count, Rate, Seconds
 from cosim.simulation import simulate
@@ -60,6 +61,7 @@ class Parameters(searching.Parameters):
         return changed(scenario, own, "scaling", Path(__file__).parent)
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     metrics = simulate(Parameters.model_validate(parameters).chosen(), seed).metrics

@@ -31,7 +31,7 @@ def verdicts(runs: pd.DataFrame, experiment: str) -> pd.DataFrame:
             for choice, part in runs.groupby("choice", sort=False)
         }
         if set(row.values()) - {"no data"}:
-            rows[claim["id"]] = row
+            rows[claim.id] = row
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
@@ -42,7 +42,7 @@ def main(words: Sequence[str] | None = None) -> None:
     folder: Path = parser.parse_args(words).results
     store = RunStore(folder)
     runs = store.present()
-    found = verdicts(runs[runs["status"] == "done"], Path(store.description()["source"]).parent.name)
+    found = verdicts(runs[runs["status"] == "done"], Path(store.description().source).parent.name)
     table = folder / "claims_by_choice.csv"
     found.to_csv(table)
     print(f"claims by choice\n\n{found.to_string()}\n")

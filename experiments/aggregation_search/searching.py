@@ -11,6 +11,7 @@ from typing import Any, Final
 from pydantic import Field, model_validator
 
 from cosim.errors import UserError
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
 from cosim.settings import PlainData, Settings
 from cosim.simulation import METRICS as EVERY_RUN
@@ -46,6 +47,7 @@ class Parameters(Settings):
         return changed(self.scenario, self.case | self.choice, "case and choice", Path(__file__).parent)
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     metrics = simulate(Parameters.model_validate(parameters).chosen(), seed).metrics

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
+from cosim.experiment import experiment_function
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import Field as Column
@@ -48,6 +49,7 @@ COLUMNS: Final = (
 )
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     scenario = Parameters.model_validate(parameters).placed(seed)

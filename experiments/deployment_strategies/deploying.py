@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.errors import UserError
+from cosim.experiment import experiment_function
 from cosim.randomness import Streams
 from cosim.robots.placement import misfit
 from cosim.scenario import Scenario, changed
@@ -136,6 +137,7 @@ def _team(
     return found
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     own = Parameters.model_validate(parameters)

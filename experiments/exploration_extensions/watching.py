@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.geometry.segments import SegmentGrid, sees
 from cosim.settings import Metres
 from cosim.simulation import simulate
@@ -45,6 +46,7 @@ class Parameters(exploring.Parameters):
     sight_m: Metres = Field(default=5.0, gt=0, description="m, farther robots do not count as seen")
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.experiment import experiment_function
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.protocol import Surroundings
 from cosim.simulation import Simulation
@@ -156,6 +157,7 @@ def _surroundings(simulation: Simulation) -> Surroundings:
     )
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     scenario = Parameters.model_validate(parameters).chosen()

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cosim.errors import UserError
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
 from cosim.settings import Metres, PlainData, Seconds, Settings
 from cosim.simulation import METRICS as EVERY_RUN
@@ -82,6 +83,7 @@ class Parameters(Settings):
         return changed(self.scenario, self.choice, "choice", Path(__file__).parent)
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     own = Parameters.model_validate(parameters)

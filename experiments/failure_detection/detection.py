@@ -26,6 +26,7 @@ from pydantic import Field
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
 from cosim.node import Node
@@ -219,6 +220,7 @@ def candidates(given: Parameters) -> Iterator[Candidate]:
 # ---------------------------------------------------------------- a run
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
     """Return a row for each detector: ``COLUMNS``."""
     given = Parameters.model_validate(parameters)

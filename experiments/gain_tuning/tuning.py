@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from scipy.optimize import Bounds, differential_evolution
 
 from cosim.errors import UserError
+from cosim.experiment import experiment_function
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Gain, Seconds, Settings, error_at
@@ -106,6 +107,7 @@ class Parameters(Settings):
         return changed(self.scenario, changes, "gains", Path(__file__).parent)
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Search, and return ``COLUMNS``: a row a candidate in the order of the search, then a row an office and gains."""
     given = Parameters.model_validate(parameters)

@@ -15,6 +15,7 @@ from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import Address, Discovered, Inquire, LinkEvent, Reception
 from cosim.randomness import Streams
@@ -66,6 +67,7 @@ class Host:
         """Do nothing."""
 
 
+@experiment_function
 def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
     """Return a row for each device that scanned, with its discovery time in s, NaN if it was not found."""
     given = Parameters.model_validate(parameters)

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.faults.settings import KillSettings
 from cosim.machine import Address
 from cosim.scenario import Scenario
@@ -48,6 +49,7 @@ class Parameters(Settings):
     at_s: Seconds | None = Field(default=None, ge=0, description="s, when it dies; nobody does if not given")
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``; the times after the death are NaN where nobody dies.
 

@@ -13,6 +13,7 @@ from pydantic import Field
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import CosimError
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Command, Event, Fate, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.node import Node
@@ -238,6 +239,7 @@ class BroadcastMember(_Endpoint):
         return out
 
 
+@experiment_function
 def measure(parameters: dict[str, object], seed: int) -> dict[str, float]:
     """Run one exchange and return its length in slots, beside what the paper and the air interface let expect."""
     given = Parameters.model_validate(parameters)

@@ -18,6 +18,7 @@ from cosim.channels.bluetooth.reach import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import CosimError
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, Fate, LinkEvent, Outcome, Outgoing, Page, PageFailed, Reception
 from cosim.randomness import Streams
@@ -88,6 +89,7 @@ class Host:
         """Do nothing."""
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Return the rate of acknowledged user data in kb/s in one run, beside the closed form."""
     given = Parameters.model_validate(parameters)

@@ -17,6 +17,7 @@ from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.paging import PageSettings
 from cosim.channels.bluetooth.scanning import ScanSettings, first_transmission
 from cosim.channels.bluetooth.settings import BluetoothSettings
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import Address, Connected, LinkEvent, Page, PageFailed, Reception
 from cosim.randomness import Streams
@@ -77,6 +78,7 @@ class Host:
         """Do nothing."""
 
 
+@experiment_function
 def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
     """Return a row for each page, with the time in s until the other answers, NaN if it did not before pageTO."""
     given = Parameters.model_validate(parameters)

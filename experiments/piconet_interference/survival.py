@@ -21,6 +21,7 @@ from cosim.channels.bluetooth.hopping import CHANNELS, basic_hop
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.medium import CO_CHANNEL, NEIGHBOURING, RECEIVED, Medium, judge, new_medium, put
 from cosim.channels.bluetooth.packets import DH1
+from cosim.experiment import experiment_function
 from cosim.jit import njit
 from cosim.randomness import Streams
 from cosim.settings import Count, Settings
@@ -59,6 +60,7 @@ class Parameters(Settings):
     link_slots: Count = Field(default=100, ge=2, multiple_of=2, description="the same for real links, which cost more")
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Return the share of frames that survive, beside what the closed form lets expect (NaN where there is none)."""
     given = Parameters.model_validate(parameters)

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Settings
 from cosim.simulation import simulate
@@ -36,6 +37,7 @@ class Parameters(Settings):
     targets: Count = Field(gt=0, description="targets of all explorers together; a remainder is left out")
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from pydantic import Field
 
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Settings
 from cosim.simulation import simulate
@@ -39,6 +40,7 @@ class Parameters(Settings):
     task: Task = Field(description="what they do")
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)

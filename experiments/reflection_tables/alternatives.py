@@ -42,7 +42,7 @@ def main(words: Sequence[str] | None = None) -> None:
     store = RunStore(folder)
     runs = store.present()
     done = runs[runs["status"] == "done"]
-    found = verdicts(done, Path(store.description()["source"]).parent.name)
+    found = verdicts(done, Path(store.description().source).parent.name)
     written = [folder / "claims_by_choice.csv", *draw_verdicts(found, folder)]
     found.to_csv(written[0])
     print(f"claims by choice\n\n{found.to_string()}\n")
@@ -62,14 +62,14 @@ def verdicts(runs: pd.DataFrame, experiment: str) -> pd.DataFrame:
     module = import_module(f"experiments.{experiment}.figures")
     rows = {}
     for claim in claims(experiment):
-        if "team" in runs and claim["id"].startswith(EVERY_TEAM):
+        if "team" in runs and claim.id.startswith(EVERY_TEAM):
             continue
         row = {
             str(choice): judge(claim, of_choice(runs, str(choice)), pd.DataFrame(), module).verdict
             for choice in runs["choice"].unique()
         }
         if {"holds", "fails"} & set(row.values()):
-            rows[claim["id"]] = row
+            rows[claim.id] = row
     return pd.DataFrame.from_dict(rows, orient="index")
 
 

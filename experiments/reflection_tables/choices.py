@@ -13,6 +13,7 @@ from typing import Any, Final, Literal
 from pydantic import Field, model_validator
 
 from cosim.errors import UserError
+from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, PlainData, Settings
 from cosim.simulation import simulate
@@ -98,6 +99,7 @@ def steps_with_target(metrics: Mapping[str, float]) -> float:
     return sum(steps for name, steps in metrics.items() if name.startswith("steps_to_"))
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``; all are NaN, and no run is made, if the choice does not concern it.
 

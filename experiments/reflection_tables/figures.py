@@ -4,7 +4,6 @@ published.csv names a test for each floor, algorithm and team size: ``fewer_firs
 ``first`` and the algorithm ``visbug``; the tests by such names are made at the end of this file.
 """
 
-import csv
 import math
 from functools import partial
 from itertools import combinations, pairwise
@@ -15,7 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimate, estimates
+from cosim.report import Claim, estimate, estimates, published_claims
 from experiments.reflection_tables.comparison import (
     NAMES,
     NO_DATA,
@@ -59,21 +58,19 @@ class Cell(NamedTuple):
         return {"floor": self.floor, "algorithm": self.algorithm, "robots": self.robots}
 
 
-def claims(experiment: str = "reflection_tables") -> list[dict[str, str]]:
+def claims(experiment: str = "reflection_tables") -> list[Claim]:
     """Return the rows of the published.csv of *experiment*."""
-    path = Path(__file__).parent.parent / experiment / "published.csv"
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return published_claims(Path(__file__).parent.parent / experiment)
 
 
 def cells() -> list[Cell]:
     """Return the printed cells, from published.csv beside this file."""
     found = []
     for row in claims():
-        if row["id"].startswith(CELL):
-            floor, rest = row["id"].removeprefix(CELL).split("_", 1)
+        if row.id.startswith(CELL):
+            floor, rest = row.id.removeprefix(CELL).split("_", 1)
             algorithm, robots = rest.rsplit("_", 1)
-            found.append(Cell(floor, algorithm, int(robots), float(row["published"])))
+            found.append(Cell(floor, algorithm, int(robots), float(row.published)))
     return found
 
 

@@ -18,6 +18,7 @@ from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, d
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
 from cosim.channels.adhoc.routing.olsr_wire import HELLO, decode_packet
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
 from cosim.randomness import Streams
@@ -234,6 +235,7 @@ class Course:
         self.tries += self.channel.sent_to[self.sender, self.relay]
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Return ``COLUMNS`` of one run."""
     course = Course(Parameters.model_validate(parameters), seed)

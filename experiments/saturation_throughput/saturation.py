@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.mac import Timing
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import Address, LinkEvent, Outgoing, Reception
 from cosim.randomness import Streams
@@ -103,6 +104,7 @@ class Host:
         """Do nothing."""
 
 
+@experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Return ``COLUMNS`` of one run."""
     given = Parameters.model_validate(parameters)

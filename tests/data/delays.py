@@ -2,7 +2,10 @@
 
 import time
 
+from cosim.experiment import experiment_function
 
+
+@experiment_function
 def metrics(parameters, seed):
     """Return metrics; the seed and the parameters decide them."""
     if parameters["size"] == parameters.get("broken"):
@@ -10,11 +13,13 @@ def metrics(parameters, seed):
     return {"delay_s": parameters["size"] * 0.5 + seed, "rounds": 2 * parameters["size"]}
 
 
+@experiment_function
 def observations(parameters, seed):
     """Return a row for each robot."""
     return [{"robot": robot, "slots": 2 * robot + seed, "kind": "poll"} for robot in range(parameters["size"])]
 
 
+@experiment_function
 def slow(parameters, seed):
     """Return metrics after a while."""
     time.sleep(parameters["wait_s"])

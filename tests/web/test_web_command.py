@@ -15,6 +15,7 @@ import yaml
 from websockets.sync.client import connect
 
 from cosim.cli import main
+from cosim.sweep import CLUSTER_NEEDS
 from cosim.web.pages import STATIC
 from cosim.web.starting import NEEDED
 from tests.web.commanded import ROOT, Commanded, commanded
@@ -100,7 +101,7 @@ def test_a_command_that_says_nothing_is_not_waited_for():
 def test_what_is_not_installed_is_named_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("cosim.web.starting.find_spec", lambda name: None if name == "uvicorn" else name)
+    monkeypatch.setattr("cosim.installed.find_spec", lambda name: None if name == "uvicorn" else name)
     with pytest.raises(SystemExit) as ended:
         main(["view", "pseudonet_coverage"])
     told = capsys.readouterr()
@@ -111,6 +112,7 @@ def test_what_is_not_installed_is_named_in_one_line(
 def test_what_is_needed_is_the_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert list(NEEDED) == extras["web"]
+    assert list(CLUSTER_NEEDS) == extras["cluster"]
 
 
 def test_what_a_browser_loads_is_part_of_the_package():
