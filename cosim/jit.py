@@ -59,7 +59,7 @@ def _with_imports(names: set[str], sources: dict[str, str]) -> set[str]:
     return found
 
 
-class _Compiling(event.Listener):  # type: ignore[misc]  # numba ships no types
+class _Compiling(event.Listener):
     """Listener of numba's that calls *tell* when the first compilation starts."""
 
     def __init__(self, tell: Callable[[], None]) -> None:

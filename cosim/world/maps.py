@@ -373,7 +373,7 @@ def _blocked(stream: io.BytesIO, content: bytes, shape: tuple[int, int], path: P
         lines = content.count(b"\n", 0, start)
         text = stream.readline().decode(errors="replace").removesuffix("\n")
         _check_row(text, width, f"{path}: line {lines + row + 1}")
-    return codes[:, :-1] == _SOLID
+    return np.asarray(codes[:, :-1] == _SOLID, np.bool_)
 
 
 def _check_row(row: str, width: int, place: str) -> None:
