@@ -28,7 +28,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.sweep import check_set_up, default_folder, run_sweep
 from cosim.trace import CALLS, TABLES, Trace
 from cosim.units import to_seconds
-from cosim.web.live import Live
+from cosim.web.live import Live, rehearse
 from cosim.web.messages import finite
 from cosim.web.pacing import FASTEST, SLOWEST
 from cosim.web.playbook import PLAYBOOK, attended
@@ -241,6 +241,7 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
     else:
         chosen = _scenario(what, sets)
         with _naming(what, sets):
+            rehearse(chosen, chosen.seed if seed is None else seed)
             session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
     show(session, Showing(**showing), _tell_address)
 
@@ -256,6 +257,7 @@ def playbook(
     check_installed()
     chosen = _scenario(scenario, sets)
     with _naming(scenario, sets):
+        rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
         session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
     show(session, Showing(**showing), _tell_address, PLAYBOOK)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numba
 from numba import njit
 
-__all__ = ["njit"]
+__all__ = ["cache_folder", "njit"]
 
 ROOTS = (Path(__file__).parent, Path(__file__).parent.parent / "protocols")
 
@@ -59,3 +59,8 @@ def _cache_home() -> Path:
 
 # not by the environment variable: a child process would inherit the name of its parent's sources
 numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())  # type: ignore[attr-defined]
+
+
+def cache_folder() -> Path:
+    """Return where the kernels of these sources are cached."""
+    return Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
