@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_the_tree_of_plays_is_walked_with_the_keyboard(page: Any):
-    page.locator("#plays > li >> nth=0").focus()
+    page.locator("#plays .row >> nth=0").focus()
     walk = [
         ("ArrowDown", "deploy/group"),
         ("ArrowRight", "deploy/group"),
@@ -35,11 +35,11 @@ def test_the_tree_of_plays_is_walked_with_the_keyboard(page: Any):
     for key, place in walk:
         page.keyboard.press(key)
         assert focused(page) == place, key
-    assert page.locator("#plays li[data-id='deploy']").get_attribute("aria-expanded") == "false"
+    assert page.locator("#plays .row[data-id='deploy']").get_attribute("aria-expanded") == "false"
     assert page.locator("#plays [tabindex='0']").count() == 1
     page.keyboard.press("Enter")
     assert page.inner_text("#calling-title") == "photo"
-    assert page.locator("#plays li[data-id='photo']").get_attribute("aria-selected") == "true"
+    assert page.locator("#plays .row[data-id='photo']").get_attribute("aria-selected") == "true"
 
 
 def test_a_play_is_called_at_every_level_of_the_tree(page: Any, consoles: Consoles):
