@@ -95,7 +95,12 @@ export class Floor {
     const named = Object.entries(places_m).flatMap(([name, points]) =>
       points.map((point) => ({ place: points.length === 1 ? name : point, point })));
     if (base_m && !places_m.base) named.push({ place: "base", point: base_m });
-    return nearest(named.map((each) => ({ ...each, far_px: this.far_px(event, each.point) })).filter(({ far_px }) => far_px < NEAR_PX));
+    const letter_m = (LABEL_PX + 4) / this.scale;
+    const far = named.map(({ place, point: [x, y] }) => {
+      const far_px = Math.min(this.far_px(event, [x, y]), this.far_px(event, [x, y + letter_m]));
+      return { place, point: [x, y], far_px };
+    });
+    return nearest(far.filter(({ far_px }) => far_px < NEAR_PX));
   }
 
   /** How far an event of the mouse is from a point of the floor, px. */

@@ -60,6 +60,7 @@ export class Calling {
     this.form.mark([]);
     this.say_missing([]);
     this.hide_refusal();
+    this.tree.reveal(node.id); // its form has taken room from the tree
     this.find("execute").disabled = this.find("tailor").disabled = false;
     this.told.changed();
   }
@@ -167,7 +168,7 @@ export class Calling {
 
   say_missing(names) {
     const places = names.some((name) => this.form.parameters[name].kind.startsWith("place"));
-    const how = places ? " A place is its letter on the floor, a name, or x, y." : "";
+    const how = places ? " Click on letters of the floor, or choose names." : "";
     this.find("missing").textContent = names.length ? `Still to be filled in: ${names.map(title).join(", ")}.${how}` : "";
   }
 

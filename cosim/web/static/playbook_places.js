@@ -40,6 +40,7 @@ export class Picker {
     this.floor.canvas.classList.toggle("picking", Boolean(wanted));
     this.typed.value = "";
     this.typed.setAttribute("aria-invalid", "false");
+    if (wanted) this.floor.canvas.parentElement.scrollIntoView({ block: "nearest" });
     if (wanted?.typed) this.focus();
   }
 
@@ -147,7 +148,7 @@ export class Places {
           this.show();
           this.changed(this.places);
           this.pick.focus();
-        }, { className: "chip-button", aria: { label: `${place_text(place)}: remove` } })),
+        }, { className: "chip-button", aria: { label: `${place_text(place)} ×: remove` } })),
     );
   }
 }

@@ -48,6 +48,11 @@ export class Tree {
     this.told.picked?.(found.node);
   }
 
+  /** Have the node *id* be seen. */
+  reveal(id) {
+    this.items.get(id).item.scrollIntoView({ block: "nearest" });
+  }
+
   /** Open or close the node *id*, unless somebody has done so before. */
   unfold(id, open) {
     const found = this.items.get(id);

@@ -49,6 +49,7 @@ export class Transport {
     this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
     this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
+    this.start.hidden = this.end.hidden = this.back.hidden = scene.live;
   }
 
   /** Show where the run is. */
