@@ -254,7 +254,7 @@ def _page_options(command: Any) -> Any:
 @_told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
-    from cosim.web.live import Live
+    from cosim.web.live import Live, rehearse
     from cosim.web.recorded import Recorded, is_trace
     from cosim.web.starting import Showing, check_installed, show
 
@@ -267,6 +267,7 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
     else:
         chosen = _scenario(what, sets)
         with _naming(what, sets):
+            rehearse(chosen, chosen.seed if seed is None else seed)
             session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
     show(session, Showing(**showing), _tell_address)
 
@@ -281,12 +282,14 @@ def playbook(
 ) -> None:
     """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
     from cosim.experiment import find_playbook
+    from cosim.web.live import rehearse
     from cosim.web.playbook import PLAYBOOK, attended
     from cosim.web.starting import Showing, check_installed, show
 
     check_installed()
     chosen = _scenario(str(find_playbook(scenario)), sets)
     with _naming(scenario, sets):
+        rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
         session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
     show(session, Showing(**showing), _tell_address, PLAYBOOK)
 

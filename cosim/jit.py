@@ -19,7 +19,7 @@ import numba
 from numba import njit
 from numba.core import event
 
-__all__ = ["before_compiling", "njit"]
+__all__ = ["before_compiling", "cache_folder", "njit"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for that
@@ -93,3 +93,8 @@ def _cache_home() -> Path:
 
 # not by the environment variable: a child process would inherit the name of its parent's sources
 numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())  # type: ignore[attr-defined]
+
+
+def cache_folder() -> Path:
+    """Return where the kernels of these sources are cached."""
+    return Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]

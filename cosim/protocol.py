@@ -136,3 +136,8 @@ class ProtocolSpec:
     """Observations name the robots in sight."""
     needs_view: bool = False
     """Observations tell as well where robots are seen, how far the walls are, and what points are in sight."""
+    rehearsal: Callable[[Sequence[Any]], Sequence[Any]] | None = None
+    """(machines) -> what an operator may say at all consoles, JSON data, so that robots do what he mostly wants.
+
+    It is said in a run that is thrown away: nobody is to wait for the kernels that it needs.
+    """

@@ -119,7 +119,7 @@ class Simulation:
         self.over = False
         """Nothing more happens: all machines have finished, the referee has ended the run, or its time is over."""
         self.attended = False
-        """Somebody sits at a console: the run goes on when all machines have finished, for they may be addressed."""
+        """Somebody sits at a console: the run goes on when all machines have finished, or its time is over."""
         self._distance_m = 0.0
         self._poses_wanted = self.trace.wants(POSES)
 
@@ -140,8 +140,8 @@ class Simulation:
         The parts of a run together are what ``run`` does at once.
         """
         if not self.over:
-            self.kernel.run(min(until, self.scenario.duration))
-            self.over = self.over or self.kernel.now >= self.scenario.duration
+            self.kernel.run(until if self.attended else min(until, self.scenario.duration))
+            self.over = self.over or (self.kernel.now >= self.scenario.duration and not self.attended)
         return self.over
 
     def operate(self, robot: Address, payload: bytes) -> None:

@@ -34,7 +34,7 @@ class Moment(NamedTuple):
 
     time: Time
     state: str
-    """playing, paused, ended or failed."""
+    """playing, paused, ended or failed; or busy: it is none of these yet, as far as is known."""
     speed: float
     robots: Sequence[Row]
     """Of each robot x and y (m), heading (rad), and whether it is down."""

@@ -8,12 +8,14 @@ import json
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Any, Final
 
 from cosim.errors import UserError
-from cosim.scenario import Scenario
+from cosim.jit import cache_folder
+from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
-from cosim.units import Time, to_seconds
+from cosim.units import S, Time, to_seconds
 from cosim.web.history import TRAIL_TICKS, Cursor, History, Moment
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
@@ -33,10 +35,40 @@ _HEARD: Final[Time] = 2
 """ns, so soon after it was said the operator's word has been heard, and answered if that takes no time."""
 _SPELL_S: Final = 0.1
 """How long the thread simulates at most without looking up."""
+_BUSY_S: Final = 1.0
+"""So long after its last publication the thread is taken to be busy."""
+_REHEARSED: Final[Time] = 60 * S
+"""ns, how much is simulated beforehand of a run that has an operator."""
+_STARTED: Final[Time] = 2 * S
+"""ns, the same for a run that has none, and before an operator speaks."""
+
+
+def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
+    """Simulate the beginning of a run and throw it away, so that nobody waits for kernels that it compiles.
+
+    It is done once for a scenario and a cache of kernels. What an operator says in an *attended* run is the protocol's
+    ``rehearsal``. Raise UserError for a scenario that cannot be set up.
+    """
+    done = cache_folder() / f"rehearsed-{digest([dump(scenario), attended])[:16]}"
+    if done.exists():
+        return
+    run = Simulation(scenario, seed, WATCHED, Tap)
+    run.attended = attended
+    run.begin()
+    with suppress(Exception):  # what a machine does wrong is told of the run that is shown
+        run.advance(_STARTED)
+        if attended and run.spec.rehearsal is not None:
+            for said in run.spec.rehearsal(run.machines):
+                for robot in range(len(run.machines)):
+                    run.operate(robot, json.dumps(said).encode())
+            run.advance(_REHEARSED)
+    with suppress(OSError):  # without a cache that can be written to, it is done each time
+        done.parent.mkdir(parents=True, exist_ok=True)
+        done.touch()
 
 
 class Live:
-    """A session that runs a scenario. ``attended`` runs have an operator, and do not end while he may still speak."""
+    """A session that runs a scenario. ``attended`` runs have an operator, and last until the session is closed."""
 
     def __init__(
         self, scenario: Scenario, seed: int, playing: bool = True, speed: float = 1.0, attended: bool = False
@@ -61,6 +93,7 @@ class Live:
         self._failure = ""
         self._simulation.begin()
         self._moment = Moment(0, self._state(), speed, self._robots())
+        self._published_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self._thread.start()
 
@@ -73,6 +106,11 @@ class Live:
     def running(self) -> bool:
         """Whether the simulation's thread is there."""
         return self._thread.is_alive()
+
+    @property
+    def _busy(self) -> bool:
+        """Whether the simulation's thread has not looked up for long."""
+        return self.running and time.monotonic() - self._published_s > _BUSY_S
 
     def wish(self, wish: Wish) -> None:
         """Have the simulation's thread take what a page asks for; raise UserError, one line, if it cannot be."""
@@ -90,7 +128,8 @@ class Live:
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
         """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
         with self._lock:
-            message, new = self._history.now(self._moment, cursor)
+            moment = self._moment._replace(state="busy") if self._busy else self._moment
+            message, new = self._history.now(moment, cursor)
             told = [] if message is None else [message]
             count = self._answers.until(0)
             known = 0 if cursor is None else cursor.operator
@@ -214,6 +253,7 @@ class Live:
             for answer in answers:
                 self._answers.append([answer])
             self._moment = moment
+            self._published_s = time.monotonic()
 
     def _end(self) -> None:
         outcome = self._simulation.outcome()

@@ -13,7 +13,7 @@ PLAYBOOK: Final = "playbook.html"
 
 
 def attended(scenario: Scenario, seed: int, playing: bool = True, speed: float = 1.0) -> Live:
-    """Begin a run of *scenario* that lasts as long as its operator may still speak: to the end of its time.
+    """Begin a run of *scenario* that lasts as long as its operator may speak: until it is closed.
 
     Raise UserError for a scenario that cannot be set up.
     """

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from cosim.documents import read_yaml, validated
 from cosim.errors import UserError
@@ -21,6 +22,9 @@ from protocols.deployment.playbook import BUILT_IN, Playbook
 from protocols.deployment.plays import Play
 from protocols.deployment.positioning_map import Charts
 from protocols.deployment.standing import Board
+
+_LINES: Final = 6
+"""Places all over a floor lie on so many lines each way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,21 @@ class Knowledge:
     """The robots' own frames, as poses in that of the floor."""
     ground: Ground
     """What explorers know."""
+
+    def far_m(self) -> tuple[Place, ...]:
+        """Return the farthest places that robots can get to, one a robot or fewer.
+
+        They are some of those that have names and of a lattice over the whole floor.
+        """
+        radius_m, base_m = max(body.radius_m for body in self.crew.bodies), self.crew.base_m
+        x_min, y_min, x_max, y_max = self.floor.bounds_m
+        shares = [(each + 0.5) / _LINES for each in range(_LINES)]
+        lattice = [(x_min + a * (x_max - x_min), y_min + b * (y_max - y_min)) for a in shares for b in shares]
+        named = [place for places in self.named_m.values() for place in places]
+        back = self.floor.field(radius_m, base_m)
+        far = {place: back.distance_m(place) for place in (*named, *lattice) if self.floor.free(radius_m, place)}
+        places = sorted((place for place in far if 0.0 < far[place] < math.inf), key=lambda place: -far[place])
+        return tuple(places[: self.size])
 
 
 def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledge:

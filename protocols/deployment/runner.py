@@ -5,7 +5,7 @@ the executive orders this robot goes to the member, and what the member has ende
 """
 
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from cosim.errors import WireError
 from cosim.machine import (
@@ -149,6 +149,13 @@ class Runner:
         self._events.clear()
         self.courier.bad = []
         return events
+
+    def rehearsal(self) -> list[dict[str, Any]]:
+        """Return what an operator may say so that the team drives all over the floor, or explores one that is new."""
+        places = self._knowledge.far_m()
+        explore = {"play": "explore", "parameters": {"robots": self._knowledge.size}}
+        call = {"play": "deploy", "places": places} if places else explore
+        return [{"request": 0, "say": "call", "call": call, "execute": True}]
 
     # ------------------------------------------------------------ letters
 

@@ -149,5 +149,6 @@ SPEC = ProtocolSpec(
     succeed=succeed,
     needs_sight=True,
     needs_view=True,
+    rehearsal=lambda machines: machines[0].rehearsal(),
 )
 """The protocol."""

@@ -283,3 +283,18 @@ def test_of_tasks_in_whose_place_others_have_come_the_end_is_told_too() -> None:
     gone = {task: state for task, state in told.items() if task not in known}
     assert len(gone) > 1
     assert set(gone.values()) == {"terminated"}
+
+
+# ---------------------------------------------------------------- rehearsal
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("floor", "play"), [("given", "deploy"), ("learned", "explore")])
+def test_what_is_rehearsed_has_robots_drive(floor: str, play: str) -> None:
+    desk = Desk(map=floor)
+    desk.until(1.0)
+    [said] = desk.run.spec.rehearsal(desk.run.machines)  # type: ignore[misc]
+    answer = desk.ask(said["say"], call=said["call"], execute=said["execute"])
+    assert (said["call"]["play"], answer["say"]) == (play, "plan")
+    desk.until(4.0)
+    assert any(moving for told in desk.news("positions") for *_, moving, _, _ in told["robots"])

@@ -126,3 +126,14 @@ def pixels(page: Any, colour: str, canvas: str = "floor") -> int:
     """Return how many pixels of *canvas* have the named *colour*."""
     count: int = page.evaluate(COLOURED, [colour, canvas])
     return count
+
+
+LABELS = """() => {
+  window.labels = {};
+  const { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+    window.labels[text] = [x, y];
+    fillText.call(this, text, x, y);
+  };
+}"""
+"""Keeps where a page writes what on its canvases."""

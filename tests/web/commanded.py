@@ -1,5 +1,6 @@
 """A command that shows a page, in a process of its own: real, and bounded in all that is waited for."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -29,14 +30,19 @@ class Commanded(NamedTuple):
 
 
 @contextmanager
-def commanded(*words: str | Path, command: Sequence[str] = COMMAND, long_s: float = LONG_S) -> Iterator[Commanded]:
+def commanded(
+    *words: str | Path, command: Sequence[str] = COMMAND, long_s: float = LONG_S, **environment: str
+) -> Iterator[Commanded]:
     """Run ``cosim`` with *words* in a process, and a session, of its own; in the end it is killed.
+
+    *environment*: variables that are other than here.
 
     A command that does not say where its page is within *long_s* is killed then, and what it has said fails the test.
     """
     arguments = [*command, *map(str, words)]
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process: Any = subprocess.Popen(arguments, cwd=ROOT, start_new_session=True, **streams)
+    around = os.environ | environment
+    process: Any = subprocess.Popen(arguments, cwd=ROOT, env=around, start_new_session=True, **streams)
     late = threading.Timer(long_s, process.kill)
     late.start()
     try:

@@ -118,6 +118,7 @@ SPEC = ProtocolSpec(
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "simulated time")),
     measure=lambda machines: {"heard": float(sum(len(machine.heard) for machine in machines))},
     events=(Marked, Answered),
+    rehearsal=lambda machines: [{"go": [3.0, 3.0]}] * len(machines),
 )
 PLAIN: dict[str, Any] = {
     "name": "consoles",

@@ -85,13 +85,15 @@ WINDOWS: Plain = {"group": [0, 0, 12.5, None], "group/stage-1": [0, 0, 6.25, 40]
 
 
 class Consoles:
-    """What the consoles of a team of three say; a test may change ``host``, the ``dead``, and ``refused``."""
+    """What the consoles of a team of three say; a test may change what is told of them."""
 
     def __init__(self) -> None:
         self.host = 0
         self.dead: set[int] = set()
         self.refused = False
         self.expected_s: float | None = 12.5
+        self.lacks = ""
+        """Parameters without which it makes no plan, in one word each."""
         self.number = 0
         self.asked: list[tuple[int, Plain]] = []
         self.playing: Plain | None = None
@@ -132,6 +134,9 @@ class Consoles:
         if self.refused:
             conflicts = ["the call: group ends at most 3 s after the plan begins", "group/stage-1: takes 6 s at least"]
             return {"say": "refusal", "conflicts": conflicts, "mend": ["the call: at most 12.5 s"]}
+        for name in self.lacks.split():
+            if name not in data["call"]["parameters"]:
+                return {"say": "error", "why": f"photo: parameters.{name} is missing, expected a place"}
         self.number += 1
         made = plan(self.number)
         if data["execute"]:

@@ -15,9 +15,9 @@ def choose(page: Any, path: str) -> None:
     """Choose a play in the tree, opening what it is in."""
     page.wait_for_selector("#plays li")
     for at in range(1, path.count("/") + 1):
-        above = page.locator(f"#plays li[data-id='{'/'.join(path.split('/')[:at])}']")
+        above = page.locator(f"#plays .row[data-id='{'/'.join(path.split('/')[:at])}']")
         if above.get_attribute("aria-expanded") == "false":
-            above.locator("> .row > .twist").click()
+            above.locator("> .twist").click()
     page.locator(f"#plays li[data-id='{path}'] > .row").click()
 
 

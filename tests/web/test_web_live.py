@@ -1,19 +1,22 @@
 """A run under way: it is the same run as without pages, does what they ask, and leaves nothing behind."""
 
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cosim.errors import UserError
+from cosim.machine import OPERATOR, Reception
 from cosim.observation import Observation
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
-from cosim.units import Time
+from cosim.units import S, Time
 from cosim.web.history import Cursor
-from cosim.web.live import Live
+from cosim.web.live import Live, rehearse
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step
 from tests.web.console import PLAIN, Console
 
@@ -163,8 +166,65 @@ def test_an_operator_makes_a_robot_drive(live: Making):
 def test_a_run_is_not_over_while_its_operator_may_speak(live: Making):
     session = live(speed=1000.0, attended=True)
     page = Page(session)
+    assert page.until(lambda message: message["time_s"] > 20.0)["state"] == "playing"  # its scenario is of 10 s
+
+
+def test_a_run_whose_thread_does_not_look_up_is_busy(live: Making, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cosim.web.live._BUSY_S", 0.05)
+    held, observe = threading.Event(), Console.observe
+
+    def compiling(self: Console, observation: Observation, now: Time) -> None:
+        if now >= S:
+            held.wait(LONG_S)
+        observe(self, observation, now)
+
+    monkeypatch.setattr(Console, "observe", compiling)
+    page = Page(live(speed=10.0, patient=True))
+    try:
+        at_s = page.until(state("busy"))["time_s"]
+        assert at_s < 1.0
+    finally:
+        held.set()
+    assert page.until(lambda message: message["time_s"] > 1.0)["state"] in ("playing", "busy")
     page.until(state("ended"))
-    assert page.of("now")[-1]["time_s"] == 10.0
+
+
+# ---------------------------------------------------------------- beforehand
+
+
+@pytest.fixture
+def said_to(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[Time, int, Any]]:
+    """Return what robots are told at their consoles; the cache of kernels is empty."""
+    said: list[tuple[Time, int, Any]] = []
+    receive = Console.receive
+
+    def heard(self: Console, data: bytes, reception: Reception, now: Time) -> None:
+        if reception.source == OPERATOR:
+            said.append((now, self.me, json.loads(data)))
+        receive(self, data, reception, now)
+
+    monkeypatch.setattr(Console, "receive", heard)
+    monkeypatch.setattr("cosim.web.live.cache_folder", lambda: tmp_path / "kernels")
+    return said
+
+
+def test_what_an_operator_mostly_says_is_rehearsed_once(said_to: list[tuple[Time, int, Any]]):
+    scenario = Scenario.model_validate(PLAIN)
+    rehearse(scenario, 1)
+    assert said_to == []  # a run without an operator
+    rehearse(scenario, 1, attended=True)
+    assert said_to == [(2 * S + 1, robot, {"go": [3.0, 3.0]}) for _ in range(3) for robot in range(3)]
+    rehearse(scenario, 1, attended=True)
+    assert len(said_to) == 9
+    rehearse(Scenario.model_validate(PLAIN | {"duration_s": 11}), 1, attended=True)
+    assert len(said_to) == 18
+
+
+def test_what_breaks_in_a_rehearsal_is_left_to_the_run(said_to: list[tuple[Time, int, Any]]):
+    protocol = {"use": "tests.web.console:SPEC", "parameters": {"break_at_s": 0.5}}
+    rehearse(Scenario.model_validate(PLAIN | {"protocol": protocol}), 1)
+    with pytest.raises(UserError, match="starts"):
+        rehearse(Scenario.model_validate(PLAIN | {"team": {"size": 1, "starts": [[99, 99]]}}), 1)
 
 
 @pytest.mark.parametrize(

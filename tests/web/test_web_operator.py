@@ -115,3 +115,10 @@ def test_an_attended_run_waits_for_its_operator():
     run.attended = False
     assert run.advance(10 * S)
     assert run.kernel.now == round(9.1 * S)
+
+
+def test_an_attended_run_goes_on_when_its_time_is_over():
+    run = begun(scenario(duration_s=2))
+    run.attended = True
+    assert not run.advance(3 * S)
+    assert run.kernel.now == 3 * S

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tests.web.browser import pixels
-from tests.web.playbook_double import Consoles
+from tests.web.playbook_double import Consoles, Still
 from tests.web.playbook_hand import add_place, choose, focused, tailoring, until
 
 pytestmark = pytest.mark.slow
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_the_tree_of_plays_is_walked_with_the_keyboard(page: Any):
-    page.locator("#plays > li >> nth=0").focus()
+    page.locator("#plays .row >> nth=0").focus()
     walk = [
         ("ArrowDown", "deploy/group"),
         ("ArrowRight", "deploy/group"),
@@ -35,11 +35,11 @@ def test_the_tree_of_plays_is_walked_with_the_keyboard(page: Any):
     for key, place in walk:
         page.keyboard.press(key)
         assert focused(page) == place, key
-    assert page.locator("#plays li[data-id='deploy']").get_attribute("aria-expanded") == "false"
+    assert page.locator("#plays .row[data-id='deploy']").get_attribute("aria-expanded") == "false"
     assert page.locator("#plays [tabindex='0']").count() == 1
     page.keyboard.press("Enter")
     assert page.inner_text("#calling-title") == "photo"
-    assert page.locator("#plays li[data-id='photo']").get_attribute("aria-selected") == "true"
+    assert page.locator("#plays .row[data-id='photo']").get_attribute("aria-selected") == "true"
 
 
 def test_a_play_is_called_at_every_level_of_the_tree(page: Any, consoles: Consoles):
@@ -82,7 +82,7 @@ def test_places_are_clicked_on_the_floor_named_or_typed(page: Any, consoles: Con
     page.fill("#form .places input", "nowhere")
     page.press("#form .places input", "Enter")
     assert page.get_attribute("#form .places input", "aria-invalid") == "true"
-    page.get_by_role("button", name="base: remove").click()
+    page.get_by_role("button", name="base ×: remove").click()
     page.wait_for_timeout(100)
     assert pixels(page, "accent") > 30  # dashed rings
     page.click("#execute")
@@ -123,6 +123,56 @@ def test_what_is_left_open_is_not_said(page: Any, consoles: Consoles):
     first, second = (said["call"] for said in consoles.said("call"))
     assert first == {"play": "photo", "parameters": {}}
     assert second["parameters"] == {"place": "base", "robot": 1, "strategy": "leap_frog"}
+
+
+def click_at(page: Any, x_m: float, y_m: float, up_px: float = 0.0) -> None:
+    """Click on the floor of the double, or so much above a place on it."""
+    box = page.locator("#floor").bounding_box()
+    scale = min((box["width"] - 44) / 12, (box["height"] - 44) / 8)
+    across, down = (x_m - 6) * scale, (4 - y_m) * scale - up_px
+    page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + down)
+
+
+def test_a_letter_on_the_floor_is_its_place(page: Any, consoles: Consoles, still: Still):
+    still.gap_m = 2.0  # robot 0 stands at base
+    choose(page, "deploy/group")
+    page.click("#form .pick")
+    click_at(page, 8.02, 4.1)  # a place with a name that others have too
+    click_at(page, 1, 1, up_px=20)  # the letters above base
+    page.keyboard.press("Escape")
+    click_at(page, 4.05, 4.0)  # nobody has asked for it: it is for the list that was used last
+    page.click("#execute")
+    until(page, "document.getElementById('played-title').textContent.startsWith('Plan 1')")
+    choose(page, "photo")
+    click_at(page, 1, 1)
+    assert page.locator("#team [aria-pressed=true]").inner_text().strip() == "0"  # robots are chosen as ever
+    click_at(page, 1, 1, up_px=20)
+    page.click("#execute")
+    until(page, "document.getElementById('played-title').textContent.startsWith('Plan 2')")
+    deploy, photo = (said["call"]["parameters"] for said in consoles.said("call"))
+    assert deploy == {"places": [[8, 4], "base", [4, 4]]}
+    assert photo == {"place": "base"}
+
+
+def test_what_is_missing_is_marked_and_the_first_of_it_has_focus(page: Any, consoles: Consoles):
+    consoles.lacks = "places"
+    choose(page, "deploy/group")
+    page.click("#execute")
+    page.wait_for_selector("#form .missing")
+    assert page.inner_text("#missing").startswith("Still to be filled in: places.")
+    assert page.locator("#form .missing .title").all_inner_texts() == ["places"]
+    assert page.evaluate("document.activeElement.ariaLabel") == "places: places with names"
+    assert page.evaluate("document.activeElement.ariaInvalid") == "true"
+    assert page.is_hidden("#refusal")
+    page.select_option("#form .places select", label="base")
+    assert page.locator("#form .missing, #form [aria-invalid=true]").count() == 0
+    assert page.inner_text("#missing") == ""
+    consoles.lacks = "place"
+    choose(page, "photo/go")
+    page.click("#execute")
+    page.wait_for_selector("#form .missing")
+    choose(page, "photo")  # the same form: what is said of it is said anew
+    assert page.inner_text("#missing") == ""
 
 
 # ---------------------------------------------------------------- tailoring
@@ -258,6 +308,16 @@ def test_a_refusal_names_conflicts_and_mends_and_has_focus(page: Any, consoles: 
     page.click("#execute")
     page.wait_for_selector("#tasks li")
     assert page.is_hidden("#refusal")
+
+
+def test_a_refusal_goes_when_what_was_refused_has_been_changed(page: Any, consoles: Consoles):
+    consoles.refused = True
+    choose(page, "deploy/group")
+    for change in (lambda: add_place(page, "2, 2"), lambda: choose(page, "photo")):
+        page.click("#execute")
+        page.wait_for_selector("#refusal:not([hidden])")
+        change()
+        assert page.is_hidden("#refusal")
 
 
 def test_a_refusal_of_a_change_takes_no_focus_away(page: Any, consoles: Consoles):

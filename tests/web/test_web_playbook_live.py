@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from cosim.scenario import load
 from cosim.web.live import Live
+from cosim.web.playbook import attended
 from tests.web.browser import Browser, tab
-from tests.web.commanded import commanded
+from tests.web.commanded import ROOT, commanded
 from tests.web.playbook_hand import PAGE, choose, until
 from tests.web.playbook_scene import FLOOR, begun, written
 from tests.web.served import Served
@@ -214,6 +216,84 @@ def test_pictures_and_ways_come_from_the_robots(browser: Browser, serve: Any):
         assert 8.0 < length_m < 10.5
         page.get_by_role("button", name="robot 2", exact=True).click()
         until(page, "document.getElementById('look').disabled")
+
+
+# ---------------------------------------------------------------- the typical scenario
+
+WEAN = ROOT / "experiments" / "deployment_wean" / "playbook.yaml"
+LONG_RANGE = "channel.range_m=100"
+
+
+def call_wean(page: Any) -> None:
+    """Fill in wean by letters on the floor, and execute it."""
+    choose(page, "wean")
+    x_min, y_min, x_max, y_max = page.evaluate(BOUNDS)
+    box = page.locator("#floor").bounding_box()
+    scale = min((box["width"] - 44) / (x_max - x_min), (box["height"] - 44) / (y_max - y_min))
+
+    def click(x_m: float, y_m: float) -> None:
+        across, down = (x_m - (x_min + x_max) / 2) * scale, ((y_min + y_max) / 2 - y_m) * scale
+        page.mouse.click(box["x"] + box["width"] / 2 + across, box["y"] + box["height"] / 2 + down)
+
+    for place in ((29, 34), (29, 50), (29, 66)):  # B, C, D: the crossing, and where to leap
+        click(*place)
+    page.get_by_role("group", name="group places").locator("select").select_option("E")
+    click(29, 2)  # F
+    assert page.locator("#form .chip-button").all_inner_texts() == [f"{name} ×" for name in "BCDEF"]
+    page.click("#execute")
+
+
+BOUNDS = """async () => {
+  const socket = new WebSocket(`ws://${location.host}/socket`);
+  const scene = await new Promise((done) => { socket.onmessage = ({ data }) => done(JSON.parse(data)); });
+  socket.close();
+  return scene.bounds_m;
+}"""
+"""The extent of the floor, as the page's server tells it."""
+
+
+def test_the_team_of_wean_is_deployed_from_a_laptop_and_called_home_from_a_phone(browser: Browser):
+    session = attended(load(WEAN, (LONG_RANGE,)), 1, speed=60.0)
+    served = Served(session, page=PAGE)
+    with tab(browser, served, own=True) as page:
+        page.set_viewport_size({"width": 1280, "height": 720})
+        page.evaluate(SAID_OF_THE_HOST)
+        assert page.is_hidden("#scrub")  # it has no end
+        call_wean(page)
+        page.wait_for_selector("#tasks li")
+        told = page.inner_text("#tasks")
+        assert " to B" in told
+        assert "leap-frog: " in told
+        assert " to D" in told
+        done(page, 1)
+        assert held(session, [[29, 50], [29, 66], [29, 18], [29, 2]])
+        assert page.evaluate("window.said") == []
+    with tab(browser, served, own=True) as phone:
+        phone.set_viewport_size({"width": 390, "height": 844})
+        phone.evaluate(SAID_OF_THE_HOST)
+        until(phone, "/^done after \\d+ s/.test(document.getElementById('played-state').textContent)")  # before it came
+        choose(phone, "return")
+        phone.fill("#form input[type=number]", "4")
+        phone.click("#execute")
+        done(phone, 2)
+        assert all(math.dist(place, (3, 34)) < 3 for place in places(session))
+        assert phone.evaluate("window.said") == []
+    served.stop()
+    session.close()
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(float(os.environ.get("SOAK_SHARE", "1")) < 1.0, reason="compiles all kernels: only in a whole soak")
+def test_from_an_empty_cache_the_first_play_is_played_without_a_false_alarm(browser: Browser, tmp_path: Path):
+    words = ("playbook", WEAN, "--set", LONG_RANGE)
+    with commanded(*words, long_s=400.0, NUMBA_CACHE_DIR=str(tmp_path)) as shown, tab(browser, shown, own=True) as page:
+        page.evaluate(SAID_OF_THE_HOST)
+        kernels = {path.name for path in tmp_path.rglob("*.nbc")}
+        call_wean(page)
+        page.wait_for_selector("#tasks .sign.running")
+        until(page, "parseFloat(document.getElementById('played-state').textContent.split(' ')[2]) >= 20", seconds=300)
+        assert page.evaluate("window.said") == []
+        assert len({path.name for path in tmp_path.rglob("*.nbc")} - kernels) < 5  # they were compiled before
 
 
 # ---------------------------------------------------------------- the command

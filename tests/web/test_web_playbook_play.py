@@ -9,7 +9,7 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.web.messages import Plain
-from tests.web.browser import Browser, pixels, tab
+from tests.web.browser import LABELS, Browser, pixels, tab
 from tests.web.playbook_double import Consoles, Still
 from tests.web.playbook_hand import PAGE, choose, focused, playing, ready, tailoring, until
 from tests.web.served import Served
@@ -37,7 +37,7 @@ def test_tasks_are_shown_as_they_stand(page: Any, still: Still):
     still.tell({"say": "breach", "plan": 1, "why": "the call: group ends at most 12.5 s after"})
     until(page, "document.querySelectorAll('#tasks .sign.done').length === 1")
     page.wait_for_selector("#breaches li")
-    item = page.get_by_role("treeitem", name="stage-1, done", exact=False)
+    item = page.get_by_role("treeitem", name="stage-1 done", exact=True)
     assert item.count() == 1
     assert "a wall is in the way" in page.inner_text("#tasks")
     assert page.locator("#tasks li[data-id='group/stage-2/robot-1/again']").count() == 1  # no task of the plan itself
@@ -54,8 +54,8 @@ def test_what_is_made_anew_stands_below_what_it_was(page: Any, still: Still):
     news(still, "group/stage-1", "running")
     news(still, "group/stage-1~2/robot-1-to-2", "running")
     until(page, "document.querySelector('#tasks li[data-id=\"group/stage-1~2/robot-1-to-2\"]') !== null")
-    names = page.locator("#tasks li").evaluate_all("items => items.map((item) => item.ariaLabel.split(', '))")
-    assert [(name[0], name[-1]) for name in names] == [
+    told = "rows => rows.map((row) => ['b', '.unseen'].map((part) => row.querySelector(part).textContent))"
+    assert [tuple(names) for names in page.locator("#tasks .row").evaluate_all(told)] == [
         ("group", "running"),
         ("stage-1", "running"),
         ("robot-0", "done"),
@@ -225,6 +225,11 @@ def test_a_host_that_falls_silent_is_succeeded_and_what_it_was_asked_is_asked_ag
     page.click("#execute")
     page.clock.run_for(5000)
     assert page.inner_text("#host") == ""  # the simulation may be busy: its time has not gone on
+    still.time_s = 1.9  # or hardly
+    shown(page, 1.9)
+    page.clock.run_for(5000)
+    page.wait_for_timeout(200)
+    assert page.inner_text("#host") == ""
     still.time_s = 6.0
     until(page, "document.getElementById('host').textContent.includes('does not answer')")
     still.time_s = 8.0
@@ -257,6 +262,33 @@ def test_while_time_stands_still_nobody_is_taken_for_silent(timed: Any, still: S
     page.wait_for_timeout(200)
     assert page.inner_text("#host") == ""
     assert still.wishes == []
+
+
+def test_a_run_that_is_busy_says_so_and_can_be_paused(page: Any, still: Still):
+    assert page.get_attribute("#play", "aria-label") == "Pause"
+    still.state = "busy"
+    until(page, "document.getElementById('state').textContent === 'busy'")
+    page.click("#play")
+    until(page, "document.getElementById('play').ariaLabel === 'Pause'")
+    page.wait_for_timeout(100)
+    assert [wish.say for wish in still.wishes] == ["pause"]
+
+
+def test_until_the_host_has_told_its_plays_the_page_says_whom_it_waits_for(
+    browser: Browser, served: Served, still: Still
+):
+    answer, held = still.answering, list[tuple[int, Plain]]()
+    still.answering = lambda robot, data: held.append((robot, data)) or []  # type: ignore[func-returns-value]
+    with tab(browser, served) as page:
+        assert page.inner_text("#plays-wait") == "Waiting for the host …"
+        assert "Choose one" not in page.inner_text(".calling")
+        still.answering = answer
+        for robot, data in held:
+            for told in answer(robot, data):
+                still.tell(told, robot)
+        ready(page)
+        assert page.is_hidden("#plays-wait")
+        assert "Choose one" in page.inner_text(".calling")
 
 
 # ---------------------------------------------------------------- what goes wrong
@@ -382,17 +414,6 @@ def test_every_control_has_a_name_and_is_reached_by_the_tabulator(page: Any):
         "play",
         "speed",
     } <= reached | {"constraint-fields"}
-
-
-LABELS = """() => {
-  window.labels = {};
-  const { fillText } = CanvasRenderingContext2D.prototype;
-  CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
-    window.labels[text] = [x, y];
-    fillText.call(this, text, x, y);
-  };
-}"""
-"""Keeps where a page writes what on its canvases."""
 
 
 def test_robots_that_stand_close_together_can_be_told_by_their_labels(page: Any, still: Still):

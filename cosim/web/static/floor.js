@@ -1,10 +1,14 @@
 // The floor on a canvas: walls, base, goals, trails, robots, and frames as they fly. x to the right, y up, in metres.
 
+import { Lens } from "./lens.js";
+
 export const FLIGHT_MS = 450;
 export const LINK_MS = 2500;
 const ROBOT_COLOURS = 8;
 const LEAST_RADIUS_PX = 6;
 const MARGIN_PX = 22;
+const LABEL_PX = 16;
+const NEAR_PX = 14; // who clicks so near to something has clicked on it
 const ALONE_PX = 40; // who is farther from a robot hardly moves its label
 
 /** Draws a run on a canvas; asks for nothing while nothing changes. */
@@ -22,17 +26,14 @@ export class Floor {
     this.extras = []; // functions (pen, floor) that draw on top: routes of a plan, for example
     this.asked = false;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
-    this.zoom = 1;
-    this.centre = null;
     new ResizeObserver(() => this.resize()).observe(canvas);
     const dark = matchMedia("(prefers-color-scheme: dark)");
     dark.addEventListener("change", () => this.recolour());
-    canvas.addEventListener("click", (event) => this.click(event));
-    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    canvas.addEventListener("dblclick", () => this.fit());
     this.colours = {};
+    this.lens = new Lens(this);
+    this.lens.show();
+    canvas.addEventListener("click", (event) => this.picked(this.robot_at(event)));
     this.recolour();
-    this.resize();
   }
 
   /** Draw at the next opportunity. */
@@ -50,13 +51,6 @@ export class Floor {
     return this.colours[`robot-${((robot % ROBOT_COLOURS) + ROBOT_COLOURS) % ROBOT_COLOURS}`];
   }
 
-  /** Show the whole floor again. */
-  fit() {
-    this.zoom = 1;
-    this.centre = null;
-    this.resize();
-  }
-
   /** Where a point of the floor (m) is on the canvas (px). */
   place([x, y]) {
     return [this.left + x * this.scale, this.top - y * this.scale];
@@ -66,6 +60,53 @@ export class Floor {
   point(event) {
     const box = this.canvas.getBoundingClientRect();
     return [(event.clientX - box.left - this.left) / this.scale, (this.top - (event.clientY - box.top)) / this.scale];
+  }
+
+  /** The point of the floor (m) in the middle of the canvas. */
+  middle() {
+    const { clientWidth, clientHeight } = this.canvas;
+    return [(clientWidth / 2 - this.left) / this.scale, (this.top - clientHeight / 2) / this.scale];
+  }
+
+  /** The extent of the floor (m): least x and y, greatest x and y. */
+  get bounds_m() {
+    return this.run.scene?.bounds_m ?? [0, 0, 1, 1];
+  }
+
+  /** The point of the floor next to a point (m), which may be off it. */
+  on_floor([x, y]) {
+    const [x_min, y_min, x_max, y_max] = this.bounds_m;
+    return [Math.min(x_max, Math.max(x_min, x)), Math.min(y_max, Math.max(y_min, y))];
+  }
+
+  /** The robot that an event of the mouse is at, at most so far from what is drawn of it (px); null if there is none. */
+  robot_at(event, reach_px = NEAR_PX) {
+    const robots = (this.run.now?.robots ?? []).map((place, robot) => ({ robot, far_px: this.far_px(event, place) }));
+    const near = robots.filter(({ robot, far_px }) => far_px < Math.max(reach_px, this.radius(robot)));
+    return nearest(near)?.robot ?? null;
+  }
+
+  /**
+   * The place that an event of the mouse is at, of those that the floor names, or null: {place, point}, what it is
+   * called (its coordinates, if others have the same name) and where it is (m).
+   */
+  named_at(event) {
+    const { places_m = {}, base_m = null } = this.run.scene ?? {};
+    const named = Object.entries(places_m).flatMap(([name, points]) =>
+      points.map((point) => ({ place: points.length === 1 ? name : point, point })));
+    if (base_m && !places_m.base) named.push({ place: "base", point: base_m });
+    const letter_m = (LABEL_PX + 4) / this.scale;
+    const far = named.map(({ place, point: [x, y] }) => {
+      const far_px = Math.min(this.far_px(event, [x, y]), this.far_px(event, [x, y + letter_m]));
+      return { place, point: [x, y], far_px };
+    });
+    return nearest(far.filter(({ far_px }) => far_px < NEAR_PX));
+  }
+
+  /** How far an event of the mouse is from a point of the floor, px. */
+  far_px(event, [x, y]) {
+    const [own_x, own_y] = this.point(event);
+    return Math.hypot(x - own_x, y - own_y) * this.scale;
   }
 
   recolour() {
@@ -82,42 +123,16 @@ export class Floor {
     this.canvas.width = Math.max(1, Math.round(clientWidth * ratio));
     this.canvas.height = Math.max(1, Math.round(clientHeight * ratio));
     this.ratio = ratio;
-    const [x_min, y_min, x_max, y_max] = this.run.scene?.bounds_m ?? [0, 0, 1, 1];
+    const [x_min, y_min, x_max, y_max] = this.bounds_m;
     const width_m = Math.max(x_max - x_min, 0.1);
     const height_m = Math.max(y_max - y_min, 0.1);
     const wide = (clientWidth - 2 * MARGIN_PX) / width_m;
     const high = (clientHeight - 2 * MARGIN_PX) / height_m;
-    this.scale = Math.max(1e-3, Math.min(wide, high)) * this.zoom;
-    const [x, y] = this.centre ?? [(x_min + x_max) / 2, (y_min + y_max) / 2];
+    this.scale = Math.max(1e-3, Math.min(wide, high)) * this.lens.zoom;
+    const [x, y] = this.lens.centre ?? [(x_min + x_max) / 2, (y_min + y_max) / 2];
     this.left = clientWidth / 2 - x * this.scale;
     this.top = clientHeight / 2 + y * this.scale;
     this.draw();
-  }
-
-  wheel(event) {
-    event.preventDefault();
-    const [x, y] = this.point(event);
-    const factor = Math.exp(-event.deltaY / 500);
-    const zoom = Math.min(40, Math.max(1, this.zoom * factor));
-    const change = this.zoom / zoom;
-    const { clientWidth, clientHeight } = this.canvas;
-    const middle = [(clientWidth / 2 - this.left) / this.scale, (this.top - clientHeight / 2) / this.scale];
-    this.centre = zoom === 1 ? null : [x + (middle[0] - x) * change, y + (middle[1] - y) * change];
-    this.zoom = zoom;
-    this.resize();
-  }
-
-  click(event) {
-    const [x, y] = this.point(event);
-    const robots = this.run.now?.robots ?? [];
-    const reach_m = 14 / this.scale;
-    let best = null;
-    let least = Infinity;
-    robots.forEach(([robot_x, robot_y], robot) => {
-      const far = Math.hypot(robot_x - x, robot_y - y);
-      if (far < least && far < Math.max(reach_m, this.run.scene.radii_m[robot] ?? 0)) [best, least] = [robot, far];
-    });
-    this.picked(best);
   }
 
   paint(wall_ms) {
@@ -133,6 +148,7 @@ export class Floor {
     this.paint_links(pen, wall_ms);
     for (const mark of run.seen_marks()) this.paint_mark(pen, mark);
     for (const extra of this.extras) extra(pen, this);
+    this.paint_places(pen, run.scene);
     for (const flight of run.flights) this.paint_flight(pen, flight, (wall_ms - flight.wall_ms) / FLIGHT_MS);
     run.now?.robots.forEach((robot, number) => this.paint_robot(pen, number, robot));
     run.now?.robots.forEach((robot, number) => this.paint_label(pen, number, robot)); // no robot hides the label of another
@@ -161,19 +177,22 @@ export class Floor {
       pen.lineTo(...this.place([x2, y2]));
     }
     pen.stroke();
-    this.paint_places(pen, scene);
     if (scene.base_m) this.triangle(pen, this.place(scene.base_m), 10, this.colours.base);
   }
 
   paint_places(pen, scene) {
     pen.fillStyle = this.colours.quiet;
+    pen.strokeStyle = this.colours.floor;
+    pen.lineWidth = 3;
     pen.font = "11px system-ui, sans-serif";
     pen.textAlign = "center";
     for (const [name, points] of Object.entries(scene.places_m)) {
       for (const point of points.slice(0, 40)) {
         const [x, y] = this.place(point);
         pen.fillRect(x - 1, y - 1, 2, 2);
-        if (points.length === 1) pen.fillText(name, x, y - 5);
+        if (points.length > 1) continue;
+        pen.strokeText(name, x, y - LABEL_PX); // above what may be drawn around it
+        pen.fillText(name, x, y - LABEL_PX);
       }
     }
   }
@@ -325,4 +344,9 @@ export class Floor {
     pen.lineTo(...to);
     pen.stroke();
   }
+}
+
+/** That of some things which is nearest by its `far_px`. */
+function nearest(things) {
+  return things.reduce((best, each) => (best && best.far_px <= each.far_px ? best : each), null);
 }

@@ -6,6 +6,7 @@ import { Run } from "./run.js";
 import { Transport } from "./transport.js";
 
 const FAULT_MS = 8000;
+const DESCRIBE_MS = 1000; // who listens to what the floor shows is to hear the end of it
 
 /** The element with an id. */
 export const find = (id) => document.getElementById(id);
@@ -25,6 +26,8 @@ export class Page {
     this.transport = new Transport(find("transport"), (message) => this.connection.send(message));
     this.fault_timer = 0;
     this.asked = false;
+    this.described_ms = -Infinity;
+    this.describing = 0;
     find("reconnect").addEventListener("click", () => this.connection.connect());
   }
 
@@ -33,7 +36,7 @@ export class Page {
     find("name").textContent = scene.name;
     find("about").textContent = about.filter(Boolean).join(", ");
     this.transport.begin(scene);
-    this.floor.fit();
+    this.floor.lens.fit();
     find("legend").replaceChildren(
       ...legend.map((words) => Object.assign(document.createElement("li"), { textContent: words })),
     );
@@ -54,6 +57,17 @@ export class Page {
     if (this.connection.open) this.show_state(now); // else what it was is all that is known
     this.transport.show(now);
     this.show_own(now);
+    if (this.describing) return;
+    const wait_ms = Math.max(0, this.described_ms + DESCRIBE_MS - performance.now());
+    this.describing = setTimeout(() => this.describe(), wait_ms);
+  }
+
+  /** Say what the floor shows. */
+  describe() {
+    this.describing = 0;
+    this.described_ms = performance.now();
+    const { now } = this.run;
+    if (!now) return;
     const places = now.robots.map(([x, y], robot) => `robot ${robot} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
     find("floor").setAttribute("aria-label", `The floor at ${now.time_s.toFixed(1)} s: ${places.join("; ")}`);
   }

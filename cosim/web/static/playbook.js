@@ -74,7 +74,9 @@ function begin(scene) {
 function know(scene, map) {
   if (map.say !== "map") return trouble(map.why);
   if (!scene.base_m && map.base) scene.base_m = map.base;
-  calling.know_floor(map.places, scene.radii_m.length);
+  const named = { ...(map.base ? { base: [map.base] } : {}), ...map.places };
+  board.tasks.named = named;
+  calling.know_floor(named, scene.radii_m.length);
   robots.know([...map.robots].sort((one, other) => one.robot - other.robot));
   return page.show_soon();
 }

@@ -1,6 +1,6 @@
 // Calling a play: the tree of plays, the parameters of the chosen one, Execute and Tailor, and what the planner answers.
 
-import { Form } from "./playbook_form.js";
+import { Form, title } from "./playbook_form.js";
 import { make } from "./playbook_parts.js";
 import { Tailor } from "./playbook_tailor.js";
 import { Tree } from "./playbook_tree.js";
@@ -35,13 +35,15 @@ export class Calling {
 
   /** Take the tree of plays. */
   know_plays(tree) {
+    this.find("plays-wait").hidden = true;
+    if (!this.chosen) this.find("calling-about").textContent = "Choose one above, at any level of the tree.";
     this.tree.show(tree.map((branch) => play_node(branch, null)));
   }
 
   /** Take the places that the floor names, and how many robots there are. */
   know_floor(named, size) {
     this.size = size;
-    this.tailor.named = named;
+    this.tailor.named = this.tailor.tasks.named = named;
     this.form.know(named, size);
   }
 
@@ -55,6 +57,10 @@ export class Calling {
     this.find("calling-title").textContent = node.id;
     this.find("calling-about").textContent = this.find("calling-about").title = node.about;
     this.form.show(node.id, node.parameters);
+    this.form.mark([]);
+    this.say_missing([]);
+    this.hide_refusal();
+    this.tree.reveal(node.id); // its form has taken room from the tree
     this.find("execute").disabled = this.find("tailor").disabled = false;
     this.told.changed();
   }
@@ -62,6 +68,8 @@ export class Calling {
   /** Something has been filled in: places on the floor may be others, and the plan that is being tailored too. */
   filled() {
     this.told.changed();
+    this.hide_refusal(); // it was about something else
+    this.say_missing(this.form.marked());
     if (this.tailoring === null || this.tailoring !== this.chosen?.id) return;
     this.parameters = this.form.given();
     this.tailor.keep_roles(this.form.roles(), this.size);
@@ -132,8 +140,8 @@ export class Calling {
     if (execute) for (const each of buttons) each.disabled = true;
     try {
       const answer = await this.told.ask({ say: "call", call, execute });
-      if (answer.say === "refusal") this.show_refusal(call.play, answer.conflicts, answer.mend, wanted);
-      if (answer.say === "error") this.show_refusal(call.play, [answer.why], [], wanted);
+      const { conflicts = [answer.why], mend = [] } = answer;
+      if (answer.say !== "plan" && !this.ask_for_missing(call.play, conflicts, wanted)) this.show_refusal(call.play, conflicts, mend, wanted);
       return answer;
     } catch (error) {
       this.told.trouble(error.message);
@@ -145,6 +153,24 @@ export class Calling {
   }
 
   // ------------------------------------------------------------ refusals
+
+  /** Point at what the form of *play* lacks, if that is what the planner says; return whether it is. */
+  ask_for_missing(play, conflicts, focused) {
+    const told = conflicts.flatMap((why) => [...why.matchAll(/parameters\.(\w+) is missing/g)].map(([, name]) => name));
+    if (play !== this.chosen?.id || !told.some((name) => this.form.parameters[name])) return false;
+    // it tells the first only; a task of a play may do without the others
+    const names = this.form.missing().filter((name) => told.includes(name) || !this.chosen.task);
+    this.hide_refusal();
+    this.form.mark(names, focused);
+    this.say_missing(names);
+    return true;
+  }
+
+  say_missing(names) {
+    const places = names.some((name) => this.form.parameters[name].kind.startsWith("place"));
+    const how = places ? " Click on letters of the floor, or choose names." : "";
+    this.find("missing").textContent = names.length ? `Still to be filled in: ${names.map(title).join(", ")}.${how}` : "";
+  }
 
   show_refusal(play, conflicts, mend, focused) {
     const items = (texts) => texts.map((text) => make("li", { textContent: text }));

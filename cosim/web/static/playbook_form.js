@@ -21,6 +21,10 @@ export class Form {
     this.values = {};
     this.parameters = {};
     this.path = "";
+    this.rows = new Map(); // name -> what is in front of it and its controls
+    this.lists = new Map(); // name -> places
+    this.latest = null; // name of the list of places that somebody is about to fill
+    picker.unasked = (place) => this.offer(place);
     root.addEventListener("submit", (event) => event.preventDefault());
   }
 
@@ -32,9 +36,11 @@ export class Form {
     this.picker.want(null);
     this.parameters = parameters;
     this.values = {};
-    const fields = Object.entries(parameters).map(([name, parameter]) =>
-      labelled(name.replaceAll("_", " "), this.field(name, parameter), parameter.about));
-    this.root.replaceChildren(...fields);
+    this.lists.clear();
+    this.latest = null;
+    this.rows = new Map(Object.entries(parameters).map(([name, parameter]) =>
+      [name, labelled(title(name), this.field(name, parameter), parameter.about)]));
+    this.root.replaceChildren(...this.rows.values());
   }
 
   /** Make anew what depends on the floor and the team. */
@@ -52,13 +58,46 @@ export class Form {
     return Object.fromEntries(given);
   }
 
+  /** The parameters that neither have a value nor one of their own, and that nobody else chooses. */
+  missing() {
+    return Object.entries(this.parameters).filter(([name, parameter]) => {
+      const open = this.values[name] === undefined || this.values[name] === null;
+      return open && parameter.kind !== "robot" && parameter.default === undefined && !parameter.as_many_as;
+    }).map(([name]) => name);
+  }
+
+  /** Mark the parameters *names* as what is still to be filled in, and no others; *focused*: go to the first of them. */
+  mark(names, focused = false) {
+    for (const [name, row] of this.rows) {
+      row.classList.toggle("missing", names.includes(name));
+      row.querySelector("input, select").setAttribute("aria-invalid", String(names.includes(name)));
+    }
+    if (names.length && focused) this.rows.get(names[0]).querySelector("select, input").focus();
+  }
+
+  /** The parameters that are marked. */
+  marked() {
+    return [...this.rows.keys()].filter((name) => this.rows.get(name).classList.contains("missing"));
+  }
+
+  /**
+   * Take a place that was clicked on though nobody had asked for one: it is for the list that was used last, or for the
+   * first that is empty. Return whether there is one.
+   */
+  offer(place) {
+    const empty = [...this.lists.keys()].find((name) => !this.lists.get(name).places.length);
+    const list = this.lists.get(this.latest ?? empty);
+    list?.add(place);
+    return Boolean(list);
+  }
+
   /** The points on the floor that have been chosen, with what they are for. */
   points() {
     return Object.entries(this.values).flatMap(([name, value]) => {
       const { kind } = this.parameters[name];
       if (kind !== "place" && kind !== "places") return [];
       const points = points_of(kind === "place" && value !== null ? [value] : value ?? [], this.named);
-      return points.map((point, at) => ({ point, name: points.length > 1 ? String(at + 1) : name.replaceAll("_", " ") }));
+      return points.map((point, at) => ({ point, name: points.length > 1 ? String(at + 1) : title(name) }));
     });
   }
 
@@ -83,7 +122,20 @@ export class Form {
 
   set(name, value) {
     this.values[name] = value;
+    const missing = this.missing();
+    this.mark(this.marked().filter((each) => missing.includes(each)));
     this.changed();
+  }
+
+  places(name, single) {
+    const told = (places) => {
+      this.latest = single ? null : name; // one place is one click: the next is for another
+      this.set(name, single ? places[0] ?? null : places.length ? [...places] : null);
+    };
+    const list = new Places(title(name), { single, picker: this.picker, named: this.named, changed: told });
+    list.element.addEventListener("focusin", () => { this.latest = name; });
+    this.lists.set(name, list);
+    return list.element;
   }
 
   field(name, parameter) {
@@ -91,11 +143,8 @@ export class Form {
     const own = parameter.default;
     switch (parameter.kind) {
       case "place":
-      case "places": {
-        const single = parameter.kind === "place";
-        const told = (places) => set(single ? places[0] ?? null : places.length ? [...places] : null);
-        return new Places(name.replaceAll("_", " "), { single, picker: this.picker, named: this.named, changed: told }).element;
-      }
+      case "places":
+        return this.places(name, parameter.kind === "place");
       case "robots":
         return this.robots(name, parameter);
       case "robot":
@@ -114,8 +163,8 @@ export class Form {
   /** Several robots: how many, or which. */
   robots(name, { as_many_as, default: own }) {
     const chosen = new Set();
-    const title = name.replaceAll("_", " ");
-    const open = as_many_as ? `as many as ${as_many_as.replaceAll("_", " ")}` : own ? `${own}, the play's own` : "to be told";
+    const words = title(name);
+    const open = as_many_as ? `as many as ${title(as_many_as)}` : own ? `${own}, the play's own` : "to be told";
     const count = number(null, (value) => {
       if (value !== null && chosen.size) {
         chosen.clear();
@@ -123,10 +172,10 @@ export class Form {
       }
       this.set(name, value);
     }, { min: 1, max: this.size, step: 1, placeholder: as_many_as ? "auto" : own ?? "?", title: `how many; if left out: ${open}`,
-      aria: { label: `${title}: how many (${open})` } });
+      aria: { label: `${words}: how many (${open})` } });
     const team = make("span", { className: "team" });
     team.append(...this.team().map(([, text], robot) => {
-      const each = make("button", { type: "button", textContent: String(robot), aria: { pressed: false, label: `${title}: ${text}` } });
+      const each = make("button", { type: "button", textContent: String(robot), aria: { pressed: false, label: `${words}: ${text}` } });
       each.addEventListener("click", () => {
         if (!chosen.delete(robot)) chosen.add(robot);
         each.setAttribute("aria-pressed", String(chosen.has(robot)));
@@ -141,4 +190,9 @@ export class Form {
   team() {
     return Array.from({ length: this.size }, (_, robot) => [String(robot), `robot ${robot}`]);
   }
+}
+
+/** The name of a parameter in words. */
+export function title(name) {
+  return name.replaceAll("_", " ");
 }

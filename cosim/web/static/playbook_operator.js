@@ -3,6 +3,7 @@
 // This page and its modules (playbook_*.js) are all of cosim that knows what a deployment's console says.
 
 const PATIENCE_MS = 4000;
+const PATIENCE_S = 1; // of the run: while it gets on little, everybody is only busy
 const PROBE_MS = 1500;
 const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
 const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
@@ -51,8 +52,9 @@ export class Operator {
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
   moment(now) {
     this.time_s = now.time_s;
-    if (now.state === "playing" && !this.playing) for (const asked of this.waiting.values()) Object.assign(asked, this.moments());
-    this.playing = now.state === "playing";
+    const playing = now.state === "playing" || now.state === "busy";
+    if (playing && !this.playing) for (const asked of this.waiting.values()) Object.assign(asked, this.moments());
+    this.playing = playing;
     this.down = new Set(now.robots.flatMap((robot, number) => (robot[3] ? [number] : [])));
   }
 
@@ -129,9 +131,9 @@ export class Operator {
     return { since_ms: performance.now(), since_s: this.time_s };
   }
 
-  /** Whether something has waited for long: a simulation that does not get on is only busy. */
+  /** Whether something has waited for long, by the wall's clock and by that of the run. */
   late({ since_ms, since_s }, wall_ms, patience_ms) {
-    return wall_ms - since_ms > patience_ms && this.time_s > since_s;
+    return wall_ms - since_ms > patience_ms && this.time_s - since_s > PATIENCE_S;
   }
 
   /** Look for who is host now, if the one that was asked has not answered for long. */

@@ -13,6 +13,7 @@ export class Picker {
     this.hint = hint;
     this.typed = hint.querySelector("input");
     this.wanted = null;
+    this.unasked = () => false; // (place) -> whether anybody takes a place with a name that nobody has asked for
     this.from = null; // what had focus before the field
     this.typed.addEventListener("keydown", (event) => {
       if (event.key !== "Enter") return;
@@ -26,8 +27,8 @@ export class Picker {
   }
 
   /**
-   * Have the next clicks go to *wanted*: {title, take: (place) => boolean (whether more are wanted), over: () => void,
-   * typed?: whether the field here is the only one, and has focus therefore}.
+   * Have the next clicks go to *wanted*: {title, take: (place, point) => boolean (whether more are wanted; a place with a
+   * name is told by it), over: () => void, typed?: whether the field here is the only one, and has focus therefore}.
    */
   want(wanted) {
     const before = this.wanted;
@@ -39,6 +40,7 @@ export class Picker {
     this.floor.canvas.classList.toggle("picking", Boolean(wanted));
     this.typed.value = "";
     this.typed.setAttribute("aria-invalid", "false");
+    if (wanted) this.floor.canvas.parentElement.scrollIntoView({ block: "nearest" });
     if (wanted?.typed) this.focus();
   }
 
@@ -48,9 +50,14 @@ export class Picker {
   }
 
   click(event) {
-    if (!this.wanted) return;
-    event.stopImmediatePropagation();
-    this.offer(this.floor.point(event));
+    const named = this.floor.named_at(event);
+    if (this.wanted) {
+      event.stopImmediatePropagation();
+      if (named) this.give(named.place, named.point);
+      else this.offer(this.floor.point(event));
+    } else if (named && this.floor.robot_at(event, 0) === null && this.unasked(named.place)) {
+      event.stopImmediatePropagation();
+    }
   }
 
   type() {
@@ -62,10 +69,15 @@ export class Picker {
 
   /** Take a place, if it is on the floor; return whether it is. */
   offer([x, y]) {
-    const [x_min, y_min, x_max, y_max] = this.floor.run.scene.bounds_m;
+    const [x_min, y_min, x_max, y_max] = this.floor.bounds_m;
     if (x < x_min || x > x_max || y < y_min || y > y_max) return false;
-    if (!this.wanted.take([Number(x.toFixed(2)), Number(y.toFixed(2))])) this.want(null);
+    const point = [Number(x.toFixed(2)), Number(y.toFixed(2))];
+    this.give(point, point);
     return true;
+  }
+
+  give(place, point) {
+    if (!this.wanted.take(place, point)) this.want(null);
   }
 }
 
@@ -136,7 +148,7 @@ export class Places {
           this.show();
           this.changed(this.places);
           this.pick.focus();
-        }, { className: "chip-button", aria: { label: `${place_text(place)}: remove` } })),
+        }, { className: "chip-button", aria: { label: `${place_text(place)} ×: remove` } })),
     );
   }
 }

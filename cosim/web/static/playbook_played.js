@@ -1,5 +1,7 @@
 // What is being played, as all pages hear it: plans that were made, the one that is executed, how its tasks stand.
 
+const SAME_M = 0.05; // who is so near to a place is there
+
 /** Follows the host's console. */
 export class Played {
   /** @param {() => void} unknown told when something is being played of which no plan has been heard */
@@ -133,12 +135,13 @@ function task_node(task, nodes, depth) {
   return node;
 }
 
-/** What a task is about, in words; nothing of one that only has parts. */
-export function act_text(act) {
+/** What a task is about, in words; nothing of one that only has parts. *named*: the places that have names. */
+export function act_text(act, named = {}) {
+  const place_text = (point) => name_of(point, named) ?? point_text(point);
   switch (act?.act) {
     case "go": {
-      const via = act.via_m.length ? `, over ${act.via_m.map(point_text).join(" and ")}` : "";
-      return `robot ${act.robot} to ${point_text(act.place_m)}${via}`;
+      const via = act.via_m.length ? `, over ${act.via_m.map(place_text).join(" and ")}` : "";
+      return `robot ${act.robot} to ${place_text(act.place_m)}${via}`;
     }
     case "photo":
       return `robot ${act.robot} takes a picture`;
@@ -147,7 +150,7 @@ export function act_text(act) {
     case "explore":
       return `robots ${act.robots.join(", ")}`;
     case "deploy":
-      return `${act.strategy.replace("_", "-")}: ${act.robots.map((robot, at) => `${robot} to ${point_text(act.places_m[at])}`).join("; ")}`;
+      return `${act.strategy.replace("_", "-")}: ${act.robots.map((robot, at) => `${robot} to ${place_text(act.places_m[at])}`).join("; ")}`;
     default:
       return "";
   }
@@ -163,4 +166,10 @@ export function final_places(task) {
 
 function point_text([x, y]) {
   return `${Number(x.toFixed(1))}, ${Number(y.toFixed(1))}`;
+}
+
+/** What a point of the floor is called, if it has a name of its own. */
+function name_of([x, y], named) {
+  const found = Object.entries(named).find(([, points]) => points.length === 1 && Math.hypot(points[0][0] - x, points[0][1] - y) < SAME_M);
+  return found?.[0] ?? null;
 }

@@ -102,7 +102,7 @@ export class RobotPart {
 
   pick_way() {
     const robot = this.selected;
-    const take = (place) => { this.show_way(robot, place); };
+    const take = (_, point) => { this.show_way(robot, point); };
     this.picker.want({ title: `where robot ${robot} would go`, take, over: () => {}, typed: true });
   }
 

@@ -14,6 +14,7 @@ export class Tasks {
    */
   constructor(root, picked) {
     this.tree = new Tree(root, { draw: (row, node) => this.draw(row, node), picked });
+    this.named = {}; // the places that the floor names
     this.windows = {};
     this.states = null;
   }
@@ -27,7 +28,6 @@ export class Tasks {
   show(plan, windows, states) {
     Object.assign(this, { windows: windows ?? {}, states });
     const nodes = task_nodes(plan.root, [...Object.keys(this.windows), ...(states?.keys() ?? [])]);
-    this.describe(nodes);
     this.tree.show(nodes);
     if (states) this.follow(nodes);
     return nodes;
@@ -38,14 +38,6 @@ export class Tasks {
     for (const node of nodes) {
       if (!node.open) this.tree.unfold(node.id, this.stand(node).state === "running");
       this.follow(node.below);
-    }
-  }
-
-  describe(nodes) {
-    for (const node of nodes) {
-      const about = this.states ? [this.stand(node).state] : [window_text(this.windows[node.id])];
-      node.words = [node.name, act_text(node.task?.act), ...about].filter(Boolean).join(", ");
-      this.describe(node.below);
     }
   }
 
@@ -61,10 +53,11 @@ export class Tasks {
   }
 
   draw(row, node) {
-    const parts = [make("b", { textContent: node.label }), make("span", { className: "act", textContent: act_text(node.task?.act) })];
+    const parts = [make("b", { textContent: node.label }), make("span", { className: "act", textContent: act_text(node.task?.act, this.named) })];
     if (this.states) {
       const { state, why } = this.stand(node);
-      parts.unshift(make("span", { className: `sign ${state}`, textContent: SIGNS[state] ?? "?", title: state }));
+      parts.unshift(make("span", { className: `sign ${state}`, textContent: SIGNS[state] ?? "?", title: state, aria: { hidden: true } }));
+      parts.push(make("span", { className: "unseen", textContent: state }));
       if (why) parts.push(make("span", { className: "why", textContent: why }));
     } else if (this.windows[node.id]) {
       parts.push(make("span", { className: "window", textContent: window_text(this.windows[node.id]) }));

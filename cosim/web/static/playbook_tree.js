@@ -1,9 +1,9 @@
 // A tree that one can walk with the keyboard, as the authoring practices of the W3C have it: one tab stop, arrows inside.
 
 /**
- * A tree of nodes {id, name, words, below: nodes, open}; `words` are read aloud instead of the name. What else a node has
- * is for `draw`, which fills its row; rows are made anew only when the tree's shape changes, so that focus and what is
- * open stay.
+ * A tree of nodes {id, name, below: nodes, open}. What else a node has is for `draw`, which fills its row; rows are made
+ * anew only when the tree's shape changes, so that focus and what is open stay. A row is the item of the tree, and what
+ * is below it stands beside it: else all that would be read aloud as the item's name.
  */
 export class Tree {
   /**
@@ -25,7 +25,7 @@ export class Tree {
   show(nodes) {
     const shape = JSON.stringify(outline(nodes));
     if (shape !== this.shape) {
-      const open = new Map([...this.items].map(([id, { item }]) => [id, item.getAttribute("aria-expanded") === "true"]));
+      const open = new Map([...this.items].map(([id, { item }]) => [id, is_open(item)]));
       const focused = this.root.contains(document.activeElement) ? document.activeElement.dataset.id : null;
       if (nodes[0]?.id !== this.root.firstElementChild?.dataset.id) this.touched.clear();
       this.shape = shape;
@@ -48,6 +48,11 @@ export class Tree {
     this.told.picked?.(found.node);
   }
 
+  /** Have the node *id* be seen. */
+  reveal(id) {
+    this.items.get(id).item.scrollIntoView({ block: "nearest" });
+  }
+
   /** Open or close the node *id*, unless somebody has done so before. */
   unfold(id, open) {
     const found = this.items.get(id);
@@ -58,53 +63,53 @@ export class Tree {
     for (const node of nodes) {
       const found = this.items.get(node.id);
       found.node = node;
-      found.item.setAttribute("aria-label", node.words ?? node.name);
-      this.told.draw(found.row, node);
+      this.told.draw(found.content, node);
       this.refresh(node.below ?? []);
     }
   }
 
   made(nodes, level, open) {
     return nodes.map((node, at) => {
-      const item = document.createElement("li");
-      const row = document.createElement("span");
+      const branch = document.createElement("li");
+      const item = document.createElement("span");
       const twist = document.createElement("span");
       const content = document.createElement("span");
+      branch.setAttribute("role", "none");
       item.setAttribute("role", "treeitem");
       item.setAttribute("aria-level", String(level));
       item.setAttribute("aria-posinset", String(at + 1));
       item.setAttribute("aria-setsize", String(nodes.length));
       item.setAttribute("aria-selected", String(node.id === this.selected));
-      item.dataset.id = node.id;
+      branch.dataset.id = item.dataset.id = node.id;
       item.tabIndex = -1;
-      row.className = "row";
+      item.className = "row";
       twist.className = "twist";
       twist.setAttribute("aria-hidden", "true");
       content.className = "content";
-      row.append(twist, content);
-      item.append(row);
-      this.items.set(node.id, { item, row: content, node });
+      item.append(twist, content);
+      branch.append(item);
+      this.items.set(node.id, { item, content, node });
       if (node.below?.length) {
         const group = document.createElement("ul");
         group.setAttribute("role", "group");
         group.append(...this.made(node.below, level + 1, open));
         item.setAttribute("aria-expanded", String(open.get(node.id) ?? Boolean(node.open)));
-        item.append(group);
+        branch.append(group);
         twist.addEventListener("click", (event) => {
           event.stopPropagation();
           this.toggle(item);
         });
       }
-      row.addEventListener("click", () => {
+      item.addEventListener("click", () => {
         this.select(node.id);
         item.focus({ preventScroll: true });
       });
-      row.addEventListener("dblclick", () => (this.told.done ? this.told.done(this.items.get(node.id).node) : this.toggle(item)));
-      return item;
+      item.addEventListener("dblclick", () => (this.told.done ? this.told.done(this.items.get(node.id).node) : this.toggle(item)));
+      return branch;
     });
   }
 
-  toggle(item, open = item.getAttribute("aria-expanded") !== "true") {
+  toggle(item, open = !is_open(item)) {
     if (!item.hasAttribute("aria-expanded")) return;
     this.touched.add(item.dataset.id);
     item.setAttribute("aria-expanded", String(open));
@@ -118,38 +123,41 @@ export class Tree {
   /** The items that can be seen, from the top. */
   seen() {
     return [...this.items.values()].map(({ item }) => item).filter((item) => {
-      for (let up = item.parentElement.closest("li"); up && this.root.contains(up); up = up.parentElement.closest("li")) {
-        if (up.getAttribute("aria-expanded") !== "true") return false;
-      }
+      for (let up = this.above(item); up; up = this.above(up)) if (!is_open(up)) return false;
       return true;
     });
   }
 
+  /** The item that an item is below, if any. */
+  above(item) {
+    const branch = item.parentElement.parentElement.closest("li");
+    return branch && this.root.contains(branch) ? branch.firstElementChild : null;
+  }
+
   key(event) {
-    const item = event.target.closest("li");
+    const item = event.target.closest("[role=treeitem]");
     if (!item || event.ctrlKey || event.altKey || event.metaKey) return;
     const seen = this.seen();
     const at = seen.indexOf(item);
-    const open = item.getAttribute("aria-expanded");
     const acts = {
       ArrowDown: () => seen[at + 1],
       ArrowUp: () => seen[at - 1],
       Home: () => seen[0],
       End: () => seen[seen.length - 1],
       ArrowRight: () => {
-        if (open === "true") return seen[at + 1];
+        if (is_open(item)) return seen[at + 1];
         this.toggle(item, true);
         return item;
       },
       ArrowLeft: () => {
-        if (open !== "true") return item.parentElement.closest("li") ?? item;
+        if (!is_open(item)) return this.above(item) ?? item;
         this.toggle(item, false);
         return item;
       },
       " ": () => item,
       Enter: () => item,
     };
-    const act = acts[event.key] ?? (event.key.length === 1 ? () => typed(seen, at, event.key) : null);
+    const act = acts[event.key] ?? (event.key.length === 1 ? () => this.typed(seen, at, event.key) : null);
     if (!act) return;
     event.preventDefault();
     event.stopPropagation();
@@ -159,12 +167,16 @@ export class Tree {
     if (event.key === " " || event.key === "Enter") this.select(to.dataset.id);
     if (event.key === "Enter") this.told.done?.(this.items.get(to.dataset.id).node);
   }
+
+  /** The next item whose name begins with a letter. */
+  typed(seen, at, letter) {
+    const after = [...seen.slice(at + 1), ...seen.slice(0, at + 1)];
+    return after.find((item) => this.items.get(item.dataset.id).node.name.toLowerCase().startsWith(letter.toLowerCase()));
+  }
 }
 
-/** The next item whose name begins with a letter. */
-function typed(seen, at, letter) {
-  const after = [...seen.slice(at + 1), ...seen.slice(0, at + 1)];
-  return after.find((item) => item.getAttribute("aria-label").toLowerCase().startsWith(letter.toLowerCase()));
+function is_open(item) {
+  return item.getAttribute("aria-expanded") === "true";
 }
 
 function outline(nodes) {

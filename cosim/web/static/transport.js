@@ -45,21 +45,25 @@ export class Transport {
   begin(scene) {
     this.live = scene.live;
     this.duration_s = scene.duration_s;
+    this.endless = Boolean(scene.attended); // it lasts as long as somebody wants something
+    this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
     this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
+    this.start.hidden = this.end.hidden = this.back.hidden = scene.live;
   }
 
   /** Show where the run is. */
   show(now) {
-    this.state = now.state;
-    const playing = now.state === "playing";
+    if (now.state !== "busy") this.state = now.state; // else what it was will be told when it is no longer
+    const playing = this.state === "playing";
     draw_sign(this.play, playing ? "pause" : "play");
     this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
     const over = this.live && (now.state === "ended" || now.state === "failed");
     this.play.disabled = this.step.disabled = over;
     if (this.wanted_s === null) this.slider.value = now.time_s;
     const text = `${now.time_s.toFixed(2)} s`;
-    this.clock.textContent = `${text} of ${this.duration_s.toFixed(1)} s${this.reached(now)}`;
+    const whole = this.endless ? "" : ` of ${this.duration_s.toFixed(1)} s`;
+    this.clock.textContent = `${text}${whole}${this.reached(now)}`;
     this.slider.setAttribute("aria-valuetext", text);
     this.offer(now.speed);
     if (document.activeElement !== this.speed) this.speed.value = String(now.speed);
