@@ -292,7 +292,7 @@ def judge(claim: Claim, runs: pd.DataFrame, seen: pd.DataFrame, figures: ModuleT
     published = f"{claim.published} {claim.unit.removeprefix('1')}".strip()
     function = None if _compares(claim.test) else claim.test
     if function is not None and not callable(getattr(figures, function, None)):
-        raise UserError(f"{claim.place}: {claim.id}: test: {_short(repr(function))} {_NO_TEST}")
+        raise UserError(f"{claim.place}: {_short(claim.id)}: test: {_short(repr(function))} {_NO_TEST}")
     if runs.empty:
         return Verdict(claim.id, claim.claim, published, "-", "no data")
     if function is not None:
@@ -336,9 +336,8 @@ def _evaluated(frame: pd.DataFrame, claim: Claim, column: str) -> "pd.Series[Any
     except Exception as error:  # what is wrong with an expression pandas tells by exceptions of a dozen classes
         if column == "quantity" and isinstance(error, pd.errors.UndefinedVariableError):
             raise
-        raise UserError(
-            f"{claim.place}: {claim.id}: {column}: {_short(repr(expression))}: {_short(error) or type(error).__name__}"
-        ) from None
+        place, told = f"{claim.place}: {_short(claim.id)}: {column}", _short(error) or type(error).__name__
+        raise UserError(f"{place}: {_short(repr(expression))}: {told}") from None
 
 
 def _passes(claim: Claim, values: "pd.Series[float]", found: Estimate) -> bool | None:

@@ -111,7 +111,7 @@ class SweepDescription(Settings):
     source: str
     """The sweep.yaml."""
     axes: dict[str, AxisDescription]
-    replicates: int = Setting(ge=1)
+    replicates: int = Setting(ge=1, le=2**53)
     report: ReportSettings
     configurations: tuple[str, ...]
     """Of the arms, in the order of the axes."""
@@ -169,6 +169,7 @@ class RunStore:
         path = self.folder / "sweep.json"
         try:
             plain = json.loads(path.read_text(encoding="utf-8"))
+            json.dumps(plain, ensure_ascii=False).encode()  # halves of surrogate pairs are no text
         except (OSError, ValueError, RecursionError):
             raise UserError(
                 f"{self.folder}: holds no results, expected a folder that cosim sweep has written"

@@ -353,13 +353,14 @@ def follow(place: Place, page: Told, everything: bool) -> None:
 
 def wheel_installed(place: Place, clone: Path) -> None:
     """Build the wheel of *clone* and install it, with the pages' extra, into an environment of its own."""
+    here = place.folder.parent
     steps = (
-        f"python3 -m venv {place.folder.parent}/venv",
-        f". {place.folder.parent}/venv/bin/activate",
-        f"pip wheel --quiet --no-deps --wheel-dir {place.folder.parent} {clone}",
-        f"pip install --quiet -c {clone}/constraints.txt {place.folder.parent}/cosim_robots-*.whl'[web]'",
+        f"python3 -m venv {here}/venv",
+        f". {here}/venv/bin/activate",
+        f"pip wheel --quiet --no-deps --wheel-dir {here} {clone}",
+        f'pip install --quiet -c {clone}/constraints.txt "$(echo {here}/*.whl)[web]"',
     )
-    print(f"\nthe wheel, into {place.folder.parent}/venv", flush=True)
+    print(f"\nthe wheel, into {here}/venv", flush=True)
     for step in steps:
         do(Place("", place.folder, place.environment, None, place.failed), step, Told(), True)
 

@@ -307,3 +307,12 @@ def test_rows_are_written_in_the_order_of_time(tmp_path: Path):
     assert table.schema.metadata[b"seed"] == b"1"
     assert table.schema.field("x_m").metadata == {b"unit": b"m", b"meaning": b"position, world frame"}
     assert trace.digest() == before
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    done: list[str] = []
+    replace = Path.replace
+    monkeypatch.setattr("os.fsync", lambda file: done.append("written"))
+    monkeypatch.setattr(Path, "replace", lambda path, target: done.append("renamed") or replace(path, target))
+    write_parquet(pa.table({"x": [1]}), tmp_path / "x.parquet")
+    assert done == ["written", "renamed"]
