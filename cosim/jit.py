@@ -22,7 +22,7 @@ from numba.core import event
 __all__ = ["before_compiling", "cache_folder", "njit"]
 
 if "scipy.linalg" not in sys.modules:
-    # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and for that loads all of scipy.linalg
+    # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and so loads all of scipy.linalg
     # (0.3 s): it is not to look now, but when a kernel wants one, which none of ours does
     sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
     from numba.np import arraymath
