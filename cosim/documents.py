@@ -66,7 +66,7 @@ class _StrictLoader(yaml.SafeLoader):
         """Return the next node; raise when there have been too many."""
         self._composed += 1
         if self._composed > MOST_VALUES:
-            raise _too_large(self.peek_event().start_mark)
+            raise _too_large(self.peek_event().start_mark)  # type: ignore[no-untyped-call]
         return super().compose_node(parent, index)
 
     def construct_document(self, node: yaml.Node) -> Any:

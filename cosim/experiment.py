@@ -256,8 +256,9 @@ def _check_parameters(
 ) -> dict[str, Any]:
     """Return *parameters*; raise UserError if the settings called ``Parameters`` beside the function refuse them."""
     model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
-    known = isinstance(model, type) and issubclass(model, Settings)
-    validated(model if known else FreeSettings, parameters, source, assignments)
+    if not (isinstance(model, type) and issubclass(model, Settings)):
+        model = FreeSettings
+    validated(model, parameters, source, assignments)
     return parameters
 
 

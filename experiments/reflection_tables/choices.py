@@ -87,7 +87,7 @@ class Parameters(Settings):
 
     def chosen(self) -> Scenario:
         """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
-        changes = {"floorplan.map": (self.floors | self.choice.floors)[self.floor]} | self.choice.set
+        changes: dict[str, Any] = {"floorplan.map": (self.floors | self.choice.floors)[self.floor]} | self.choice.set
         if self.team == "smallest":
             changes["team.size"] = self.smallest.get(self.algorithm, 1)
         return changed(self.scenario, changes, "choice", Path(__file__).parent)
