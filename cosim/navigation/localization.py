@@ -55,6 +55,9 @@ _TURN: Final = 2.0 * math.pi
 _NO_ENDS: Final = np.empty((0, 2))
 
 
+MOST_PARTICLES = 1_000_000
+
+
 class LocalizationParameters(Settings):
     """Parameters of the filter; defaults of Nav2's AMCL (nav2_params.yaml, amcl_node.cpp) if not said otherwise.
 
@@ -86,8 +89,8 @@ class LocalizationParameters(Settings):
     sigma_hit_m: Metres = Field(default=0.2, gt=0, description="m, standard deviation of a hit")
     lambda_short_per_m: Rate = Field(default=0.1, gt=0, description="1/m, rate of short readings (beam model)")
     max_distance_m: Metres = Field(default=2.0, gt=0, description="m; farther from an obstacle an end fits no worse")
-    least_particles: Count = Field(default=500, ge=1, description="particles at least")
-    most_particles: Count = Field(default=2000, ge=1, description="particles at most")
+    least_particles: Count = Field(default=500, ge=1, le=MOST_PARTICLES, description="particles at least")
+    most_particles: Count = Field(default=2000, ge=1, le=MOST_PARTICLES, description="particles at most")
     kld_error: Gain = Field(default=0.05, gt=0, description="greatest Kullback-Leibler distance to the posterior")
     kld_z: Gain = Field(default=0.99, ge=0, description="its normal quantile; not the probability that it looks like")
     bin_m: Metres = Field(default=0.5, gt=0, description="m, side of a bin of poses")

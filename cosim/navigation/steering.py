@@ -112,6 +112,10 @@ class PotentialFieldParameters(Settings):
         return self
 
 
+MOST_CELLS: Final = 4096
+"""Cells a side of the largest memory of visits, of 64 MB."""
+
+
 class AvoidPastParameters(PotentialFieldParameters):
     """The potential field's parameters, and those of the memory of visits."""
 
@@ -129,6 +133,8 @@ class AvoidPastParameters(PotentialFieldParameters):
     def _windows_fit(self) -> "AvoidPastParameters":
         if self.horizon_cells < 1:
             raise error_at(("horizon_m",), self.horizon_m, f"is less than a cell, of {1.0 / self.cells_per_m} m")
+        if self.side_cells > MOST_CELLS:
+            raise error_at(("side_m",), self.side_m, f"makes {self.side_cells} cells a side, at most {MOST_CELLS}")
         if not 2 * max(self.horizon_cells, self.mark_cells) < self.side_cells:
             raise error_at(("side_m",), self.side_m, "is not > twice horizon_m and twice mark_m")
         return self

@@ -55,7 +55,7 @@ class EscapeParameters(Settings):
     """When a robot takes itself to be caught in a local minimum, and how it gets out (sections 3.5 to 3.7)."""
 
     enabled: bool = Field(default=True, description="without it the robot stalls")
-    period_s: Period = Field(default=8.0, gt=0, description="s, the time for which its movement is looked at")
+    period_s: Period = Field(default=8.0, gt=0, le=3600, description="s, the time for which its movement is looked at")
     box_m: Metres = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
     patience_s: Seconds | None = Field(
         default=15.0,

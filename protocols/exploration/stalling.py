@@ -33,8 +33,8 @@ class Stalling:
         self._box_m = box_m
         self._patience = patience_ticks
         self._barren = 0
-        self._ticks = ticks
-        self._places = np.zeros((ticks, 2))
+        self._ticks = max(1, ticks)
+        self._places = np.zeros((self._ticks, 2))
         self._side_m = 0.0
         """Of the box about what has been noted; of all places once all have been."""
         self._noted = 0

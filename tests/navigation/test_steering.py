@@ -267,6 +267,7 @@ def test_the_field_does_not_depend_on_how_the_frame_is_turned(quarters):
         (AvoidPastParameters, {"horizon_m": 0.02}, "less than a cell"),
         (AvoidPastParameters, {"side_m": 1.0}, "is not > twice horizon_m"),
         (AvoidPastParameters, {"mark_m": 15.0}, "is not > twice"),
+        (AvoidPastParameters, {"side_m": 5000.0}, "makes 50000 cells a side, at most 4096"),
         (AvoidPastParameters, {"avoid_margin_m": 0.9}, "is not < 0.8, avoid_sphere_m"),
     ],
 )
