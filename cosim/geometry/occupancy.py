@@ -43,7 +43,7 @@ def _runs(cells: Bools, most: int | None) -> Rows:
         edges = np.zeros((last - first, nx + 2), np.bool_)
         np.not_equal(band[1:], band[:-1], out=edges[:, 1:-1])
         ends = edges[:, 1:] != edges[:, :-1]  # a run begins, ends, and so on
-        count += np.count_nonzero(ends) // 2
+        count += int(np.count_nonzero(ends)) // 2
         if most is not None and count > most:
             raise ValueError("the outline has more segments than it may have")
         y, x = np.nonzero(ends)
