@@ -1,7 +1,7 @@
 """Every document of the repository, spoilt by seeded mutations: none gives a traceback, hangs, or takes the memory.
 
-What is valid is validated once more as it was printed, and runs two seconds in which bodies stay on the floor. The
-case of seed 7 is replayed by ``python -m tests.document_judge 7 8``; ``tests.document_cases`` writes its files.
+What is valid is validated once more as printed, and runs two seconds in which bodies stay on the floor. One case, that
+of seed 7, is replayed by ``python -m tests.document_judge 7 8``, and its files are written by ``tests.document_cases``.
 """
 
 import json

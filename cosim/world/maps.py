@@ -219,11 +219,10 @@ def read_percent(path: Path, settings: RosMapSettings) -> Percents:
         return percent
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is another
-            image = Image.open(io.BytesIO(content))
-        with image:
-            _check_cells(*image.size, f"{path}: header")
-            return _of_image(image, settings)
+            warnings.simplefilter("ignore")  # of what is odd, but can be read; and our own limit of size is another
+            with Image.open(io.BytesIO(content)) as image:
+                _check_cells(*image.size, f"{path}: header")
+                return _of_image(image, settings)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:  # Pillow's ways to say no
         reason = "unknown format" if isinstance(error, UnidentifiedImageError) else str(error)
         raise UserError(f"{path}: not an image, expected PGM or PNG: {reason}") from None
@@ -373,7 +372,8 @@ def _blocked(stream: io.BytesIO, content: bytes, shape: tuple[int, int], path: P
         lines = content.count(b"\n", 0, start)
         text = stream.readline().decode(errors="replace").removesuffix("\n")
         _check_row(text, width, f"{path}: line {lines + row + 1}")
-    return np.asarray(codes[:, :-1] == _SOLID, np.bool_)
+    blocked: Bools = codes[:, :-1] == _SOLID
+    return blocked
 
 
 def _check_row(row: str, width: int, place: str) -> None:
