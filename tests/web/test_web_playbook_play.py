@@ -230,8 +230,10 @@ def test_a_host_that_falls_silent_is_succeeded_and_what_it_was_asked_is_asked_ag
     page.clock.run_for(5000)
     page.wait_for_timeout(200)
     assert page.inner_text("#host") == ""
-    still.time_s = 6.0
-    until(page, "document.getElementById('host').textContent.includes('does not answer')")
+    still.state = "busy"  # that is no pause: patience goes on
+    until(page, "document.getElementById('state').textContent === 'busy'")
+    still.state, still.time_s = "playing", 6.0
+    until(page, "document.getElementById('host').textContent.includes('does not answer')", seconds=20)
     still.time_s = 8.0
     shown(page, 8.0)
     page.clock.run_for(2000)
