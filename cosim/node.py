@@ -1,14 +1,33 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
-from typing import Any, NamedTuple
+from collections.abc import Container
+from typing import Any, Final, NamedTuple
 
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import OPERATOR, Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
+from cosim.machine import (
+    BROADCAST,
+    OPERATOR,
+    Address,
+    Call,
+    Command,
+    Flush,
+    Inquire,
+    LinkCommand,
+    LinkEvent,
+    Machine,
+    Outgoing,
+    Reception,
+    Scan,
+    Share,
+)
 from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
-from cosim.units import Time
+from cosim.units import Time, to_seconds
+
+SHOWN: Final = 100
+"""The most characters that an error shows of what is wrong."""
 
 
 class Said(NamedTuple):
@@ -70,22 +89,25 @@ class Node:
             self.drain(now)
 
     def drain(self, now: Time) -> None:
-        """Act on all that the machine has left in its queues, and arm its deadline."""
+        """Act on all that the machine has left in its queues, and arm its deadline.
+
+        Raise LocalProtocolError for what nobody could send or carry out.
+        """
         if not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
             return
         machine = self.machine
         for event in machine.events():  # first: what the device notes below it comes after it
             self._note(event, now)
         for item in machine.outbox():
-            if isinstance(item, Outgoing):
-                if item.destination == OPERATOR:
-                    self.cable.append(Said(now, self.address, item.payload))
-                    continue
-                if item.radio not in self._radios:
-                    raise LocalProtocolError(f"robot {self.address} has no radio {item.radio}")
-                self._channel.send(self.address, item)
-            else:
+            wrong = misuse(item, self._channel.size, self._radios)
+            if wrong is not None:
+                raise LocalProtocolError(f"robot {self.address} at {to_seconds(now):.6f} s: {shown(item)}: {wrong}")
+            if not isinstance(item, Outgoing):
                 self._channel.command(self.address, item)
+            elif item.destination == OPERATOR:
+                self.cable.append(Said(now, self.address, item.payload))
+            else:
+                self._channel.send(self.address, item)
         self.motion += machine.commands()
         deadline, timer = machine.wake_at(), self._timer
         if deadline is not None and (timer is None or deadline < timer.time):
@@ -160,6 +182,44 @@ class Node:
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
             raise LocalProtocolError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+
+
+def misuse(item: object, size: int, radios: Container[int]) -> str | None:
+    """Return what is wrong with *item* of an outbox in a team of *size*, whose sender has *radios*; None if nothing."""
+    if isinstance(item, Outgoing):
+        payload: object = item.payload
+        if not isinstance(payload, bytes):
+            return f"its payload is of the type {type(payload).__name__}, expected bytes"
+        if item.destination == OPERATOR:
+            return None
+        if item.radio not in radios:
+            return f"the robot has no radio {item.radio}"
+        named: tuple[Address, ...] = () if item.destination == BROADCAST else (item.destination,)
+    elif isinstance(item, LinkCommand):
+        named = _named(item)
+    else:
+        return f"it is of the type {type(item).__name__}, expected Outgoing or a link command"
+    wrong = [address for address in named if address not in range(size)]
+    return f"{wrong[0]} is no robot of the team, expected 0 to {size - 1}" if wrong else None
+
+
+def shown(item: object) -> str:
+    """Return *item* as an error shows it: not all of a long payload."""
+    text = repr(item)
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+
+
+def _named(command: LinkCommand) -> tuple[Address, ...]:
+    """Return the robots that *command* names."""
+    match command:
+        case Inquire() | Scan():
+            return ()
+        case Flush(destination=destination):
+            return () if destination == BROADCAST else (destination,)
+        case Share(parts=parts, reference=reference):
+            return (*(master for master, _, _ in parts), reference)
+        case _:
+            return (command.peer,)
 
 
 class _OtherTime:

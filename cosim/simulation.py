@@ -272,8 +272,7 @@ class Simulation:
             "distance_m": self._distance_m,
             "kernel_events": float(self.kernel.executed),
             "robots_killed": float(self.faults.killed),
-            **self.spec.measure(self.machines),
-            **self.referee.verdict(now),
+            **_own_metrics(self.spec, self.spec.measure(self.machines), self.referee.verdict(now)),
         }
         summary = self.channel.summary()
         columns = (*METRICS, *self.spec.metrics, *self.channel.columns)
@@ -284,6 +283,27 @@ class Simulation:
         counted = {name: value for name, value in metrics.items() if name != "kernel_events"}  # not an outcome
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept
         return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
+
+
+def _own_metrics(spec: ProtocolSpec, measured: dict[str, float], judged: dict[str, float]) -> dict[str, float]:
+    """Return what the machines and the referee have counted.
+
+    Raise LocalProtocolError unless these are the metrics of *spec*, each once and each a number or NaN.
+    """
+    declared = {metric.name for metric in spec.metrics}
+    for teller, metrics in (("measure", measured), ("the referee", judged)):
+        for name, value in metrics.items():
+            if name not in declared:
+                raise LocalProtocolError(f"{spec.name}: {teller} returns {name!r}, which is no metric of the spec")
+            if not isinstance(value, int | float) or math.isinf(value):
+                raise LocalProtocolError(f"{spec.name}: {teller} returns {name} = {value!r}, expected a number or NaN")
+    for name in sorted(declared):
+        if (name in measured) + (name in judged) != 1:
+            tellers = (
+                "both measure and the referee return" if name in measured else "neither measure nor the referee returns"
+            )
+            raise LocalProtocolError(f"{spec.name}: {tellers} the metric {name}")
+    return measured | judged
 
 
 def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: Streams) -> tuple[Frame, ...]:

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cosim.errors import LocalProtocolError, UserError
+from cosim.units import to_seconds
 
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
@@ -43,6 +44,8 @@ class Table(NamedTuple):
     name: str
     meaning: str
     fields: tuple[Field, ...]
+    types: tuple[type, ...] = ()
+    """The types of the events whose rows it takes."""
 
 
 _TIME = Field("time_ns", "int", "ns", "simulated time")
@@ -125,6 +128,7 @@ def events_table(types: Iterable[type]) -> Table:
     """
     fixed = (_TIME, _SOURCE, Field("event", "str", "", "the event's type"))
     fields: dict[str, Field] = {field.name: field for field in fixed}
+    types = tuple(types)
     for kind in types:
         for field in event_fields(kind):
             known = fields.setdefault(field.name, field)
@@ -132,7 +136,7 @@ def events_table(types: Iterable[type]) -> Table:
                 raise TypeError(f"{kind.__name__}.{field.name}: every event has a column of this name")
             if known.kind != field.kind:
                 raise TypeError(f"{kind.__name__}.{field.name}: {field.kind}, elsewhere {known.kind}")
-    return Table("events", "what the protocol's machines report", tuple(fields.values()))
+    return Table("events", "what the protocol's machines report", tuple(fields.values()), types)
 
 
 def event_fields(kind: type) -> list[Field]:
@@ -179,7 +183,7 @@ class Trace:
     def event(self, time: int, source: int, event: Any) -> None:
         """Append a protocol's *event*, a dataclass, to the table ``events``.
 
-        Raise LocalProtocolError for one with a field that the table lacks: its type is not among the protocol's.
+        Raise LocalProtocolError for one whose type is not among those of the table.
         """
         table = self.tables.get("events")
         if table is None:
@@ -187,6 +191,11 @@ class Trace:
         kind = type(event)
         names = self._attributes.get(kind)
         if names is None:
+            if kind not in table.types:
+                raise LocalProtocolError(
+                    f"robot {source} at {to_seconds(time):.6f} s: {kind.__name__} is not among the event types that "
+                    "the protocol's spec names"
+                )
             names = self._attributes[kind] = _attributes(kind, table)
         values = [None if name is None else getattr(event, name) for name in names]
         self.row(table, time, source, kind.__name__, *values)
@@ -272,10 +281,7 @@ def write_parquet(table: Any, path: Path) -> None:
 def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:
     """Return for each column of the table of events beyond the fixed three what it is in *kind*; None if nothing."""
     own = {field.name for field in dataclasses.fields(kind)}
-    columns = [field.name for field in table.fields[3:]]
-    if not own.issubset(columns):
-        raise LocalProtocolError(f"{kind.__name__} is not among the event types that the protocol's spec names")
-    return tuple(name if name in own else None for name in columns)
+    return tuple(field.name if field.name in own else None for field in table.fields[3:])
 
 
 def _arrow_field(field: Field) -> Any:
