@@ -38,6 +38,8 @@ from cosim.web.session import Session
 from cosim.web.starting import Showing, check_installed, show
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
+MOST_NOTICES = 10
+"""The most lines that a run says on stderr."""
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
@@ -115,12 +117,15 @@ def run(
             if folder is not None:  # a folder that cannot be made shows now, not after the run
                 folder.mkdir(parents=True, exist_ok=True)
         outcome = simulation.run()
+    for line in _few(outcome.notices):
+        click.echo(line, err=True)
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
         write_scene(scene_of(chosen, simulation.floorplan, seed), trace)
     captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
+        found["notices"] = outcome.notices
         click.echo(_json(found))
         return
     click.echo(_metrics(outcome, seed))
@@ -130,6 +135,13 @@ def run(
         )
     if captured:
         click.echo(f"\n{captured}")
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    """Return the first of *lines*, and how many more there are."""
+    if len(lines) <= MOST_NOTICES:
+        return list(lines)
+    return [*lines[: MOST_NOTICES - 1], f"and {len(lines) - MOST_NOTICES + 1} more (--json has all)"]
 
 
 def _capture(path: Path, simulation: Simulation, comment: str) -> str:

@@ -1,6 +1,6 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from typing import Any, Final, NamedTuple
 
 from cosim.channels.base import Channel
@@ -12,6 +12,7 @@ from cosim.machine import (
     Address,
     Call,
     Command,
+    Event,
     Flush,
     Inquire,
     LinkCommand,
@@ -38,6 +39,18 @@ class Said(NamedTuple):
     payload: bytes
 
 
+class Notices:
+    """What machines report that a person is to be told: their events of some *types*, in words."""
+
+    def __init__(self, types: Iterable[type]) -> None:
+        self.types = frozenset(types)
+        self.texts: list[str] = []
+
+    def take(self, event: Event, robot: Address, now: Time) -> None:
+        """Put down what *robot* reports."""
+        self.texts.append(f"robot {robot} at {to_seconds(now):.1f} s: {event}")
+
+
 class Node:
     """The driver of one machine. Inputs of one instant are taken first; ``drain`` then acts on them once.
 
@@ -53,6 +66,7 @@ class Node:
         channel: Channel,
         trace: Trace,
         cable: list[Said] | None = None,
+        notices: "Notices | None" = None,
     ) -> None:
         self.address = address
         self.machine = machine
@@ -62,6 +76,9 @@ class Node:
         """By how much the machine's clock is ahead."""
         self.cable: list[Said] = [] if cable is None else cable
         """Takes what the machine tells the operator; several nodes may share it."""
+        self.payloads = 0
+        """How many the machine has sent by the channel."""
+        self._notices = notices
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
@@ -107,6 +124,7 @@ class Node:
             elif item.destination == OPERATOR:
                 self.cable.append(Said(now, self.address, item.payload))
             else:
+                self.payloads += 1
                 self._channel.send(self.address, item)
         self.motion += machine.commands()
         deadline, timer = machine.wake_at(), self._timer
@@ -155,6 +173,8 @@ class Node:
             self._trace.row(CALLS, now, self.address, event.depth, event.room, event.call, event.detail)
         else:
             self._trace.event(now, self.address, event)
+            if self._notices is not None and type(event) in self._notices.types:
+                self._notices.take(event, self.address, now)
 
     def _arm(self, deadline: Time, now: Time) -> None:
         """Have the machine woken at *deadline*, or at once if that is over, and not when it would have been."""

@@ -112,6 +112,8 @@ class ProtocolSpec:
     """(machines) -> the metrics that the machines count themselves."""
     events: tuple[type, ...]
     """The event types, frozen dataclasses, that the machines emit."""
+    notices: tuple[type, ...] = ()
+    """Those of the event types that a person is to be told of: ``cosim run`` prints what ``str`` makes of them."""
     team_limit: int | None = None
     """The largest team that the protocol can address."""
     succeed: Callable[[Any, Any, Time], None] | None = None

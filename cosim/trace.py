@@ -94,6 +94,17 @@ TRANSMISSIONS: Final = Table(
         Field("body", "str", "", "what DATA carries, hexadecimal"),
     ),
 )
+UNSENT: Final = Table(
+    "unsent",
+    "payloads that were never on the air, for the sender's device has not taken them",
+    (
+        Field("time_ns", "int", "ns", "when that was clear"),
+        Field("source", "int", "", "sender"),
+        Field("destination", "int", "", "receiver; -1 for all"),
+        Field("length", "int", "B", "payload"),
+        Field("outcome", "str", "", "why: no_link, no_route, too_long or queue_full"),
+    ),
+)
 MESSAGES: Final = Table(
     "messages",
     "payloads that arrived at a machine",
@@ -117,7 +128,7 @@ CALLS: Final = Table(
         Field("detail", "str", "", "arguments and result, for people"),
     ),
 )
-TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, CALLS)}
+TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, UNSENT, CALLS)}
 
 
 def events_table(types: Iterable[type]) -> Table:

@@ -13,7 +13,7 @@ from cosim.units import Time, to_seconds
 from protocols.deployment import positioning
 from protocols.deployment.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.floor import Floor
-from protocols.deployment.journal import EVENTS
+from protocols.deployment.journal import EVENTS, PlanRefused
 from protocols.deployment.knowledge import Knowledge, knowledge_of
 from protocols.deployment.links import MOST_ROBOTS
 from protocols.deployment.parameters import Parameters
@@ -145,6 +145,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=(*EVENTS, *positioning.EVENTS, *EXPLORING_EVENTS),
+    notices=(PlanRefused,),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
     needs_sight=True,

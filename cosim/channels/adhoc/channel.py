@@ -133,6 +133,7 @@ class AdhocChannel(IdealChannel):
             self._handover.hand(source, partial(self._forwarding.send, source, outgoing))
             return
         if self._most is not None and self._held[source] >= self._most:
+            self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.QUEUE_FULL)
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
             return
