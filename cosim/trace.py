@@ -111,7 +111,7 @@ MESSAGES: Final = Table(
     (
         Field("time_ns", "int", "ns", "arrival"),
         Field("source", "int", "", "receiver"),
-        Field("sender", "int", "", "last hop; -2 for the operator at the console"),
+        Field("sender", "int", "", "who has sent it, however many hops of a router away; -2: the operator"),
         Field("broadcast", "bool", "", "sent to everyone"),
         Field("payload", "str", "", "the bytes, hexadecimal"),
     ),
