@@ -31,7 +31,7 @@ from cosim.observation import Observation
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
-from cosim.robots.placement import checked_starts
+from cosim.robots.placement import checked_starts, misfit
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.scenario import Scenario, TeamSettings
 from cosim.trace import POSES, Table, Trace, events_table
@@ -197,11 +197,15 @@ class Simulation:
             places_m=floor.places_m,
             scan_range_m=scenario.team.senses.beam_range_m,
             beams=scenario.team.senses.beams,
+            fits=lambda place_m, radius_m: misfit(place_m, radius_m, floor) is None,
         )
-        starts = scenario.team.starts
+        starts, giver = scenario.team.starts, "team.starts"
         if starts is None:
             starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
-        checked_starts(starts, radii_m, floor)
+            giver = f"protocol {self.spec.name}: place()"
+            if len(starts) != scenario.team.size:
+                raise LocalProtocolError(f"{giver} returns {len(starts)} starts, expected {scenario.team.size}")
+        checked_starts(starts, radii_m, floor, giver)
         return surroundings._replace(
             starts_m=tuple(starts), frames=_frames(scenario, starts, streams), seed=streams.seed
         )
@@ -327,10 +331,8 @@ def _own_metrics(spec: ProtocolSpec, measured: dict[str, float], judged: dict[st
                 raise LocalProtocolError(f"{spec.name}: {teller} returns {name} = {value!r}, expected a number or NaN")
     for name in sorted(declared):
         if (name in measured) + (name in judged) != 1:
-            tellers = (
-                "both measure and the referee return" if name in measured else "neither measure nor the referee returns"
-            )
-            raise LocalProtocolError(f"{spec.name}: {tellers} the metric {name}")
+            tellers = "both measure and the referee return" if name in measured else "neither of them returns"
+            raise LocalProtocolError(f"{spec.name}, measure and the referee: {tellers} the metric {name}")
     return measured | judged
 
 
