@@ -6,6 +6,7 @@ Exit 0: done. 1: a run failed, or the computer did (a full disk). 2: the user's 
 import json
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
@@ -19,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from cosim.documents import read_yaml
-from cosim.errors import UserError
+from cosim.errors import LocalProtocolError, UserError
 from cosim.experiment import base_scenario, experiment_folders, find_experiment, is_experiment, load_experiment
 from cosim.export.capture import captured_tables, write_capture
 from cosim.scenario import CHANNELS, Scenario, dump, load, protocol_names, protocol_spec
@@ -57,6 +58,8 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     except (UserError, click.ClickException) as error:
         text = error.format_message() if isinstance(error, click.ClickException) else str(error)
         return _complain(" ".join(text.split()), 2)
+    except LocalProtocolError as error:  # a bug here or in somebody's protocol: what and where, then how it came to it
+        return _complain(f"{error}\n\n{''.join(traceback.format_exception(error))}".rstrip(), 1)
     except (KeyboardInterrupt, click.Abort):
         return _complain("interrupted: what is finished is kept", 130)
     except (BrokenPipeError, SystemExit):  # (click's answer to a closed pipe) the reader has seen enough
@@ -175,8 +178,9 @@ def _metrics(outcome: Outcome, seed: int) -> str:
     units = {metric.name: metric.unit for metric in outcome.metric_columns}
     width = max(map(len, outcome.metrics), default=0)
     lines = [
-        f"{name:<{width}}  {value:g} {units.get(name, '').removeprefix('1')}".rstrip()
-        for name, value in outcome.metrics.items()
+        f"{name:<{width}}  {outcome.metrics[name]:g} {units.get(name, '').removeprefix('1')}".rstrip()
+        for name in dict.fromkeys((*units, *outcome.metrics))  # as they are declared: what matters comes first
+        if name in outcome.metrics
     ]
     return "\n".join([*lines, f"{'seed':<{width}}  {seed}", f"{'digest':<{width}}  {outcome.digest}"])
 
@@ -395,7 +399,8 @@ def list_all(as_json: bool) -> None:
 
 def _about_protocol(name: str) -> str:
     try:
-        return _first_line(protocol_spec(name).parameters)
+        spec = protocol_spec(name)
+        return spec.about or _first_line(spec.parameters)
     except ValueError as error:  # somebody's package that is broken must not hide the others
         return str(error)
 

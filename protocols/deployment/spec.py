@@ -137,6 +137,7 @@ def measure(machines: Sequence[Runner]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="deployment",
+    about="A person calls plays: a planner tailors them, and robots of different kinds take up places in turns.",
     parameters=Parameters,
     place=place,
     prepare=prepare,
