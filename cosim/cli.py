@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cosim import __version__
-from cosim.errors import UserError
+from cosim.errors import LocalProtocolError, UserError
 from cosim.units import to_seconds
 from cosim.web.pacing import FASTEST, SLOWEST
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from cosim.web.session import Session
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
+MOST_NOTICES = 10
+"""The most lines that a run says on stderr."""
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
@@ -47,6 +50,8 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     except (UserError, click.ClickException) as error:
         text = error.format_message() if isinstance(error, click.ClickException) else str(error)
         return _complain(" ".join(text.split()), 2)
+    except LocalProtocolError as error:  # a bug here or in somebody's protocol: what and where, then how it came to it
+        return _complain(f"{error}\n\n{''.join(traceback.format_exception(error))}".rstrip(), 1)
     except (KeyboardInterrupt, click.Abort):
         return _complain("interrupted: what is finished is kept", 130)
     except (BrokenPipeError, SystemExit):  # (click's answer to a closed pipe) the reader has seen enough
@@ -126,12 +131,15 @@ def run(
             if folder is not None:  # a folder that cannot be made shows now, not after the run
                 folder.mkdir(parents=True, exist_ok=True)
         outcome = simulation.run()
+    for line in _few(outcome.notices):
+        click.echo(line, err=True)
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
         write_scene(scene_of(chosen, simulation.floorplan, seed), trace)
     captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
+        found["notices"] = outcome.notices
         click.echo(_json(found))
         return
     click.echo(_metrics(outcome, seed))
@@ -141,6 +149,13 @@ def run(
         )
     if captured:
         click.echo(f"\n{captured}")
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    """Return the first of *lines*, and how many more there are."""
+    if len(lines) <= MOST_NOTICES:
+        return list(lines)
+    return [*lines[: MOST_NOTICES - 1], f"and {len(lines) - MOST_NOTICES + 1} more (--json has all)"]
 
 
 def _capture(path: Path, simulation: Simulation, comment: str) -> str:
@@ -182,8 +197,9 @@ def _metrics(outcome: Outcome, seed: int) -> str:
     units = {metric.name: metric.unit for metric in outcome.metric_columns}
     width = max(map(len, outcome.metrics), default=0)
     lines = [
-        f"{name:<{width}}  {value:g} {units.get(name, '').removeprefix('1')}".rstrip()
-        for name, value in outcome.metrics.items()
+        f"{name:<{width}}  {outcome.metrics[name]:g} {units.get(name, '').removeprefix('1')}".rstrip()
+        for name in dict.fromkeys((*units, *outcome.metrics))  # as they are declared: what matters comes first
+        if name in outcome.metrics
     ]
     return "\n".join([*lines, f"{'seed':<{width}}  {seed}", f"{'digest':<{width}}  {outcome.digest}"])
 
@@ -448,7 +464,8 @@ def _about_protocol(name: str) -> str:
     from cosim.scenario import protocol_spec
 
     try:
-        return _first_line(protocol_spec(name).parameters)
+        spec = protocol_spec(name)
+        return spec.about or _first_line(spec.parameters)
     except ValueError as error:  # somebody's package that is broken must not hide the others
         return str(error)
 

@@ -2,7 +2,7 @@
 
     CosimError
     +-- UserError (ValueError)             the user's input: one line, exit 2, no traceback
-    +-- LocalProtocolError (RuntimeError)  our own misuse of a machine, a channel or the kernel: stops the run
+    +-- LocalProtocolError (RuntimeError)  misuse of a machine, a channel or the kernel by the code here: stops the run
     +-- WireError (ValueError)             bytes that do not decode; a machine turns it into an event
 
 A peer's bad bytes never leave a machine as an exception. Every class is also a builtin kind, so that callers can
@@ -34,7 +34,7 @@ class UserError(CosimError, ValueError):
 
 
 class LocalProtocolError(CosimError, RuntimeError):
-    """Our own code used a contract wrongly; always a bug here, never a peer's fault."""
+    """A protocol, or cosim itself, used a contract wrongly: a bug in the code that runs here, never a peer's fault."""
 
 
 class WireError(CosimError, ValueError):

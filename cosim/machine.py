@@ -22,7 +22,8 @@ Address: TypeAlias = int
 """A robot's number in its team, from 0."""
 
 BROADCAST: Final[Address] = -1
-"""The destination of a payload that is meant for everyone in reach."""
+"""The destination of a payload that is meant for all who hear the sender: everyone in reach of a radio that needs no
+links, over Bluetooth a master's slaves. A slave has a link to its master only, and reaches nobody by a broadcast."""
 
 OPERATOR: Final[Address] = -2
 """The person at the robot's console: what is sent there and comes from there goes by cable, past every channel."""
@@ -35,13 +36,11 @@ class Reception(NamedTuple):
     """How a payload arrived."""
 
     source: Address
-    """Who put it on the air (the last hop)."""
+    """Who has sent it: where a router brings payloads, the robot that it comes from, however many hops away."""
     broadcast: bool
     """Whether it was sent to everyone."""
     rssi_dbm: float | None = None
-    """Received power, where the channel knows it."""
-    bearing_rad: float | None = None
-    """Direction of the source in the receiver's frame, where the channel knows it."""
+    """Received power; None where signals do not fade, so that all in range are heard alike, and where a router is."""
     radio: int = 0
     """Which of the receiver's radios it came by."""
 

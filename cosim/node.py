@@ -1,17 +1,36 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
+from collections.abc import Container, Iterable
 from typing import Any, Final, NamedTuple
 
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
-from cosim.machine import OPERATOR, Address, Call, Command, LinkEvent, Machine, Outgoing, Reception
+from cosim.machine import (
+    BROADCAST,
+    OPERATOR,
+    Address,
+    Call,
+    Command,
+    Event,
+    Flush,
+    Inquire,
+    LinkCommand,
+    LinkEvent,
+    Machine,
+    Outgoing,
+    Reception,
+    Scan,
+    Share,
+)
 from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace
-from cosim.units import S, Time
+from cosim.units import S, Time, to_seconds
 
 LATEST: Final[Time] = 4_000_000_000 * S
 """How far clocks can be set forward, about 127 years: what they read later, and deadlines, still fit into 63 bits."""
+SHOWN: Final = 100
+"""The most characters that an error shows of what is wrong."""
 
 
 class Said(NamedTuple):
@@ -20,6 +39,18 @@ class Said(NamedTuple):
     at: Time
     robot: Address
     payload: bytes
+
+
+class Notices:
+    """What machines report that a person is to be told: their events of some *types*, in words."""
+
+    def __init__(self, types: Iterable[type]) -> None:
+        self.types = frozenset(types)
+        self.texts: list[str] = []
+
+    def take(self, event: Event, robot: Address, now: Time) -> None:
+        """Put down what *robot* reports."""
+        self.texts.append(f"robot {robot} at {to_seconds(now):.1f} s: {event}")
 
 
 class Node:
@@ -37,6 +68,7 @@ class Node:
         channel: Channel,
         trace: Trace,
         cable: list[Said] | None = None,
+        notices: "Notices | None" = None,
     ) -> None:
         self.address = address
         self.machine = machine
@@ -46,6 +78,9 @@ class Node:
         """By how much the machine's clock is ahead."""
         self.cable: list[Said] = [] if cable is None else cable
         """Takes what the machine tells the operator; several nodes may share it."""
+        self.payloads = 0
+        """How many the machine has sent by the channel."""
+        self._notices = notices
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
@@ -73,22 +108,26 @@ class Node:
             self.drain(now)
 
     def drain(self, now: Time) -> None:
-        """Act on all that the machine has left in its queues, and arm its deadline."""
+        """Act on all that the machine has left in its queues, and arm its deadline.
+
+        Raise LocalProtocolError for what nobody could send or carry out.
+        """
         if not self.alive:  # a dead host has inputs like others, but neither takes nor answers them
             return
         machine = self.machine
         for event in machine.events():  # first: what the device notes below it comes after it
             self._note(event, now)
         for item in machine.outbox():
-            if isinstance(item, Outgoing):
-                if item.destination == OPERATOR:
-                    self.cable.append(Said(now, self.address, item.payload))
-                    continue
-                if item.radio not in self._radios:
-                    raise LocalProtocolError(f"robot {self.address} has no radio {item.radio}")
-                self._channel.send(self.address, item)
-            else:
+            wrong = misuse(item, self._channel.size, self._radios)
+            if wrong is not None:
+                raise LocalProtocolError(f"robot {self.address} at {to_seconds(now):.6f} s: {shown(item)}: {wrong}")
+            if not isinstance(item, Outgoing):
                 self._channel.command(self.address, item)
+            elif item.destination == OPERATOR:
+                self.cable.append(Said(now, self.address, item.payload))
+            else:
+                self.payloads += 1
+                self._channel.send(self.address, item)
         self.motion += machine.commands()
         deadline, timer = machine.wake_at(), self._timer
         if deadline is not None and (timer is None or deadline < timer.time):
@@ -138,6 +177,8 @@ class Node:
             self._trace.row(CALLS, now, self.address, event.depth, event.room, event.call, event.detail)
         else:
             self._trace.event(now, self.address, event)
+            if self._notices is not None and type(event) in self._notices.types:
+                self._notices.take(event, self.address, now)
 
     def _arm(self, deadline: Time, now: Time) -> None:
         """Have the machine woken at *deadline*, or at once if that is over, and not when it would have been."""
@@ -165,6 +206,44 @@ class Node:
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
             raise LocalProtocolError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+
+
+def misuse(item: object, size: int, radios: Container[int]) -> str | None:
+    """Return what is wrong with *item* of an outbox in a team of *size*, whose sender has *radios*; None if nothing."""
+    if isinstance(item, Outgoing):
+        payload: object = item.payload
+        if not isinstance(payload, bytes):
+            return f"its payload is of the type {type(payload).__name__}, expected bytes"
+        if item.destination == OPERATOR:
+            return None
+        if item.radio not in radios:
+            return f"the robot has no radio {item.radio}"
+        named: tuple[Address, ...] = () if item.destination == BROADCAST else (item.destination,)
+    elif isinstance(item, LinkCommand):
+        named = _named(item)
+    else:
+        return f"it is of the type {type(item).__name__}, expected Outgoing or a link command"
+    wrong = [address for address in named if address not in range(size)]
+    return f"{wrong[0]} is no robot of the team, expected 0 to {size - 1}" if wrong else None
+
+
+def shown(item: object) -> str:
+    """Return *item* as an error shows it: not all of a long payload."""
+    text = repr(item)
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+
+
+def _named(command: LinkCommand) -> tuple[Address, ...]:
+    """Return the robots that *command* names."""
+    match command:
+        case Inquire() | Scan():
+            return ()
+        case Flush(destination=destination):
+            return () if destination == BROADCAST else (destination,)
+        case Share(parts=parts, reference=reference):
+            return (*(master for master, _, _ in parts), reference)
+        case _:
+            return (command.peer,)
 
 
 class _OtherTime:

@@ -19,6 +19,8 @@ from cosim.units import Time
 
 MOST_CELLS: Final = 1 << 22
 """Cells of the largest grid that robots plan on: a floor of a kilometre by a kilometre has as many of 0.5 m."""
+ATTEMPTS: Final = 10_000
+"""The number of places that are tried for a robot."""
 
 
 class Surroundings(NamedTuple):
@@ -39,7 +41,7 @@ class Surroundings(NamedTuple):
     bounds_m: tuple[float, float, float, float]
     """Extent of the floor: x_min, y_min, x_max, y_max."""
     forbidden: Callable[[np.ndarray[Any, np.dtype[np.float64]]], np.ndarray[Any, np.dtype[np.bool_]]]
-    """points (n, 2) -> True where the floor is occupied, unknown or outside."""
+    """points (n, 2) -> True where the floor is occupied, unknown or outside; it knows no bodies and no thin walls."""
     radii_m: tuple[float, ...] = ()
     """Radius of each robot's body."""
     speeds_mps: tuple[float, ...] = ()
@@ -58,6 +60,8 @@ class Surroundings(NamedTuple):
     """How many beams a scan has."""
     radios: tuple[tuple[int, ...], ...] = ()
     """The numbers of each robot's radios."""
+    fits: Callable[[tuple[float, float], float], bool] = lambda place_m, radius_m: True
+    """(place, radius of a body, both in m) -> whether the body has room there, as starts must: thin walls count too."""
 
 
 def check_cells(surroundings: Surroundings, cell_m: float, setting: str) -> None:
@@ -79,6 +83,28 @@ class Death(NamedTuple):
     """Where the body rests."""
     y_m: float
     radius_m: float
+
+
+def anywhere(
+    parameters: Any, surroundings: Surroundings, size: int, stream: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Put each robot where chance will have it, with room for its body: for a ``place`` that wants nothing else.
+
+    Raise UserError if there is no such place.
+    """
+    x_min, y_min, x_max, y_max = surroundings.bounds_m
+    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
+    starts: list[tuple[float, float]] = []
+    for robot, radius_m in enumerate(radii_m):
+        for _ in range(ATTEMPTS):
+            point = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+            apart = all(math.dist(point, other) > radius_m + radii_m[k] for k, other in enumerate(starts))
+            if apart and surroundings.fits(point, radius_m):
+                starts.append(point)
+                break
+        else:
+            raise UserError(f"team.starts: found no place for robot {robot}; say where robots start")
+    return starts
 
 
 class Referee(Protocol):
@@ -112,7 +138,10 @@ class ProtocolSpec:
     parameters: type[Settings]
     """Model of the protocol's parameters in a scenario."""
     place: Callable[[Any, Surroundings, int, np.random.Generator], Sequence[tuple[float, float]]]
-    """(parameters, surroundings without starts, team size, random stream) -> starts, where the scenario gives none."""
+    """(parameters, surroundings without starts, team size, random stream) -> starts, where the scenario gives none.
+
+    ``anywhere`` will do for many.
+    """
     prepare: Callable[[Any, Surroundings], Any]
     """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
 
@@ -128,6 +157,10 @@ class ProtocolSpec:
     """(machines) -> the metrics that the machines count themselves."""
     events: tuple[type, ...]
     """The event types, frozen dataclasses, that the machines emit."""
+    notices: tuple[type, ...] = ()
+    """Those of the event types that a person is to be told of: ``cosim run`` prints what ``str`` makes of them."""
+    about: str = ""
+    """What its robots do, in a sentence for ``cosim list``."""
     team_limit: int | None = None
     """The largest team that the protocol can address."""
     succeed: Callable[[Any, Any, Time], None] | None = None

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.channels.base import Channel
+from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.ideal import IdealChannel, IdealSettings
@@ -26,12 +26,12 @@ from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
 from cosim.kernel import DELIVER, WORLD, Kernel
 from cosim.machine import OPERATOR, Address, Command, Machine, Reception
-from cosim.node import Node, Said
+from cosim.node import Node, Notices, Said
 from cosim.observation import Observation
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
-from cosim.robots.placement import checked_starts
+from cosim.robots.placement import checked_starts, misfit
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.scenario import Scenario, TeamSettings
 from cosim.trace import POSES, Table, Trace, events_table
@@ -44,7 +44,14 @@ METRICS: Final = (
     Metric("distance_m", "m", "driven by all robots together"),
     Metric("kernel_events", "1", "events that the kernel executed"),
     Metric("robots_killed", "1", "robots that a fault has killed"),
+    Metric("payloads_unsent", "1", "payloads that were never on the air: no link, no route, too long, or no room"),
 )
+NO_OUTCOME: Final = {"kernel_events", "payloads_unsent"}
+"""Metrics that say how a run went, not what came out of it: its digest does not depend on them."""
+TOLD_SHARE: Final = 0.01
+"""If more of the payloads than this share were never on the air, the person who has started the run is told."""
+MOST_NAMED: Final = 3
+"""The most senders that are named with that."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,8 @@ class Outcome:
     trace: Trace
     simulated_s: float
     metric_columns: tuple[Metric, ...]
+    notices: tuple[str, ...] = ()
+    """What whoever has started the run is to be told of it, a line each: first of payloads, then in order of time."""
 
 
 def simulate(scenario: Scenario, seed: int, tables: Sequence[Table] = ()) -> Outcome:
@@ -98,8 +107,9 @@ class Simulation:
             for robot in range(scenario.team.size)
         ]
         self._cable: list[Said] = []
+        self._notices = Notices(self.spec.notices)
         self.nodes = [
-            Node(robot, machine, self.kernel, self.channel, self.trace, self._cable)
+            Node(robot, machine, self.kernel, self.channel, self.trace, self._cable, self._notices)
             for robot, machine in enumerate(self.machines)
         ]
         for node in self.nodes:
@@ -188,11 +198,15 @@ class Simulation:
             scan_range_m=scenario.team.senses.beam_range_m,
             beams=scenario.team.senses.beams,
             radios=scenario.team.carried,
+            fits=lambda place_m, radius_m: misfit(place_m, radius_m, floor) is None,
         )
-        starts = scenario.team.starts
+        starts, giver = scenario.team.starts, "team.starts"
         if starts is None:
             starts = tuple(self.spec.place(parameters, surroundings, scenario.team.size, streams("placement")))
-        checked_starts(starts, radii_m, floor)
+            giver = f"protocol {self.spec.name}: place()"
+            if len(starts) != scenario.team.size:
+                raise LocalProtocolError(f"{giver} returns {len(starts)} starts, expected {scenario.team.size}")
+        checked_starts(starts, radii_m, floor, giver)
         return surroundings._replace(
             starts_m=tuple(starts), frames=_frames(scenario, starts, streams), seed=streams.seed
         )
@@ -273,8 +287,8 @@ class Simulation:
             "distance_m": self._distance_m,
             "kernel_events": float(self.kernel.executed),
             "robots_killed": float(self.faults.killed),
-            **self.spec.measure(self.machines),
-            **self.referee.verdict(now),
+            "payloads_unsent": float(sum(self.channel.unsent.values())),
+            **_own_metrics(self.spec, self.spec.measure(self.machines), self.referee.verdict(now)),
         }
         summary = self.channel.summary()
         columns = (*METRICS, *self.spec.metrics, *self.channel.columns)
@@ -282,9 +296,45 @@ class Simulation:
         if twice:
             raise LocalProtocolError(f"{self.spec.name} and its channel both have a metric {twice[0]}")
         metrics |= summary
-        counted = {name: value for name, value in metrics.items() if name != "kernel_events"}  # not an outcome
+        counted = {name: value for name, value in metrics.items() if name not in NO_OUTCOME}
         content = repr(sorted(counted.items())) + self.trace.digest(["events"])  # the same whatever else is kept
-        return Outcome(metrics, hashlib.sha256(content.encode()).hexdigest(), self.trace, simulated_s, columns)
+        digest = hashlib.sha256(content.encode()).hexdigest()
+        notices = (*self._unsent(), *self._notices.texts)
+        return Outcome(metrics, digest, self.trace, simulated_s, columns, notices)
+
+    def _unsent(self) -> list[str]:
+        """Return a line for each reason why payloads were never on the air, if that has happened often."""
+        unsent, sent = self.channel.unsent, sum(node.payloads for node in self.nodes)
+        if sum(unsent.values()) <= TOLD_SHARE * sent:
+            return []
+        lines = []
+        for why in sorted({why for _, why in unsent}):
+            count = {robot: number for (robot, reason), number in sorted(unsent.items()) if reason is why}
+            most = sorted(count, key=lambda robot: -count[robot])[:MOST_NAMED]
+            senders = ", ".join(f"robot {robot}: {count[robot]}" for robot in most)
+            rest = "" if len(most) == len(count) else f" and {len(count) - len(most)} more"
+            share = f"{sum(count.values())} of {sent} payloads were never on the air ({senders}{rest})"
+            lines.append(f"{share}: {WHY_UNSENT[why]}")
+        return lines
+
+
+def _own_metrics(spec: ProtocolSpec, measured: dict[str, float], judged: dict[str, float]) -> dict[str, float]:
+    """Return what the machines and the referee have counted.
+
+    Raise LocalProtocolError unless these are the metrics of *spec*, each once and each a number or NaN.
+    """
+    declared = {metric.name for metric in spec.metrics}
+    for teller, metrics in (("measure", measured), ("the referee", judged)):
+        for name, value in metrics.items():
+            if name not in declared:
+                raise LocalProtocolError(f"{spec.name}: {teller} returns {name!r}, which is no metric of the spec")
+            if not isinstance(value, int | float) or math.isinf(value):
+                raise LocalProtocolError(f"{spec.name}: {teller} returns {name} = {value!r}, expected a number or NaN")
+    for name in sorted(declared):
+        if (name in measured) + (name in judged) != 1:
+            tellers = "both measure and the referee return" if name in measured else "neither of them returns"
+            raise LocalProtocolError(f"{spec.name}, measure and the referee: {tellers} the metric {name}")
+    return measured | judged
 
 
 def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: Streams) -> tuple[Frame, ...]:

@@ -23,6 +23,7 @@ from cosim.kernel import WORLD, Kernel
 from cosim.machine import (
     BROADCAST,
     Address,
+    Call,
     Command,
     Connected,
     Discovered,
@@ -43,7 +44,7 @@ from cosim.machine import (
     Role,
     RoleChanged,
 )
-from cosim.node import Node
+from cosim.node import Node, misuse, shown
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.trace import Trace
@@ -82,17 +83,19 @@ def check_machine(
     tick: Time = 100 * MS,
     seed: int = 1,
     radios: int = 1,
+    events: Sequence[type] | None = None,
 ) -> None:
     """Raise LawError unless machines of *make* keep the laws of :class:`cosim.machine.Machine`.
 
     A team of two or more, which start at *starts_m*, is driven for *duration* with a world tick every *tick*; *seed* is
     that of the random bytes; each robot has so many *radios*. The laws: equal inputs give equal outputs; ``wake_at`` is
-    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty; own frames that come
-    back change nothing; a later start makes all deadlines later by as much; bytes of any kind never raise, and those
-    that mean nothing become an event; every other input is taken or refused by LocalProtocolError, by a new machine and
-    by one that was driven.
+    pure, and in the future after ``wake``; that is idempotent; a queue that was drained is empty; payloads are bytes,
+    to robots of the team and by radios that they have, and link commands name robots of the team; events are of the
+    types *events*, if they are given; own frames that come back change nothing; a later start makes all deadlines later
+    by as much; bytes of any kind never raise, and those that mean nothing become an event; every other input is taken
+    or refused by LocalProtocolError, by a new machine and by one that was driven.
     """
-    drill = _Drill(make, tuple(starts_m), duration, tick, radios)
+    drill = _Drill(make, tuple(starts_m), duration, tick, radios, None if events is None else (Call, *events))
     plain = drill.run()
     _compare("equal inputs give equal outputs", plain, drill.run(), repr)
     _compare("wake is idempotent", plain, drill.run(twice=True), repr)
@@ -110,13 +113,14 @@ class _Watched:
     """A machine that is watched while a node drives it: notes what it returns, checks what can be seen at once."""
 
     def __init__(
-        self, machine: Machine, address: Address, start: Time, twice: bool = False, echo: bool = False
+        self, drill: "_Drill", machine: Machine, address: Address, start: Time, twice: bool = False, echo: bool = False
     ) -> None:
         self.machine = machine
         self.address = address
         self.now = start
         self.log: list[Entry] = []
         self.payloads: list[bytes] = []
+        self._drill = drill
         self._start = start
         self._twice = twice
         self._echo = echo
@@ -186,6 +190,10 @@ class _Watched:
             raise LawError(f"machine {self.address}: {name}() drained twice yields {again[0]!r}")
         self._note(name, items)
         self._note("finished", self.finished)
+        for item in items:
+            wrong = self._drill.wrong(name, item)
+            if wrong is not None:
+                raise LawError(f"machine {self.address}: {name}(): {shown(item)}: {wrong}")
         sent = [item for item in items if isinstance(item, Outgoing)]
         self.payloads += [item.payload for item in sent]
         self._returning += sent
@@ -217,10 +225,20 @@ class _Drill:
     duration: Time
     tick: Time
     radios: int
+    events: tuple[type, ...] | None
+    """The types that events may have; None for any."""
+
+    def wrong(self, queue: str, item: Any) -> str | None:
+        """Return what is wrong with *item* of a machine's *queue*, if anything is."""
+        if queue == "outbox":
+            return misuse(item, len(self.starts_m), range(self.radios))
+        if queue == "events" and self.events is not None and type(item) not in self.events:
+            return "its type is not among the event types that are given"
+        return None
 
     def fresh(self) -> list[_Watched]:
         """Return machines that nothing has happened to yet."""
-        return [_Watched(self.make(address, 0), address, 0) for address in range(len(self.starts_m))]
+        return [_Watched(self, self.make(address, 0), address, 0) for address in range(len(self.starts_m))]
 
     def run(
         self, start: Time = 0, until: Time | None = None, twice: bool = False, echo: bool = False
@@ -232,7 +250,7 @@ class _Drill:
         size = len(self.starts_m)
         parts = [IdealChannel(IdealSettings(delay_s=1e-3), kernel, trace, size) for _ in range(self.radios)]
         channel = parts[0] if self.radios == 1 else RadiosChannel(kernel, trace, parts, [range(self.radios)] * size)
-        machines = [_Watched(self.make(a, start), a, start, twice, echo) for a in range(len(self.starts_m))]
+        machines = [_Watched(self, self.make(a, start), a, start, twice, echo) for a in range(len(self.starts_m))]
         nodes = [Node(watched.address, watched, kernel, channel, trace) for watched in machines]
         for node in nodes:
             channel.attach(node.address, node)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_type_hints
 
 from cosim.errors import LocalProtocolError, UserError
+from cosim.units import to_seconds
 
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 
@@ -43,6 +44,8 @@ class Table(NamedTuple):
     name: str
     meaning: str
     fields: tuple[Field, ...]
+    types: tuple[type, ...] = ()
+    """The types of the events whose rows it takes."""
 
 
 _TIME = Field("time_ns", "int", "ns", "simulated time")
@@ -91,13 +94,24 @@ TRANSMISSIONS: Final = Table(
         Field("body", "str", "", "what DATA carries, hexadecimal"),
     ),
 )
+UNSENT: Final = Table(
+    "unsent",
+    "payloads that were never on the air, for the sender's device has not taken them",
+    (
+        Field("time_ns", "int", "ns", "when that was clear"),
+        Field("source", "int", "", "sender"),
+        Field("destination", "int", "", "receiver; -1 for all"),
+        Field("length", "int", "B", "payload"),
+        Field("outcome", "str", "", "why: no_link, no_route, too_long or queue_full"),
+    ),
+)
 MESSAGES: Final = Table(
     "messages",
     "payloads that arrived at a machine",
     (
         Field("time_ns", "int", "ns", "arrival"),
         Field("source", "int", "", "receiver"),
-        Field("sender", "int", "", "last hop; -2 for the operator at the console"),
+        Field("sender", "int", "", "who has sent it, however many hops of a router away; -2: the operator"),
         Field("broadcast", "bool", "", "sent to everyone"),
         Field("payload", "str", "", "the bytes, hexadecimal"),
     ),
@@ -114,7 +128,7 @@ CALLS: Final = Table(
         Field("detail", "str", "", "arguments and result, for people"),
     ),
 )
-TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, CALLS)}
+TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, UNSENT, CALLS)}
 
 
 def events_table(types: Iterable[type]) -> Table:
@@ -125,6 +139,7 @@ def events_table(types: Iterable[type]) -> Table:
     """
     fixed = (_TIME, _SOURCE, Field("event", "str", "", "the event's type"))
     fields: dict[str, Field] = {field.name: field for field in fixed}
+    types = tuple(types)
     for kind in types:
         for field in event_fields(kind):
             known = fields.setdefault(field.name, field)
@@ -132,7 +147,7 @@ def events_table(types: Iterable[type]) -> Table:
                 raise TypeError(f"{kind.__name__}.{field.name}: every event has a column of this name")
             if known.kind != field.kind:
                 raise TypeError(f"{kind.__name__}.{field.name}: {field.kind}, elsewhere {known.kind}")
-    return Table("events", "what the protocol's machines report", tuple(fields.values()))
+    return Table("events", "what the protocol's machines report", tuple(fields.values()), types)
 
 
 def event_fields(kind: type) -> list[Field]:
@@ -179,7 +194,7 @@ class Trace:
     def event(self, time: int, source: int, event: Any) -> None:
         """Append a protocol's *event*, a dataclass, to the table ``events``.
 
-        Raise LocalProtocolError for one with a field that the table lacks: its type is not among the protocol's.
+        Raise LocalProtocolError for one whose type is not among those of the table.
         """
         table = self.tables.get("events")
         if table is None:
@@ -187,6 +202,11 @@ class Trace:
         kind = type(event)
         names = self._attributes.get(kind)
         if names is None:
+            if kind not in table.types:
+                raise LocalProtocolError(
+                    f"robot {source} at {to_seconds(time):.6f} s: {kind.__name__} is not among the event types that "
+                    "the protocol's spec names"
+                )
             names = self._attributes[kind] = _attributes(kind, table)
         values = [None if name is None else getattr(event, name) for name in names]
         self.row(table, time, source, kind.__name__, *values)
@@ -292,10 +312,7 @@ def drafted(path: Path) -> Iterator[Path]:
 def _attributes(kind: type, table: Table) -> tuple[str | None, ...]:
     """Return for each column of the table of events beyond the fixed three what it is in *kind*; None if nothing."""
     own = {field.name for field in dataclasses.fields(kind)}
-    columns = [field.name for field in table.fields[3:]]
-    if not own.issubset(columns):
-        raise LocalProtocolError(f"{kind.__name__} is not among the event types that the protocol's spec names")
-    return tuple(name if name in own else None for name in columns)
+    return tuple(field.name if field.name in own else None for field in table.fields[3:])
 
 
 def _arrow_field(field: Field) -> Any:

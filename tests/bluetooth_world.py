@@ -20,11 +20,13 @@ class Host:
         self.address = address
         self.events: list[tuple[Time, LinkEvent]] = []
         self.received: list[tuple[Time, Address, bytes, bool]] = []
+        self.rssi_dbm: list[float | None] = []
         self.react: Callable[[LinkEvent], None] = lambda event: None
         self.drained = 0
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         self.received.append((now, reception.source, data, reception.broadcast))
+        self.rssi_dbm.append(reception.rssi_dbm)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         assert not self.world.commanding, "a link event came inside a command"

@@ -56,6 +56,33 @@ def test_a_device_is_found_connected_and_talked_to() -> None:
     assert [(source, data, wide) for _, source, data, wide in master.received] == [(1, b"pong", False)]
     assert master.got(Fate) == [Fate(1, Outcome.DELIVERED), Fate(3, Outcome.SENT)]
     assert slave.got(Fate) == [Fate(2, Outcome.DELIVERED)]
+    assert (slave.rssi_dbm, master.rssi_dbm) == ([None, None], [None])  # all in range are heard alike
+
+
+@pytest.mark.parametrize("host_bps", [None, 115_200])
+def test_hosts_learn_how_strongly_a_payload_was_received(host_bps: int | None) -> None:
+    """Class 2 sends 4 dBm; in free space 40.2 dB are lost at 1 m, 20 dB more at ten times the distance."""
+    world = World(3, propagation={"model": "free_space"}, power_class=2, host_bps=host_bps)
+    world.channel.moved(np.array([(0.0, 0.0), (10.0, 0.0), (1.0, 0.0)]))
+    world.connect(1, 2)
+    for source, destination in ((0, 1), (1, 0), (0, 2), (0, BROADCAST)):
+        world.channel.send(source, Outgoing(destination, b"hello"))
+    world.kernel.run(world.kernel.now + S)
+    near, far = pytest.approx(4.0 - 40.2), pytest.approx(4.0 - 60.2)
+    assert [host.rssi_dbm for host in world.hosts] == [[far], [far, far], [near, near]]
+
+
+@pytest.mark.parametrize(
+    ("payload", "why"), [(Outgoing(BROADCAST, b"all"), Outcome.NO_LINK), (Outgoing(0, bytes(9999)), Outcome.TOO_LONG)]
+)
+def test_what_a_slave_says_to_all_is_counted_as_never_sent(payload: Outgoing, why: Outcome) -> None:
+    world = World(3)
+    world.connect(1, 2)
+    world.channel.send(1, payload)
+    world.channel.send(1, Outgoing(0, b"to my master"))
+    world.channel.send(0, Outgoing(BROADCAST, b"to my slaves"))
+    world.kernel.run(world.kernel.now + S)
+    assert world.channel.unsent == {(1, why): 1}
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import yaml
 from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
 from cosim.jit import njit
+from cosim.protocol import Metric
 from cosim.results import RunStore
 from cosim.simulation import Outcome
 from cosim.trace import CALLS, Trace
@@ -87,7 +89,8 @@ def test_run_prints_json_for_programs(cosim: Any):
     assert found["seed"] == 5
     assert found["metrics"]["heard"] == 6
     assert found["parameters"]["team"]["size"] == 2
-    assert found.keys() == {"seed", "digest", "parameters", "metrics"}
+    assert found.keys() == {"seed", "digest", "parameters", "metrics", "notices"}
+    assert found["notices"] == []
 
 
 def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.MonkeyPatch):
@@ -103,6 +106,27 @@ def strict(text: str) -> Any:
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
 
 
+def test_what_a_person_is_to_be_told_is_on_stderr_and_in_the_json(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    made = Outcome({}, "d", Trace([]), 1.0, (), tuple(f"line {number}" for number in range(12)))
+    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: made)
+    ended = cosim("run", "depot.yaml")
+    assert ended.code == 0
+    assert "line" not in ended.out
+    assert ended.err.splitlines() == [*(f"line {number}" for number in range(9)), "and 3 more (--json has all)"]
+    assert strict(cosim("run", "depot.yaml", "--json").out)["notices"] == list(made.notices)
+    few = Outcome({}, "d", Trace([]), 1.0, (), made.notices[:10])
+    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: few)
+    assert cosim("run", "depot.yaml").err.splitlines() == list(few.notices)
+
+
+def test_metrics_are_printed_as_they_are_declared_and_none_is_left_out(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    declared = (Metric("b", "s", ""), Metric("not_there", "1", ""), Metric("a", "1", ""))
+    made = Outcome({"late": 3.0, "a": 1.0, "b": 2.0}, "d", Trace([]), 1.0, declared)
+    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: made)
+    lines = [line.split() for line in cosim("run", "depot.yaml").out.splitlines()]
+    assert lines == [["b", "2", "s"], ["a", "1"], ["late", "3"], ["seed", "1"], ["digest", "d"]]
+
+
 def test_the_seed_decides_the_digest(cosim: Any):
     digests = [json.loads(cosim("run", "depot.yaml", "--json", "--seed", seed).out)["digest"] for seed in "121"]
     assert digests[0] == digests[2] != digests[1]
@@ -111,7 +135,8 @@ def test_the_seed_decides_the_digest(cosim: Any):
 def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, tmp_path: Path):
     ended = cosim("run", "depot.yaml", "--trace", "tables")
     assert ended.code == 0
-    tables = {"poses.parquet", "frames.parquet", "messages.parquet", "calls.parquet", "events.parquet"}
+    tables = {"poses.parquet", "frames.parquet", "messages.parquet", "unsent.parquet"}
+    tables |= {"calls.parquet", "events.parquet"}
     assert files(tmp_path / "tables") == tables | {"scene.json"}
     assert "\n  beacon.call  2\n    radio.send\n\ntables in tables\n" in ended.out
 
@@ -348,6 +373,15 @@ def test_a_damaged_part_is_told_in_one_line(cosim: Any, command: tuple[str, ...]
 def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(RuntimeError, match="the beacons have broken down"):
         main(["run", "depot.yaml", "--set", "protocol.parameters.fail_at_size=4"])
+
+
+def test_a_protocol_that_is_used_wrongly_is_told_in_the_first_line(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    (Path("beacon.py")).write_text(Path("beacon.py").read_text().replace("bytes([self.me, self.called])", "'called'"))
+    ended = cosim("run", "depot.yaml")
+    first, second, *rest = ended.err.splitlines()
+    assert ended.code == 1
+    assert re.match(r"robot \d at 1\.0000\d\d s: Outgoing\(.*payload='called'.*: its payload is of the type str", first)
+    assert (second, rest[0], rest[-1].partition(": ")[2]) == ("", "Traceback (most recent call last):", first)
 
 
 def test_an_interrupt_ends_with_130(cosim: Any, monkeypatch: pytest.MonkeyPatch):

@@ -305,7 +305,8 @@ def surroundings(size: int, **more: Any) -> Surroundings:
         tick=100 * MS,
         walls_m=np.empty((0, 4)),
         bounds_m=(0.0, 0.0, 10.0, 4.0),
-        forbidden=more.get("forbidden", lambda points: np.zeros(len(points), bool)),
+        forbidden=lambda points: np.zeros(len(points), bool),
+        **more,
     )
 
 
@@ -317,7 +318,7 @@ def test_robots_start_apart_from_each_other_in_the_middle():
 
 
 def test_what_cannot_be_is_refused():
-    full = surroundings(2, forbidden=lambda points: np.ones(len(points), bool))
+    full = surroundings(2, fits=lambda place_m, radius_m: False)
     with pytest.raises(UserError, match="not free"):
         place(Parameters(), full, 2, np.random.default_rng(1))
     with pytest.raises(UserError, match="senders: 3 is not <= 2"):

@@ -11,9 +11,11 @@ from cosim.errors import LocalProtocolError
 from cosim.kernel import DELIVER, WAKE, WORLD, Kernel
 from cosim.machine import (
     BROADCAST,
+    OPERATOR,
     Address,
     Call,
     Command,
+    Disconnect,
     Discovered,
     Drive,
     Event,
@@ -24,6 +26,7 @@ from cosim.machine import (
     Outgoing,
     Page,
     Reception,
+    Share,
 )
 from cosim.node import Node
 from cosim.observation import Observation
@@ -136,6 +139,47 @@ class Bench:
 @pytest.fixture
 def bench() -> Bench:
     return Bench()
+
+
+# ---------------------------------------------------------------- what nobody could send
+
+
+@pytest.mark.parametrize(
+    ("item", "wrong"),
+    [
+        (Outgoing(BROADCAST, "x"), r"payload='x'.*: its payload is of the type str, expected bytes"),
+        (Outgoing(OPERATOR, "x"), "expected bytes"),
+        (Outgoing(2, b"x"), "2 is no robot of the team, expected 0 to 1"),
+        (Outgoing(-3, b"x"), "-3 is no robot"),
+        (Outgoing(1, b"x", radio=1), "the robot has no radio 1"),
+        (Page(99), r"Page\(peer=99.*: 99 is no robot"),
+        (Disconnect(2), "2 is no robot"),
+        (Flush(2), "2 is no robot"),
+        (Share(8, ((0, 0, 4), (5, 4, 4)), 0), "5 is no robot"),
+        (Share(8, (), 7), "7 is no robot"),
+        (Drive(1.0, 0.0), "it is of the type Drive, expected Outgoing or a link command"),
+        (Outgoing(1, 10**6 * "x"), r"xxx\.\.\.: its payload"),
+    ],
+)
+def test_what_nobody_could_send_stops_the_run_and_is_named_with_robot_and_time(bench: Bench, item: Any, wrong: str):
+    bench.puppet.on_wake = lambda now: (bench.puppet.out.append(item), bench.puppet.ask(None))
+    bench.arm(1_500_000_000, at=0)
+    with pytest.raises(LocalProtocolError, match=rf"^robot 0 at 1\.500000 s: .*{wrong}") as told:
+        bench.kernel.run(2_000_000_000)
+    assert len(str(told.value)) < 250
+    assert bench.wire.asked == []
+
+
+def test_the_cable_to_the_operator_is_no_radio(bench: Bench):
+    bench.puppet.out = [Outgoing(OPERATOR, b"hello", radio=3)]
+    bench.node.drain(7)
+    assert bench.node.cable == [(7, 0, b"hello")]
+
+
+def test_what_waits_for_all_may_be_flushed(bench: Bench):
+    bench.puppet.out = [Flush(BROADCAST), Flush(1)]
+    bench.node.drain(0)
+    assert bench.wire.asked == [(0, Flush(BROADCAST)), (0, Flush(1))]
 
 
 # ---------------------------------------------------------------- deadlines

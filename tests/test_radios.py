@@ -176,7 +176,7 @@ def test_a_plain_channel_has_radio_0_only() -> None:
     kernel, trace = Kernel(), Trace()
     channel = IdealChannel(IdealSettings(), kernel, trace, 2)
     Node(0, Talker(0), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
-    with pytest.raises(LocalProtocolError, match="robot 1 has no radio 1"):
+    with pytest.raises(LocalProtocolError, match=r"robot 1 at .*: the robot has no radio 1"):
         Node(1, Talker(1), kernel, channel, trace).drain(0)  # type: ignore[arg-type]
     assert channel.parts == (channel,)
     assert channel.sent == 1

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from cosim.scenario import Scenario
+from cosim.simulation import simulate
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
@@ -55,6 +56,22 @@ def test_the_exploration_is_a_scenario() -> None:
     parameters = made.protocol.parameters.model_dump()
     assert (parameters["algorithm"], parameters["map"]) == ("schemas", "messages")
     assert made.team.senses.beam_range_m == 2.5
+
+
+@pytest.mark.slow
+def test_the_deployment_is_begun_and_one_with_places_that_the_floor_does_not_have_is_refused_in_words() -> None:
+    (text,) = re.findall(r"```\n(name: three_places.*?)```", README, re.DOTALL)
+    plain = yaml.safe_load(text)
+    plain["floorplan"]["map"] = str(Path(__file__).parents[1] / plain["floorplan"]["map"])
+    outcome = simulate(Scenario.model_validate(plain | {"duration_s": 10}), 1)
+    assert outcome.notices == ()
+    assert outcome.metrics["orders"] > 0
+    assert outcome.metrics["distance_m"] > 1
+    plain["protocol"]["parameters"]["calls"][0]["call"]["places"] = ["B", "Z"]
+    outcome = simulate(Scenario.model_validate(plain), 1)
+    (told,) = outcome.notices
+    assert told.startswith("robot 0 at ")
+    assert " s: deploy/leap-frog is refused: 'Z' is not a place" in told
 
 
 def test_every_experiment_is_in_the_table() -> None:

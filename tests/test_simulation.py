@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,14 +14,15 @@ import pytest
 from pydantic import Field
 
 from cosim.channels.ideal import IdealChannel, IdealSettings
-from cosim.errors import UserError
+from cosim.errors import LocalProtocolError, UserError
 from cosim.machine import BROADCAST, Address, Command, Event, GoTo, LinkEvent, Outgoing, Reception
+from cosim.machine import Outcome as Fated
 from cosim.observation import Observation
-from cosim.protocol import Metric, ProtocolSpec, Surroundings
+from cosim.protocol import Metric, ProtocolSpec, Surroundings, anywhere
 from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import METRICS, Outcome, Simulation, simulate
-from cosim.trace import POSES
+from cosim.trace import POSES, UNSENT
 from cosim.units import MS, S, Time, to_seconds
 
 TICK = 100 * MS
@@ -145,6 +147,151 @@ def scenario(size: int = 2, use: str = "walkers:SPEC", duration_s: float = 2.0, 
 
 def with_starts(plain: Scenario, starts: Sequence[tuple[float, float]]) -> Scenario:
     return plain.model_copy(update={"team": plain.team.model_copy(update={"starts": tuple(starts)})})
+
+
+# ---------------------------------------------------------------- what is wrong with a protocol, and what a run tells
+
+
+def changed(monkeypatch: pytest.MonkeyPatch, size: int = 2, duration_s: float = 2.0, **changes: Any) -> dict[str, Any]:
+    """Return a scenario of walkers whose spec has *changes*."""
+    monkeypatch.setattr(sys.modules[__name__], "CHANGED", replace(SPEC, **changes), raising=False)
+    return scenario(size, "walkers:CHANGED", duration_s).model_dump()
+
+
+def run_with(monkeypatch: pytest.MonkeyPatch, duration_s: float = 2.0, **changes: Any) -> Outcome:
+    """Run walkers whose spec has *changes*."""
+    return simulate(Scenario.model_validate(changed(monkeypatch, duration_s=duration_s, **changes)), 1)
+
+
+@pytest.mark.parametrize(
+    ("measured", "wrong"),
+    [
+        ({"heard": 1.0, "herd": 2.0}, "walkers: measure returns 'herd', which is no metric of the spec"),
+        ({"heard": 1.0, "simulated_s": 2.0}, "measure returns 'simulated_s', which is no metric"),
+        ({}, "neither of them returns the metric heard"),
+        ({"heard": 1.0, "judged_s": 2.0}, "both measure and the referee return the metric judged_s"),
+        ({"heard": float("inf")}, "measure returns heard = inf, expected a number or NaN"),
+        ({"heard": "12"}, "measure returns heard = '12', expected a number or NaN"),
+        ({"heard": None}, "heard = None, expected a number"),
+    ],
+)
+def test_metrics_that_are_not_those_of_the_spec_stop_the_run(
+    monkeypatch: pytest.MonkeyPatch, measured: dict[str, Any], wrong: str
+):
+    with pytest.raises(LocalProtocolError, match=wrong):
+        run_with(monkeypatch, measure=lambda machines: measured)
+
+
+def test_a_metric_may_be_nan(monkeypatch: pytest.MonkeyPatch):
+    assert np.isnan(run_with(monkeypatch, measure=lambda machines: {"heard": float("nan")}).metrics["heard"])
+
+
+def test_an_event_that_the_spec_does_not_name_stops_the_run(monkeypatch: pytest.MonkeyPatch):
+    @dataclass(frozen=True)
+    class Same:
+        number: int
+
+    with pytest.raises(LocalProtocolError, match=r"robot 0 at 0\.000000 s: Drawn is not among the event types"):
+        run_with(monkeypatch, events=(Same,))
+
+
+@pytest.mark.parametrize(
+    ("starts", "error", "wrong"),
+    [
+        (
+            [(0.0, 5.0), (1.0, 3.9)],
+            UserError,
+            r"^protocol walkers: place\(\)\[1\]: \(1, 3.9\) is inside a wall: .* 0.1 m",
+        ),
+        ([(0.0, 5.0), (0.1, 5.0)], UserError, r"is 0.1 m from protocol walkers: place\(\)\[0\]"),
+        ([(0.0, 5.0)], LocalProtocolError, r"place\(\) returns 1 starts, expected 2"),
+    ],
+)
+def test_starts_that_do_not_fit_are_those_of_who_gave_them(
+    monkeypatch: pytest.MonkeyPatch, starts: list[tuple[float, float]], error: type[Exception], wrong: str
+):
+    with pytest.raises(error, match=wrong):
+        run_with(monkeypatch, place=lambda *_: starts)
+
+
+def test_a_protocol_is_told_where_a_body_fits_also_beside_thin_walls():
+    told: Surroundings = Simulation(scenario(), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    assert told.fits((1.0, 4.2), 0.2)
+    assert not told.fits((1.0, 4.1), 0.2)
+    assert not told.forbidden(np.array([(1.0, 4.1)]))[0]
+    assert not told.fits((12.0, 1.0), 0.2)
+
+
+def test_robots_may_start_anywhere_that_they_fit(monkeypatch: pytest.MonkeyPatch):
+    plain = changed(monkeypatch, size=40, duration_s=0.1, place=anywhere)
+    assert len(Simulation(Scenario.model_validate(plain), 1).machines) == 40  # it checks the starts
+    narrow = plain | {"floorplan": {"map": "walls", "bounds_m": [0, 0, 0.5, 0.5]}}
+    with pytest.raises(UserError, match="found no place for robot 1"):
+        Simulation(Scenario.model_validate(narrow), 1)
+
+
+def test_what_a_person_is_to_be_told_is_told_in_words(monkeypatch: pytest.MonkeyPatch):
+    assert run_with(monkeypatch).notices == ()
+    told = run_with(monkeypatch, notices=(Drawn,)).notices
+    assert [line.partition("(")[0] for line in told] == [f"robot {robot} at 0.0 s: Drawn" for robot in (0, 1)]
+
+
+class Stubborn(Walker):
+    """Sends to the next robot, now and then to all."""
+
+    def observe(self, observation: Observation, now: Time) -> None:
+        super().observe(observation, now)
+        all_or_one = BROADCAST if len(self.seen) % 2 else (self.me + 1) % 2
+        self.out = [Outgoing(all_or_one, b"hello")]
+
+
+NEAR = {"kind": "ideal", "range_m": 1}
+
+
+@pytest.mark.parametrize(
+    ("channel", "unsent"),
+    [
+        ({"kind": "ideal"}, 0),
+        (NEAR, 20),
+        ({"kind": "optical", "range_m": 1}, 20),
+        ({"kind": "adhoc", "range_m": 1}, 0),  # its radio tries
+        ({"kind": "bluetooth"}, 40),
+        ({"kind": "radios", "radios": [NEAR, {"kind": "ideal"}]}, 20),
+    ],
+)
+def test_payloads_that_are_never_on_the_air_are_counted_and_told(
+    monkeypatch: pytest.MonkeyPatch, channel: dict[str, Any], unsent: int
+):
+    plain = changed(monkeypatch, make=Stubborn) | {"channel": channel}
+    run = Simulation(Scenario.model_validate(plain), 1, (UNSENT,))
+    outcome = run.run()
+    assert outcome.metrics["payloads_unsent"] == unsent
+    assert [field.name for field in run.trace.tables["unsent"].fields][5:] == ["radio"] * (channel["kind"] == "radios")
+    columns = run.trace.columns("unsent")
+    assert set(columns["outcome"]) == ({"no_link"} if unsent else set())
+    assert sorted(columns["source"]) == [0] * (unsent // 2) + [1] * (unsent // 2)
+    each = f"robot 0: {unsent // 2}, robot 1: {unsent // 2}"
+    head = f"{unsent} of 40 payloads were never on the air ({each}): not in reach, or no link"
+    assert [line.startswith(head) for line in outcome.notices] == [True] * bool(unsent)
+
+
+def test_the_digest_does_not_depend_on_what_was_never_sent(monkeypatch: pytest.MonkeyPatch):
+    quiet = run_with(monkeypatch, measure=lambda machines: {"heard": 0.0})
+    monkeypatch.setattr(IdealChannel, "unsent", Counter({(0, Fated.NO_LINK): 9}))
+    counting = run_with(monkeypatch, measure=lambda machines: {"heard": 0.0})
+    assert (quiet.metrics["payloads_unsent"], counting.metrics["payloads_unsent"]) == (0.0, 9.0)
+    assert quiet.digest == counting.digest
+
+
+def test_a_few_payloads_that_are_never_on_the_air_are_not_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(IdealChannel, "unsent", Counter({(0, Fated.NO_LINK): 4}))
+    assert run_with(monkeypatch, duration_s=20.0).notices == ()  # of 400
+    monkeypatch.setattr(IdealChannel, "unsent", Counter({(0, Fated.NO_LINK): 4, (1, Fated.TOO_LONG): 2}))
+    told = run_with(monkeypatch, duration_s=20.0).notices
+    assert [line.partition(" (")[0] for line in told] == [
+        "4 of 400 payloads were never on the air",
+        "2 of 400 payloads were never on the air",
+    ]
 
 
 # ---------------------------------------------------------------- the tick

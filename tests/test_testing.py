@@ -276,6 +276,28 @@ class RaisesOnAnEarlyWake(Beacon):
         super().wake(now)
 
 
+class SendsText(Beacon):
+    def outbox(self) -> list[Any]:
+        return [item._replace(payload="B") if isinstance(item, Outgoing) else item for item in super().outbox()]
+
+
+class SendsToAStranger(Beacon):
+    def outbox(self) -> list[Any]:
+        return [item._replace(destination=3) if isinstance(item, Outgoing) else item for item in super().outbox()]
+
+
+class SendsByARadioThatItHasNot(Beacon):
+    def outbox(self) -> list[Any]:
+        return [item._replace(radio=1) if isinstance(item, Outgoing) else item for item in super().outbox()]
+
+
+class PagesAStranger(Beacon):
+    def link(self, event: LinkEvent, now: Time) -> None:
+        super().link(event, now)
+        if isinstance(event, Connected):
+            self.out.append(Page(99))
+
+
 class RaisesInAnOrdinaryRun(Beacon):
     def observe(self, observation: Observation, now: Time) -> None:
         super().observe(observation, now)
@@ -316,12 +338,23 @@ def test_a_machine_that_keeps_the_laws_passes():
         (RaisesOnFatesWhenDriven, "taken or refused.*Fate.*KeyError"),
         (RaisesOnABlockedBody, "taken or refused.*blocked=True.*ValueError"),
         (RaisesOnAnEarlyWake, "taken or refused.*wake raised ValueError"),
+        (SendsText, r"machine 0: outbox\(\): Outgoing.*type str, expected bytes"),
+        (SendsToAStranger, r"outbox\(\): Outgoing.*3 is no robot of the team, expected 0 to 2"),
+        (SendsByARadioThatItHasNot, r"outbox\(\): Outgoing.*has no radio 1"),
+        (PagesAStranger, r"outbox\(\): Page.*99 is no robot"),
         (RaisesInAnOrdinaryRun, "a drive as in a run raised LocalProtocolError"),
     ],
 )
 def test_a_machine_that_breaks_a_law_is_told_which(broken: Any, law: str):
     with pytest.raises(LawError, match=law):
         check_machine(broken)
+
+
+@pytest.mark.slow
+def test_events_are_of_the_types_that_are_given():
+    check_machine(Beacon, duration=S, events=(Heard, Malformed))
+    with pytest.raises(LawError, match=r"machine \d: events\(\): Malformed.*: its type is not among"):
+        check_machine(Beacon, duration=S, events=(Heard,))
 
 
 def test_a_refusal_of_an_input_is_legal():

@@ -5,20 +5,29 @@ event; each endpoint that got something is drained once, in the order of address
 """
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, Protocol, TypeAlias
 
 import numpy as np
 
 from cosim.kernel import Kernel
-from cosim.machine import Address, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, LinkCommand, LinkEvent, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
-from cosim.trace import Trace
+from cosim.trace import UNSENT, Trace
 from cosim.units import Time
 
 Positions: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Arrival: TypeAlias = tuple[Address, bytes, Reception]
 """(receiver, payload, how it arrived)"""
+WHY_UNSENT: Final = {
+    Outcome.NO_LINK: "not in reach, or no link; over Bluetooth links are made by Inquire, Page and Scan, and a slave "
+    'has one to its master only (CONTRIBUTING.md, "Over Bluetooth")',
+    Outcome.NO_ROUTE: "no route to the receiver",
+    Outcome.TOO_LONG: "longer than any packet in use: send less at once",
+    Outcome.QUEUE_FULL: "no room in the sender's device: send less often, or wait for the Fate of a token",
+}
+"""Why payloads were never on the air, and what to do."""
 
 
 class Endpoint(Protocol):
@@ -45,6 +54,7 @@ class Channel(ABC):
         self.trace = trace
         self.size = size
         self.endpoints: dict[Address, Endpoint] = {}
+        self._unsent: Counter[tuple[Address, Outcome]] = Counter()
 
     def attach(self, address: Address, endpoint: Endpoint) -> None:
         """Deliver what arrives at *address* to *endpoint*."""
@@ -89,6 +99,16 @@ class Channel(ABC):
     def summary(self) -> dict[str, float]:
         """Return what the channel counted, by metric name."""
         return {}
+
+    @property
+    def unsent(self) -> Counter[tuple[Address, Outcome]]:
+        """How many payloads were never on the air, by sender and reason: a fate that some senders do not ask for."""
+        return self._unsent
+
+    def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
+        """Count a payload of *source* that will never be on the air; that its host learns of it is not done here."""
+        self._unsent[source, why] += 1
+        self.trace.row(UNSENT, self.kernel.now, source, destination, length, why.value)
 
     def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
         """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""

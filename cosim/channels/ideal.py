@@ -160,6 +160,7 @@ class IdealChannel(Channel):
             return
         destination = outgoing.destination
         if destination != BROADCAST and not self._hears(source, destination):
+            self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return

@@ -8,6 +8,7 @@ has become of its payloads. Radio 0 is what it would be as the only one: it draw
 from streams of their own. A robot's radios do not disturb each other, and work at the same time.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
@@ -21,11 +22,11 @@ from cosim.channels.ideal import IdealSettings
 from cosim.channels.vision import OpticalSettings
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
-from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outgoing, Reception
+from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
 from cosim.settings import Settings
-from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace
+from cosim.trace import FRAMES, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
 
@@ -34,7 +35,7 @@ OneRadio: TypeAlias = IdealSettings | OpticalSettings | BluetoothSettings | Adho
 
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
-OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name)
+OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, UNSENT.name)
 """Tables whose rows bear the number of a radio."""
 
 
@@ -199,6 +200,11 @@ class RadiosChannel(Channel):
             for metric in (*part.columns, _PAYLOAD_BYTES)
         ]
         return (*total.values(), *of_each)
+
+    @property
+    def unsent(self) -> Counter[tuple[Address, Outcome]]:
+        """How many payloads were never on the air by any radio, by sender and reason."""
+        return sum((part.unsent for part in self._parts), Counter())
 
     def summary(self) -> dict[str, float]:
         """Return what the channels counted: summed up, and by radio."""

@@ -125,6 +125,7 @@ class OpticalChannel(IdealChannel):
         if not self._on[source]:
             return
         if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
+            self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return

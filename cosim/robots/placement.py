@@ -14,19 +14,21 @@ Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
 
 
-def checked_starts(starts_m: Sequence[Point], radii_m: Sequence[float], floorplan: Floorplan) -> Floats:
-    """Return *starts_m* as an array (n, 2) if bodies of *radii_m* fit there, all at once.
+def checked_starts(
+    starts_m: Sequence[Point], radii_m: Sequence[float], floorplan: Floorplan, giver: str = "team.starts"
+) -> Floats:
+    """Return *starts_m*, which *giver* has given, as an array (n, 2) if bodies of *radii_m* fit there, all at once.
 
     Raise UserError that names the first start which is off the floor, in something solid, too near to a wall, or
     too near to an earlier start. To touch is allowed.
     """
     starts = np.array(starts_m, dtype=np.float64).reshape(-1, 2)
     for number, (x, y) in enumerate(starts.tolist()):
-        place = f"team.starts[{number}]: ({x:g}, {y:g})"
+        place = f"{giver}[{number}]: ({x:g}, {y:g})"
         wrong = misfit((x, y), radii_m[number], floorplan)
         if wrong is not None:
             raise UserError(f"{place} {wrong}")
-        _check_apart(starts, radii_m, number, place)
+        _check_apart(starts, radii_m, number, place, giver)
     return starts
 
 
@@ -44,12 +46,12 @@ def misfit(place_m: Point, radius_m: float, floorplan: Floorplan) -> str | None:
     return None
 
 
-def _check_apart(starts: Floats, radii_m: Sequence[float], number: int, place: str) -> None:
+def _check_apart(starts: Floats, radii_m: Sequence[float], number: int, place: str, giver: str) -> None:
     for other in range(number):
         apart = float(np.hypot(*(starts[number] - starts[other])))
         least = radii_m[number] + radii_m[other]
         if apart < least - TOUCH_M:
             raise UserError(
-                f"{place} is {apart:.3g} m from team.starts[{other}], expected at least {least:g} m: "
+                f"{place} is {apart:.3g} m from {giver}[{other}], expected at least {least:g} m: "
                 "two robots in one place"
             )

@@ -194,6 +194,7 @@ def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surround
 
 SPEC = ProtocolSpec(
     name="aggregation",
+    about="Hosts lead sub-teams of searchers to targets, meet them at rally points, and replace whoever fails.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

@@ -37,6 +37,10 @@ class PlanRefused:
     why: str = field(metadata={"meaning": "the constraints in conflict"})
     mend: str = field(metadata={"meaning": "what would mend it"})
 
+    def __str__(self) -> str:
+        told = f"{self.play} is refused: {self.why.removeprefix(self.play + ': ')}"
+        return f"{told}; what would mend it: {self.mend}" if self.mend else told
+
 
 @dataclass(frozen=True, slots=True)
 class PlanEnded:

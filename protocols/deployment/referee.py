@@ -55,7 +55,7 @@ REFEREE_METRICS: Final = (
     ),
     Metric("collisions", "1", "times that two bodies touched"),
     Metric("wall_contacts", "1", "times that a body touched a wall"),
-    Metric("nearest_m", "m", "least gap between two bodies"),
+    Metric("nearest_m", "m", "least gap between two bodies; NaN for a robot that is alone"),
     Metric("stages", "1", "stages (tasks right above drives) in which robots moved"),
     *(Metric(f"moving_{n}", "1", f"robots that moved in stage {n}") for n in range(1, MOST_STAGES + 1)),
 )
@@ -140,7 +140,7 @@ class DeploymentReferee:
             "unoccupied_s": self._aims.unoccupied_s,
             "collisions": float(self._contacts.collisions),
             "wall_contacts": float(self._contacts.wall_contacts),
-            "nearest_m": self._contacts.nearest_m,
+            "nearest_m": self._contacts.nearest_m if self._contacts.nearest_m < math.inf else math.nan,
             **self._stages.verdict(),
         }
 

@@ -13,7 +13,7 @@ from cosim.units import Time, to_seconds
 from protocols.deployment import positioning
 from protocols.deployment.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.floor import Floor
-from protocols.deployment.journal import EVENTS
+from protocols.deployment.journal import EVENTS, PlanRefused
 from protocols.deployment.knowledge import Knowledge, knowledge_of
 from protocols.deployment.links import MOST_ROBOTS
 from protocols.deployment.parameters import Parameters
@@ -137,6 +137,7 @@ def measure(machines: Sequence[Runner]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="deployment",
+    about="A person calls plays: a planner tailors them, and robots of different kinds take up places in turns.",
     parameters=Parameters,
     place=place,
     prepare=prepare,
@@ -145,6 +146,7 @@ SPEC = ProtocolSpec(
     metrics=METRICS,
     measure=measure,
     events=(*EVENTS, *positioning.EVENTS, *EXPLORING_EVENTS),
+    notices=(PlanRefused,),
     team_limit=TEAM_LIMIT,
     succeed=succeed,
     needs_sight=True,

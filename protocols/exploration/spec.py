@@ -236,6 +236,7 @@ def _schema_shares(records: Sequence[Records]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="exploration",
+    about="Robots with range scanners map an unknown floor, by motor schemas or by choosing frontiers.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

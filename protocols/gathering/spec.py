@@ -48,6 +48,7 @@ def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surround
 
 SPEC = ProtocolSpec(
     name="gathering",
+    about="A team comes together round its most central robot, step by step, by Pseudonet's messages.",
     parameters=Parameters,
     place=pseudonet.place,
     prepare=pseudonet.prepare,

@@ -71,7 +71,8 @@ def place(
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     left_m, low_m = ((low + high - (side - 1) * apart_m) / 2.0 for low, high in ((x_min, x_max), (y_min, y_max)))
     starts = [(left_m + k % side * apart_m, low_m + k // side * apart_m) for k in range(size)]
-    if surroundings.forbidden(np.array(starts)).any():
+    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
+    if not all(map(surroundings.fits, starts, radii_m)):
         raise UserError("team.starts: the middle of the floor is not free; say where robots start")
     return starts
 
@@ -117,6 +118,7 @@ def measure(machines: Sequence[Monitor]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="monitoring",
+    about="Robots send heartbeats, and each tells by a failure detector whom it takes for dead.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

@@ -172,6 +172,7 @@ def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surround
 
 SPEC = ProtocolSpec(
     name="pseudonet",
+    about="A team covers a floor cell by cell, and agrees on each step in exchanges over a piconet.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

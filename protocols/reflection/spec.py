@@ -190,6 +190,7 @@ def measure(machines: Sequence[Reflection]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="reflection",
+    about="Robots visit targets, and those that see each other help by reflecting each other's goals.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

@@ -48,6 +48,9 @@ class Stations:
     def arrived(self, address: Address, delivery: Delivery) -> None:
         self.heard.append(delivery.payload)
 
+    def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
+        raise AssertionError("everybody has a route here")
+
     def told(self, address: Address, token: int, outcome: Outcome) -> None:
         self.fates.append((token, outcome))
 

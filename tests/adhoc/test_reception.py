@@ -108,9 +108,11 @@ def test_what_an_own_frame_or_the_end_of_the_sender_has_cut_is_not_received() ->
 class Host:
     def __init__(self) -> None:
         self.heard: list[Address] = []
+        self.rssi_dbm: list[float | None] = []
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         self.heard.append(reception.source)
+        self.rssi_dbm.append(reception.rssi_dbm)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         pass
@@ -161,6 +163,22 @@ def test_a_near_sender_is_heard_through_a_far_one_that_it_does_not_hear() -> Non
     field.kernel.run(S)
     assert field.channel.in_reach(0) == (1,)
     assert field.hosts[1].heard == [0]
+
+
+@pytest.mark.parametrize("settings", [{}, {"propagation": None}, {"routing": {"kind": "flooding"}}])
+def test_a_host_learns_how_strongly_a_payload_was_received_if_signals_fade(settings: dict[str, Any]) -> None:
+    """15 dBm are sent; 40.2 dB are lost at 1 m, 20 dB more at ten times the distance. A router tells of no last hop."""
+    field = Field((0, 0), (1, 0), (10, 0), power_dbm=15.0, **settings)
+    field.broadcast(0, 1 * MS)
+    field.broadcast(2, 100 * MS)  # while the first is over, and before the robots move
+    field.kernel.run(S)
+    field.channel.moved(np.array([(0, 0), (10, 0), (1, 0)]))
+    field.broadcast(0, S)
+    field.kernel.run(2 * S)
+    near, far = 15.0 - 40.2, 15.0 - 60.2
+    wanted = [[far], [near, 15.0 - 40.2 - 20 * math.log10(9), far], [far, near]]
+    for host, powers_dbm in zip(field.hosts, wanted, strict=True):
+        assert host.rssi_dbm == ([None] * len(powers_dbm) if settings else pytest.approx(powers_dbm))
 
 
 def test_two_equally_strong_frames_of_ofdm_that_overlap_are_both_lost() -> None:

@@ -105,6 +105,17 @@ def test_a_relay_that_starts_anew_is_none_for_aodv_until_its_routes_are_forgotte
     assert {*range(614, 650)} <= {*arrived}
 
 
+@pytest.mark.parametrize("kind", ["aodv", "olsr"])
+def test_own_payloads_without_a_route_are_counted_as_never_sent_with_a_token_or_without(kind: str) -> None:
+    field = Field([(0.0, 0.0), (15.0, 0.0), (100.0, 0.0)], kind)
+    field.send_at(40 * S, 0, 2, b"lost", token=4)
+    field.send_at(41 * S, 0, 2, b"lost too")
+    field.send_at(42 * S, 1, 0, b"found")
+    field.send_at(43 * S, 1, 0, bytes(1 << 16))
+    field.kernel.run(80 * S)
+    assert field.channel.unsent == {(0, Outcome.NO_ROUTE): 2, (1, Outcome.TOO_LONG): 1}
+
+
 def test_who_has_no_way_is_told_so_by_aodv() -> None:
     field = Field([(0.0, 0.0), (15.0, 0.0), (100.0, 0.0)], "aodv", net_diameter=3)
     field.send_at(1 * S, 0, 2, b"lost", token=4)

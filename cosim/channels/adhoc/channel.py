@@ -93,9 +93,10 @@ class AdhocChannel(IdealChannel):
         """Payloads that each device has been handed and is not done with."""
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
+        self._receivers = [self._receiver(address) for address in range(size)]
         self._stations = [
-            Station(address, timing, settings.access, self._receiver(address), kernel, self._air, self, self._draws)
-            for address in range(size)
+            Station(address, timing, settings.access, receiver, kernel, self._air, self, self._draws)
+            for address, receiver in enumerate(self._receivers)
         ]
         self._air.stations = self._stations
         self._jamming = Jamming(kernel, self._jam_mw, self._anybody_cares)
@@ -133,6 +134,7 @@ class AdhocChannel(IdealChannel):
             self._handover.hand(source, partial(self._forwarding.send, source, outgoing))
             return
         if self._most is not None and self._held[source] >= self._most:
+            self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.QUEUE_FULL)
             if outgoing.token is not None:
                 self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
             return
@@ -236,13 +238,16 @@ class AdhocChannel(IdealChannel):
         if self._forwarding is not None:
             self._forwarding.received(address, frame)
             return
-        self.arrived(address, Delivery(frame.source, frame.packet.payload, frame.destination == BROADCAST))
+        delivery = Delivery(frame.source, frame.packet.payload, frame.destination == BROADCAST)
+        self.arrived(address, delivery, self._receivers[address].power_mw)
 
-    def arrived(self, address: Address, delivery: Delivery) -> None:
+    def arrived(self, address: Address, delivery: Delivery, power_mw: float | None = None) -> None:
         """Take a payload for the host at *address*; all of one instant are delivered together."""
         if not self._arrivals:
             self.kernel.soon(self._hand_over)
         reception = self._receptions[delivery.source, delivery.broadcast]
+        if power_mw is not None:
+            reception = reception._replace(rssi_dbm=10.0 * math.log10(power_mw))
         self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:

@@ -23,6 +23,9 @@ class Ends(Protocol):
     def arrived(self, address: Address, delivery: Delivery) -> None:
         """Hand a payload to the host of *address*."""
 
+    def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
+        """Count a payload of *source* that has never been on the air."""
+
     def told(self, address: Address, token: int, outcome: Outcome) -> None:
         """Tell the host of *address* what has become of a payload."""
 
@@ -90,6 +93,8 @@ class Forwarding:
             self._ends.arrived(address, delivery)
         for told, outcome in router.fates():
             self._ends.told(address, told, outcome)
+        for destination, length, why in router.unsent():
+            self._ends.note_unsent(address, destination, length, why)
         self._arm(address)
 
     def _arm(self, address: Address) -> None:

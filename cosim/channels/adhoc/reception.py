@@ -24,6 +24,8 @@ class Receiver(Protocol):
 
     energy_from: Time
     """When the medium became busy last."""
+    power_mw: float | None
+    """That of the frame which was followed to its end last; None where all in reach are equally strong."""
 
     @property
     def energy(self) -> bool:
@@ -51,6 +53,7 @@ class RangeReceiver:
 
     def __init__(self) -> None:
         self.energy_from: Time = 0
+        self.power_mw: float | None = None
         self._arriving = 0
         self._followed: Frame | None = None
         self._spoilt = False
@@ -128,6 +131,7 @@ class SinrReceiver:
     def __init__(self, limits: Limits, judge: Callable[[Frame, Levels], bool]) -> None:
         """Ask *judge* whether a frame that was followed to its end is received."""
         self.energy_from: Time = 0
+        self.power_mw: float | None = None
         self._limits = limits
         self._judge = judge
         self._arriving: dict[int, float] = {}
@@ -161,11 +165,11 @@ class SinrReceiver:
 
     def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
         """Take in that *frame* ends."""
-        del self._arriving[id(frame)]
+        power_mw = self._arriving.pop(id(frame))
         if frame is not self._followed:
             self._note(now)
             return None
-        self._followed = None
+        self._followed, self.power_mw = None, power_mw
         return whole and self._judge(frame, self._levels)
 
     def drop(self) -> None:

@@ -31,6 +31,7 @@ from cosim.machine import (
     Mode,
     ModeChanged,
     ModeCommand,
+    Outcome,
     Outgoing,
     Page,
     Role,
@@ -110,9 +111,9 @@ class Controller:
             return self.master_of
         return next(iter(self.masters.values()))
 
-    def send(self, outgoing: Outgoing) -> None:
-        """Queue a payload, or report that there is no link."""
-        self.piconet(outgoing.destination).send(self.address, outgoing)
+    def send(self, outgoing: Outgoing) -> Outcome | None:
+        """Queue a payload, or report and return why it cannot be."""
+        return self.piconet(outgoing.destination).send(self.address, outgoing)
 
     def command(self, command: ModeCommand | SwitchRole) -> None:
         """Change a link's mode or roles; the answer comes as a new event."""

@@ -120,7 +120,9 @@ class BluetoothChannel(Channel):
                 detail = f"{len(outgoing.payload)} bytes to {receiver}"
                 for depth, name in enumerate(("l2cap.data_request", "hci.acl_data", "lc.transmit")):
                     self._call(source, depth, name, detail)
-            device.send(outgoing)
+            why = device.send(outgoing)
+            if why is not None:
+                self.note_unsent(source, outgoing.destination, len(outgoing.payload), why)
 
     def command(self, source: Address, command: LinkCommand) -> None:
         """Carry out a link command; answers come as link events. Nothing happens if the device is off."""

@@ -61,19 +61,22 @@ class Intake:
         self._tell = tell
         self._expiry: Handle | None = None
 
-    def send(self, source: Address, outgoing: Outgoing) -> None:
-        """Queue a payload at *source*, the master or a slave. A fate that is clear at once comes as a new event."""
+    def send(self, source: Address, outgoing: Outgoing) -> Outcome | None:
+        """Queue a payload at *source*, the master or a slave, or return why not; that also comes as a new event."""
         queue, lt_addr = self._route(source, outgoing.destination)
         length = len(outgoing.payload)
         kind = smallest(self._types, length)
         if lt_addr == NOTHING:
-            self._tell(fate(source, outgoing, Outcome.NO_LINK))
+            why = Outcome.NO_LINK
         elif kind is None:
-            self._tell(fate(source, outgoing, Outcome.TOO_LONG))
+            why = Outcome.TOO_LONG
         elif self._limit is not None and self._queues.length(queue) >= self._limit:
-            self._tell(fate(source, outgoing, Outcome.QUEUE_FULL))
+            why = Outcome.QUEUE_FULL
         else:
             self.push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
+            return None
+        self._tell(fate(source, outgoing, why))
+        return why
 
     def push(self, queue: int, payload: Payload) -> None:
         """Append *payload* to a queue."""

@@ -45,7 +45,7 @@ from cosim.channels.bluetooth.supervision import Supervision
 from cosim.channels.bluetooth.traffic import Traffic
 from cosim.channels.bluetooth.transport import Transport
 from cosim.kernel import WAKE, Kernel
-from cosim.machine import Address, Lost, Outgoing
+from cosim.machine import Address, Lost, Outcome, Outgoing
 from cosim.units import SLOT, S, Time
 
 
@@ -285,9 +285,9 @@ class Piconet:
 
     # ------------------------------------------------------------ payloads
 
-    def send(self, source: Address, outgoing: Outgoing) -> None:
-        """Queue a payload at *source*, the master or a slave. A fate that is clear at once comes as a new event."""
-        self._intake.send(source, outgoing)
+    def send(self, source: Address, outgoing: Outgoing) -> Outcome | None:
+        """Queue a payload at *source*, the master or a slave, or return why not; that also comes as a new event."""
+        return self._intake.send(source, outgoing)
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""

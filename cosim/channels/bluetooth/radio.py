@@ -136,6 +136,8 @@ class Air:
         self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
         self.calm = True
         """Whether no frame that starts from ``stray`` on can be destroyed."""
+        self.fades = noise_dbm > float("-inf")
+        """True if powers are those of a law of propagation."""
         self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
         self._record = record
         self._rows = list(zip(self.band.piconets, self.band.links, strict=True))

@@ -163,7 +163,7 @@ class Slots:
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
             if polling.take_down_link(links.table, k):
-                arrivals = self._traffic.received(pair.slave, question, self.address)
+                arrivals = self._traffic.received(pair.slave, question, self.address, pair.down_dbm)
         pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
         links.table[FULL_UNTIL, k] = self._traffic.full_until(pair.slave, self.address)
         self._answer(pair)
@@ -207,7 +207,7 @@ class Slots:
             news = pair.question.fate(self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
-            arrivals = self._traffic.received(self.address, answer, pair.slave)
+            arrivals = self._traffic.received(self.address, answer, pair.slave, pair.up_dbm)
         self.arm()
         if arrivals or news:
             self._deliver(arrivals, news)
@@ -258,7 +258,7 @@ class Slots:
                 self._frames.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
-                arrivals += self._traffic.received(slave, payload, self.address, True)
+                arrivals += self._traffic.received(slave, payload, self.address, carriers[k], True)
             if fate.header_heard and parked is not None:
                 self._on_beacon(k)
             elif fate.header_heard:

@@ -24,7 +24,6 @@ class Traffic:
         self._clock = clock
         self._links = links
         self._transport = links.transport
-        self._receptions: dict[tuple[Address, bool], Reception] = {}
 
     def send(
         self,
@@ -68,12 +67,12 @@ class Traffic:
         if self._links.piconet[USED]:
             self._air.band.tallies[self._links.master, 0 if well else 1, frame.channel] += 1
 
-    def received(self, receiver: Address, payload: Payload, source: Address, broadcast: bool = False) -> list[Arrival]:
+    def received(
+        self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False
+    ) -> list[Arrival]:
         """Return what reaches the host at *receiver* at once: nothing, if *payload* has to wait for the line to it."""
-        key = (source, broadcast)
-        if key not in self._receptions:
-            self._receptions[key] = Reception(source, broadcast)
-        arrival = (receiver, payload.outgoing.payload, self._receptions[key])
+        reception = Reception(source, broadcast, carrier_dbm if self._air.fades else None)
+        arrival = (receiver, payload.outgoing.payload, reception)
         if self._transport is None:
             return [arrival]
         self._transport.take(arrival)

@@ -15,7 +15,7 @@ from cosim.channels.adhoc.routing.aodv_routes import MASK
 from cosim.channels.adhoc.routing.aodv_search import Carried, RateLimit, Search
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Rreq, decode_message
-from cosim.channels.adhoc.routing.base import Delivery
+from cosim.channels.adhoc.routing.base import Delivery, Unsent
 from cosim.channels.adhoc.routing.flooding import Seen
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.errors import WireError
@@ -136,6 +136,8 @@ class Aodv(Control):
 
     def _lose(self, carried: Carried, outcome: Outcome = Outcome.UNACKNOWLEDGED) -> None:
         self.counts["payloads_unrouted"] += 1
+        if carried.previous is None and carried.failures == 0 and outcome is Outcome.NO_ROUTE:
+            self._unsent.append(Unsent(carried.datagram.destination, len(carried.datagram.data), outcome))
         self._tell(carried.token, outcome)
 
     def _carry(self, datagram: Datagram, hop: Address, now: Time) -> None:

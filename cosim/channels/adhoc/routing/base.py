@@ -31,6 +31,15 @@ class Delivery(NamedTuple):
     broadcast: bool
 
 
+class Unsent(NamedTuple):
+    """A payload of the host that has never been on the air."""
+
+    destination: Address
+    length: int
+    why: Outcome
+    """NO_ROUTE or TOO_LONG."""
+
+
 class Router(Protocol):
     """One robot's router."""
 
@@ -63,6 +72,9 @@ class Router(Protocol):
 
         That is NO_ROUTE, UNACKNOWLEDGED by the next hop, QUEUE_FULL or TOO_LONG.
         """
+
+    def unsent(self) -> list[Unsent]:
+        """Drain what has become of payloads of the host, with a token or without, that it could not send at all."""
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""

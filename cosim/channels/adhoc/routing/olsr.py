@@ -16,7 +16,7 @@ from typing import Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Unsent
 from cosim.channels.adhoc.routing.flooding import NUMBERS, Repeats, Seen
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode, encode
 from cosim.channels.adhoc.routing.olsr_graph import Route, routing_table
@@ -295,6 +295,8 @@ class Olsr(Queues):
             self._hop(route.next_hop, encode(datagram), token)
             return
         self._counts["payloads_unrouted"] += 1
+        if datagram.source == self._address:
+            self._unsent.append(Unsent(datagram.destination, len(datagram.data), Outcome.NO_ROUTE))
         self._tell(token, Outcome.NO_ROUTE)
 
     def _hop(self, neighbour: Address, packet: bytes, token: int | None) -> None:

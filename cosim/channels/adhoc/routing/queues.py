@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Unsent
 from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
 from cosim.machine import Address, Outcome
 
@@ -18,6 +18,7 @@ class Queues:
         self._hops: list[Hop] = []
         self._deliveries: list[Delivery] = []
         self._fates: list[tuple[int, Outcome]] = []
+        self._unsent: list[Unsent] = []
 
     def hops(self) -> list[Hop]:
         """Drain packets for the station."""
@@ -34,6 +35,11 @@ class Queues:
         fates, self._fates = self._fates, []
         return fates
 
+    def unsent(self) -> list[Unsent]:
+        """Drain payloads of the host that it could not send at all."""
+        unsent, self._unsent = self._unsent, []
+        return unsent
+
     def _tell(self, token: int | None, outcome: Outcome) -> None:
         if token is not None:
             self._fates.append((token, outcome))
@@ -41,6 +47,7 @@ class Queues:
     def _settled(self, destination: Address, payload: bytes, token: int | None) -> bool:
         """Return whether *payload* needs no radio: no packet holds it (TOO_LONG), or it is for this robot."""
         if len(payload) > MOST_OCTETS:
+            self._unsent.append(Unsent(destination, len(payload), Outcome.TOO_LONG))
             self._tell(token, Outcome.TOO_LONG)
             return True
         if destination == self._address:
