@@ -135,6 +135,10 @@ class Body(Settings):
             {"spare": {"kind": "leg", "tose": 3}},
             "spare.tose: 3 is not expected here: there is no such key, did you mean",
         ),
+        (
+            {"spare": {"kind": "leg", "x": 3}},
+            "spare.x: 3 is not expected here: there is no such key, expected one of gait, kind, toes",
+        ),
         ({"sets": {"a": [{"kind": "leg", "toes": [1, -1]}]}}, "sets.a[0].toes: [1, -1] is not a valid integer"),
         ({"limbs": [{"kind": "wheel", "most_s": 0.5}]}, "limbs[0].most_s: 0.5 is not >= 1.0, least_s"),
         ({"spare": {"kind": "wheel", "spokes": 13}}, "spare: thirteen spokes are too many"),
