@@ -1,3 +1,4 @@
+import gc
 import json
 import math
 import shutil
@@ -14,7 +15,7 @@ from cosim.cli import main, nested_calls
 from cosim.documents import read_yaml
 from cosim.jit import njit
 from cosim.results import RunStore
-from cosim.simulation import Outcome
+from cosim.simulation import Outcome, Simulation
 from cosim.trace import CALLS, Trace
 
 DATA = Path(__file__).parent / "data"
@@ -100,6 +101,20 @@ def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.Mon
 
 def strict(text: str) -> Any:
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def test_garbage_is_looked_for_while_a_run_lasts_and_after_it(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    looked: list[bool] = []
+
+    def run(self: Simulation) -> Outcome:
+        looked.append(gc.isenabled())
+        return Outcome({}, "d", Trace([]), 1.0, ())
+
+    monkeypatch.setattr("cosim.simulation.Simulation.run", run)
+    assert cosim("run", "depot.yaml").code == 0
+    assert looked == [True]
+    assert cosim("validate", "depot.yaml").code == 0
+    assert gc.isenabled()
 
 
 def test_the_seed_decides_the_digest(cosim: Any):
@@ -369,7 +384,7 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
 
 @pytest.mark.parametrize(("terminal", "told"), [(True, "compiling kernels, once: "), (False, "")])
 def test_compiling_is_told_on_a_terminal_only(cosim: Any, terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit(lambda: 1)())
+    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit()(lambda: 1)())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     ended = cosim("validate", "depot.yaml")
     assert ended.code == 0
