@@ -1,10 +1,12 @@
 """The figures about explorers that ``make bench`` prints: bounds, and what is replayed to measure them."""
 
+import subprocess
+
 import numpy as np
 import pytest
 
 from benchmarks import __main__ as benchmark
-from benchmarks import exploration
+from benchmarks import exploration, start
 from benchmarks.__main__ import FIGURES, Figure, measured, seconds_each, told
 from cosim.units import S
 from protocols.exploration.belief import Belief
@@ -19,6 +21,18 @@ def test_a_figure_beyond_its_bound_is_marked():
 def test_what_explorers_were_meant_to_cost_at_most_stands_beside_what_they_cost():
     bounds = [figure.bound for figure in FIGURES if figure.bound is not None]
     assert bounds == [40, 20, 10_000]  # marking, a step beyond it, A*
+
+
+def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
+    bounds = [figure.bound_s for figure in FIGURES if figure.bound_s is not None]
+    assert bounds == [0.2, 1.0, 1.7]  # help, validate, run
+    assert told(1.7, 1.71, " s") == "  at most 1.7 s EXCEEDED"
+
+
+def test_a_command_is_measured_in_a_process_of_its_own_and_must_succeed():
+    assert start.command("list", "--help")(1) > 0
+    with pytest.raises(subprocess.CalledProcessError):
+        start.command("--nonsense")(1)
 
 
 def test_a_figure_that_measures_itself_is_asked_with_the_seed_of_the_round():

@@ -1,3 +1,4 @@
+import gc
 import json
 import math
 import os
@@ -17,7 +18,7 @@ from cosim.documents import read_yaml
 from cosim.jit import njit
 from cosim.protocol import Metric
 from cosim.results import RunStore
-from cosim.simulation import Outcome
+from cosim.simulation import Outcome, Simulation
 from cosim.trace import CALLS, Trace
 
 DATA = Path(__file__).parent / "data"
@@ -108,23 +109,37 @@ def strict(text: str) -> Any:
 
 def test_what_a_person_is_to_be_told_is_on_stderr_and_in_the_json(cosim: Any, monkeypatch: pytest.MonkeyPatch):
     made = Outcome({}, "d", Trace([]), 1.0, (), tuple(f"line {number}" for number in range(12)))
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: made)
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: made)
     ended = cosim("run", "depot.yaml")
     assert ended.code == 0
     assert "line" not in ended.out
     assert ended.err.splitlines() == [*(f"line {number}" for number in range(9)), "and 3 more (--json has all)"]
     assert strict(cosim("run", "depot.yaml", "--json").out)["notices"] == list(made.notices)
     few = Outcome({}, "d", Trace([]), 1.0, (), made.notices[:10])
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: few)
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: few)
     assert cosim("run", "depot.yaml").err.splitlines() == list(few.notices)
 
 
 def test_metrics_are_printed_as_they_are_declared_and_none_is_left_out(cosim: Any, monkeypatch: pytest.MonkeyPatch):
     declared = (Metric("b", "s", ""), Metric("not_there", "1", ""), Metric("a", "1", ""))
     made = Outcome({"late": 3.0, "a": 1.0, "b": 2.0}, "d", Trace([]), 1.0, declared)
-    monkeypatch.setattr("cosim.cli.Simulation.run", lambda self: made)
+    monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: made)
     lines = [line.split() for line in cosim("run", "depot.yaml").out.splitlines()]
     assert lines == [["b", "2", "s"], ["a", "1"], ["late", "3"], ["seed", "1"], ["digest", "d"]]
+
+
+def test_garbage_is_looked_for_while_a_run_lasts_and_after_it(cosim: Any, monkeypatch: pytest.MonkeyPatch):
+    looked: list[bool] = []
+
+    def run(self: Simulation) -> Outcome:
+        looked.append(gc.isenabled())
+        return Outcome({}, "d", Trace([]), 1.0, ())
+
+    monkeypatch.setattr("cosim.simulation.Simulation.run", run)
+    assert cosim("run", "depot.yaml").code == 0
+    assert looked == [True]
+    assert cosim("validate", "depot.yaml").code == 0
+    assert gc.isenabled()
 
 
 def test_the_seed_decides_the_digest(cosim: Any):
@@ -447,7 +462,7 @@ def test_validate_prints_what_loads_to_the_same(cosim: Any, tmp_path: Path):
 
 @pytest.mark.parametrize(("terminal", "told"), [(True, "compiling kernels, once: "), (False, "")])
 def test_compiling_is_told_on_a_terminal_only(cosim: Any, terminal: bool, told: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit(lambda: 1)())
+    monkeypatch.setattr("cosim.simulation.Simulation", lambda *_: njit()(lambda: 1)())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     ended = cosim("validate", "depot.yaml")
     assert ended.code == 0
