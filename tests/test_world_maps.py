@@ -265,12 +265,17 @@ def test_a_map_of_too_many_walls_is_refused(tmp_path, monkeypatch):
 def test_a_large_map_takes_at_most_four_bytes_a_cell_beside_its_file(tmp_path):
     pixels = np.full((1000, 1000), 254, np.uint8)
     pixels[::50] = 0
-    files = {"m.pgm": b"P5 1000 1000 255\n" + pixels.tobytes()}
     letters = np.where(pixels, ord("."), ord("@")).astype(np.uint8)
     rows = b"\n".join(row.tobytes() for row in letters)
     (tmp_path / "m.map").write_bytes(b"type octile\nheight 1000\nwidth 1000\nmap\n" + rows)
-    path = write(tmp_path, files["m.pgm"])
-    for read in (lambda: read_ros_map(path), lambda: read_movingai_map(tmp_path / "m.map", 0.1)):
+    path = write(tmp_path, b"P5 1000 1000 255\n" + pixels.tobytes())
+    Image.fromarray(pixels).convert("RGB").save(tmp_path / "m.png")
+    scaled = RosMapSettings(**KEYS | {"mode": "scale"})
+    for read in (
+        lambda: read_ros_map(path),
+        lambda: read_percent(tmp_path / "m.png", scaled),
+        lambda: read_movingai_map(tmp_path / "m.map", 0.1),
+    ):
         tracemalloc.start()
         try:
             read()

@@ -51,7 +51,7 @@ MOST_SIDES: Final = 1_000_000
 """The largest number of sides that the solid cells of a map may have together: walls take more room than cells."""
 LARGEST_YAW_RAD: Final = 2 * math.pi
 """By how much a map may be turned; more is no angle in radians that anybody means."""
-_TILE: Final = 512
+_TILE: Final = 128
 """The side of the tiles of an image whose shades are computed at once, in pixels."""
 _BLOCK: Final = 1 << 20
 """The number of bytes of a plain graymap that are split into words at once."""
@@ -213,10 +213,7 @@ def read_percent(path: Path, settings: RosMapSettings) -> Percents:
     content = read_bytes(path)
     if content[:2] in (b"P2", b"P5"):
         samples, largest = _pgm(content, path)
-        table, percent = _of_shades(largest, settings), np.empty(samples.shape, np.int8)
-        for tile in _tiles(*samples.shape):  # NumPy makes 8 bytes of each sample that it looks up
-            percent[tile] = table[samples[tile]]
-        return percent
+        return _of_shades(largest, settings)[samples]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what is odd, but can be read; and our own limit of size is another
