@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 from numba.core import event, types
@@ -31,7 +31,10 @@ if "scipy.linalg" not in sys.modules:
     arraymath._HAVE_BLAS = True
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     """Return a decorator that compiles a kernel on its first call, as numba's own with these *options* does.
 
     But a kernel that another one calls with a constant is compiled for the type of the constant, not once more for its
@@ -39,8 +42,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
     compiled = numba.njit(**options)
 
-    def decorate(function: Callable[..., Any]) -> Any:
-        kernel = compiled(function)
+    def decorate(function: Kernel) -> Kernel:
+        kernel: Any = compiled(function)
         resolve = kernel.get_call_template
 
         def resolve_types(args: Sequence[Any], named: Mapping[str, Any]) -> Any:
@@ -48,7 +51,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return resolve([types.unliteral(each) for each in args], plain)
 
         kernel.get_call_template = resolve_types
-        return kernel
+        compiled_as: Kernel = kernel
+        return compiled_as
 
     return decorate
 
