@@ -167,7 +167,7 @@ def test_the_closest_host_is_that_in_a_straight_line_for_people(
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"humans": (2,), "human_camera_m": 0.0}, r"human_camera_m: 0\.0 is not > 0"),
+        ({"humans": (2,), "human_camera_m": 0.0}, r"human_camera_m: 0\.0 is not >= 0\.1"),
         ({"humans": (2,), "human_vision_m": -1.0}, r"human_vision_m: -1\.0 is not >= 0"),
         ({"humans": (2,), "human_camera_m": math.nan}, "human_camera_m: nan is not a finite number"),
         ({"human_camera_m": 3.0}, r"human_camera_m: 3\.0 is nobody's, expected a searcher in humans"),
