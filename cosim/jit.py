@@ -41,14 +41,15 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     value: that cost a seventh of all compiling, and no kernel asks for it.
     """
     compiled = numba.njit(**options)
+    unliteral: Callable[[Any], Any] = types.unliteral
 
     def decorate(function: Kernel) -> Kernel:
         kernel: Any = compiled(function)
         resolve = kernel.get_call_template
 
         def resolve_types(args: Sequence[Any], named: Mapping[str, Any]) -> Any:
-            plain = {name: types.unliteral(each) for name, each in named.items()}
-            return resolve([types.unliteral(each) for each in args], plain)
+            plain = {name: unliteral(each) for name, each in named.items()}
+            return resolve([unliteral(each) for each in args], plain)
 
         kernel.get_call_template = resolve_types
         compiled_as: Kernel = kernel

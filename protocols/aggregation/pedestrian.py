@@ -33,7 +33,7 @@ class Pedestrian(Walker):
         self, ground: Ground, radius_m: float, speed_mps: float, tick: Time, parameters: WalkingParameters
     ) -> None:
         super().__init__(ground, radius_m, speed_mps, tick, parameters)
-        self._loops: Boundary = unpacked_boundary.py_func(*ground.loops)
+        self._loops: Boundary = unpacked_boundary.py_func(*ground.loops)  # type: ignore[attr-defined]
         self._memory: Floats | None = None
         self._ask_at = 0
         self._underway = False
