@@ -134,9 +134,9 @@ class Consoles:
         if self.refused:
             conflicts = ["the call: group ends at most 3 s after the plan begins", "group/stage-1: takes 6 s at least"]
             return {"say": "refusal", "conflicts": conflicts, "mend": ["the call: at most 12.5 s"]}
-        for name in self.lacks.split():
-            if name not in data["call"]["parameters"]:
-                return {"say": "error", "why": f"photo: parameters.{name} is missing, expected a place"}
+        missing = [name for name in self.lacks.split() if name not in data["call"]["parameters"]]
+        if missing:
+            return {"say": "error", "why": f"photo wants to know more: {', '.join(missing)}", "missing": missing}
         self.number += 1
         made = plan(self.number)
         if data["execute"]:

@@ -140,8 +140,8 @@ export class Calling {
     if (execute) for (const each of buttons) each.disabled = true;
     try {
       const answer = await this.told.ask({ say: "call", call, execute });
-      const { conflicts = [answer.why], mend = [] } = answer;
-      if (answer.say !== "plan" && !this.ask_for_missing(call.play, conflicts, wanted)) this.show_refusal(call.play, conflicts, mend, wanted);
+      const { conflicts = [answer.why], mend = [], missing = [] } = answer;
+      if (answer.say !== "plan" && !this.ask_for_missing(call.play, missing, wanted)) this.show_refusal(call.play, conflicts, mend, wanted);
       return answer;
     } catch (error) {
       this.told.trouble(error.message);
@@ -154,12 +154,10 @@ export class Calling {
 
   // ------------------------------------------------------------ refusals
 
-  /** Point at what the form of *play* lacks, if that is what the planner says; return whether it is. */
-  ask_for_missing(play, conflicts, focused) {
-    const told = conflicts.flatMap((why) => [...why.matchAll(/parameters\.(\w+) is missing/g)].map(([, name]) => name));
-    if (play !== this.chosen?.id || !told.some((name) => this.form.parameters[name])) return false;
-    // it tells the first only; a task of a play may do without the others
-    const names = this.form.missing().filter((name) => told.includes(name) || !this.chosen.task);
+  /** Point at the parameters *missing* of *play* in its form; return whether there are any. */
+  ask_for_missing(play, missing, focused) {
+    const names = missing.filter((name) => this.form.parameters[name]);
+    if (play !== this.chosen?.id || !names.length) return false;
     this.hide_refusal();
     this.form.mark(names, focused);
     this.say_missing(names);
