@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 MOST_NOTICES = 10
 """The most lines that a run says on stderr."""
+_SEED = click.IntRange(0, 2**62)
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
@@ -100,7 +101,7 @@ def _told_of_compiling() -> Iterator[None]:
 
 @commands.command("run")
 @click.argument("scenario")
-@click.option("--seed", type=click.IntRange(min=0), help="Instead of the scenario's own.")
+@click.option("--seed", type=_SEED, help="Instead of the scenario's own.")
 @_SETS
 @click.option("--trace", "trace", type=click.Path(file_okay=False, path_type=Path), help="Write the tables there.")
 @click.option(
@@ -259,7 +260,7 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
 # ---------------------------------------------------------------- view
 
 _PAGE = (
-    click.option("--seed", type=click.IntRange(min=0), help="Instead of the scenario's own."),
+    click.option("--seed", type=_SEED, help="Instead of the scenario's own."),
     _SETS,
     click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page, on 127.0.0.1; 0: a free one."),
     click.option("--open", "in_browser", is_flag=True, help="Open the page in the browser."),

@@ -4,6 +4,7 @@ A library is a folder of YAML files, each a play or a folder of plays (:class:`p
 by its file; or one such file that is a folder. An error names the file, the place in it, the value, what was expected.
 """
 
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -56,7 +57,7 @@ class Playbook:
         """Return the plays of folders of files, or of single files that are folders of plays; raise UserError."""
         plays, sources = dict[str, Play](), dict[str, str]()
         for path in paths:
-            if path.is_dir():
+            if os.path.isdir(path):  # Path.is_dir raises for a name that is too long
                 read = {_label_of(file): (reader(file), str(file)) for file in sorted(path.glob("*.yaml"))}
             else:
                 folder = reader(path)
