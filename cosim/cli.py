@@ -63,7 +63,7 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     except OSError as error:  # its text ends with the name of the file, if it has one
         return _complain(" ".join(str(error).split()), 1)
     finally:
-        gc.enable()
+        _set_up_is_done()
     return code if isinstance(code, int) else 0
 
 

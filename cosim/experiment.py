@@ -40,7 +40,7 @@ from cosim.documents import (
 )
 from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
-from cosim.results import ReportSettings
+from cosim.results import FIXED, ReportSettings
 from cosim.scenario import Scenario, build, digest, dump, given_here
 from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings
 
@@ -349,8 +349,6 @@ def _label(value: Any, axis: AxisSettings) -> Label:
 
 def _columns(sweep: Mapping[str, AxisSettings], source: str) -> dict[str, str]:
     """Return the column of every axis: its own name, or the last parts of its path that no other column has."""
-    from cosim.results import FIXED  # it loads what reads and writes results, and a single run has none
-
     reserved = {field.name for field in FIXED}
     columns: dict[str, str] = {}
     for key in sweep:
