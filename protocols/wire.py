@@ -21,15 +21,14 @@ def size(layout: Layout) -> int:
 
 def pack(layout: Layout, values: Mapping[str, int]) -> bytes:
     """Encode *values*; raise :exc:`WireError` for a value that its field cannot hold."""
-    word = 0
+    word = width = 0
     for name, bits in layout:
         value = values[name]
         if not 0 <= value < 1 << bits:
             raise WireError(f"{name} = {value} does not fit into {bits} bits")
         word = word << bits | value
-    body = size(layout) - CRC_BYTES
-    padding = 8 * body - sum(bits for _, bits in layout)
-    data = (word << padding).to_bytes(body, "big")
+        width += bits
+    data = (word << -width % 8).to_bytes(-(-width // 8), "big")
     return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
 
 
