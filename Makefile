@@ -7,7 +7,11 @@ STAMP := $(VENV)/.set-up
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 SOAK_SHARE ?= 1.0
 
-.PHONY: setup run sweep report test fast soak check bench fresh format clean
+# other interpreters than PYTHON, of which those are tried that are here
+PYTHONS ?= python3.12 python3.13
+TRIED := $(addprefix tests/test_,architecture.py cli.py examples.py kernel.py randomness.py scenario.py settings.py start.py trace.py)
+
+.PHONY: setup run sweep report test fast soak check pythons bench fresh format clean
 
 setup: $(STAMP)
 
@@ -45,6 +49,16 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# what a run needs, the command line and the examples, on other interpreters
+pythons:
+	@for python in $(PYTHONS); do \
+	    $$python -c '' 2>/dev/null || { echo "$$python is not here: nothing is tried with it"; continue; }; \
+	    home=$(VENV)-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
+	    $$python -m venv $$home && \
+	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web]' && \
+	    $$home/bin/python -m pytest -m 'not soak' $(TRIED) || exit 1; \
+	done
+
 format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -57,4 +71,4 @@ fresh:
 	$(PYTHON) tests/fresh.py $(if $(ALL),--all)
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage build *.egg-info
+	rm -rf $(VENV) $(VENV)-* .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage build *.egg-info

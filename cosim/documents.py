@@ -128,14 +128,18 @@ def is_file(path: Path) -> bool:
         return False
 
 
+_UNSIZED: Final = 1 << 16
+"""Bytes that are read of files of which the system does not tell the size."""
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the content of the regular file *path*, of *most* bytes at most; raise UserError for anything else."""
     try:
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode):  # to open a pipe would wait for who writes it, and a device may have no end
-            raise OSError(errno.EINVAL, "is a directory" if stat.S_ISDIR(mode) else "is a pipe or a device")
+        state = path.stat()
+        if not stat.S_ISREG(state.st_mode):  # to open a pipe would wait for who writes it, and a device may have no end
+            raise OSError(errno.EINVAL, "is a directory" if stat.S_ISDIR(state.st_mode) else "is a pipe or a device")
         with path.open("rb") as file:
-            content = file.read(most + 1)
+            content = file.read(min(most, max(state.st_size, _UNSIZED)) + 1)  # it makes room for all that at once
     except (OSError, ValueError) as error:  # one of values: a name with a NUL in it
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise UserError(f"{path}: cannot be read, expected a file: {why.lower()}") from None

@@ -30,10 +30,14 @@ class Hiding(NamedTuple):
 
     def __str__(self) -> str:
         """Return one line with the way out."""
-        told = f"{self.first} hides {self.second}"
+        told = f"{_shown(self.first)} hides {_shown(self.second)}"
         if self.second.is_relative_to(OURS) and not self.first.is_relative_to(OURS):
             return f"{told}: rename the first, or delete it if it is an empty __init__.py, or start python with -P"
         return f"{told}: rename the second"
+
+
+def _shown(path: Path) -> str:
+    return f"cosim's own {path.relative_to(OURS)}" if path.is_relative_to(OURS) else str(path)
 
 
 def find_named(text: str) -> Any:

@@ -45,6 +45,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
 
     def decorate(function: Kernel) -> Kernel:
         kernel: Any = compiled(function)
+        if kernel is function:  # NUMBA_DISABLE_JIT: what is not compiled calls plain functions
+            return function
         resolve = kernel.get_call_template
 
         def resolve_types(args: Sequence[Any], named: Mapping[str, Any]) -> Any:

@@ -32,7 +32,7 @@ from cosim import __version__
 from cosim.documents import validated
 from cosim.errors import UserError
 from cosim.protocol import Metric
-from cosim.settings import Settings
+from cosim.settings import Count, PlainData, Settings
 from cosim.trace import Field, drafted
 
 if sys.platform == "win32":
@@ -100,7 +100,7 @@ class AxisDescription(Settings):
     """An axis in a sweep.json."""
 
     path: str
-    values: tuple[str | int | float | bool, ...]
+    values: tuple[PlainData, ...]
 
 
 class SweepDescription(Settings):
@@ -111,7 +111,7 @@ class SweepDescription(Settings):
     source: str
     """The sweep.yaml."""
     axes: dict[str, AxisDescription]
-    replicates: int = Setting(ge=1, le=2**53)
+    replicates: Count = Setting(ge=1)
     report: ReportSettings
     configurations: tuple[str, ...]
     """Of the arms, in the order of the axes."""
@@ -242,10 +242,9 @@ class RunStore:
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             if isinstance(error, OSError) and error.errno is not None:  # the system's word, not Arrow's
                 raise
-        runs = self.folder / "runs" / part.name  # the next sweep clears away observations without runs
-        raise UserError(
-            f"{part}: is not a whole Parquet file; delete {'it' if part == runs else runs} and sweep again"
-        ) from None
+        # the next sweep clears away observations without runs
+        which = "it" if part.parent.name == "runs" else "the file of that name in runs"
+        raise UserError(f"{part}: is not a whole Parquet file; delete {which} and sweep again") from None
 
     def _parts(self, table: str) -> list[Path]:
         return sorted(part for part in (self.folder / table).glob("part-*.parquet") if part.is_file())

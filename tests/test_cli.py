@@ -282,7 +282,7 @@ def refuse(cosim: Any, expected: str, *words: str, about: tuple[str, ...] = ()) 
         (("run",), "Missing argument 'SCENARIO'."),
         (("fly",), "No such command 'fly'."),
         (("run", "depot.yaml", "--sed", "1"), "No such option '--sed'. (Did you mean"),
-        (("run", "depot.yaml", "--seed", "-1"), "Invalid value for '--seed': -1 is not in the range x>=0."),
+        (("run", "depot.yaml", "--seed", "-1"), "Invalid value for '--seed': -1 is not in the range 0<=x<="),
         (("sweep", "sweep.yaml", "--jobs", "0"), "Invalid value for '--jobs': 0 is not in the range x>=1."),
         (
             ("sweep", "sweep.yaml", "--jobs", "1", "--dask", "a:1"),

@@ -107,7 +107,7 @@ def test_what_an_inquiry_cannot_be_is_refused(bad: dict[str, object]):
 
 
 def test_an_axis_with_a_procedure_that_does_not_exist_is_told_before_anything_runs():
-    with pytest.raises(UserError, match=r"interlaced: true is not known to version 1\.1"):
+    with pytest.raises(UserError, match=r"interlaced: True is not known to version 1\.1"):
         load_experiment(EXPERIMENTS / "inquiry_time" / "sweep.yaml", ["scan={version: '1.1', interlaced: true}"])
 
 

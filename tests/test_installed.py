@@ -61,14 +61,14 @@ def test_a_root_of_hers_does_no_harm_where_ours_is_found_first(ours: Path, hers:
     assert find_named("gadgets.lever:SPEC") == "ours"
     with pytest.raises(ImportError) as raised:
         find_named("gadgets:SPEC")
-    assert str(raised.value) == f"{ours / '__init__.py'} hides {hers / '__init__.py'}: rename the second"
+    assert str(raised.value) == f"cosim's own gadgets/__init__.py hides {hers / '__init__.py'}: rename the second"
 
 
 def test_what_her_root_hides_is_told_with_the_way_out(ours: Path, hers: Path, monkeypatch: pytest.MonkeyPatch):
     (hers / "__init__.py").touch()
     first(hers.parent, monkeypatch)
     told = (
-        f"{hers / '__init__.py'} hides {ours / '__init__.py'}: "
+        f"{hers / '__init__.py'} hides cosim's own gadgets/__init__.py: "
         "rename the first, or delete it if it is an empty __init__.py, or start python with -P"
     )
     assert find_named("gadgets.mine:SPEC") == "hers"
@@ -87,7 +87,7 @@ def test_what_is_ours_is_not_taken_for_hers_of_the_same_name(ours: Path, hers: P
     last(hers.parent, monkeypatch)
     with pytest.raises(ImportError) as raised:
         find_named("gadgets.lever:SPEC")
-    assert str(raised.value) == f"{ours / 'lever.py'} hides {hers / 'lever.py'}: rename the second"
+    assert str(raised.value) == f"cosim's own gadgets/lever.py hides {hers / 'lever.py'}: rename the second"
     assert loaded(EntryPoint("lever", "gadgets.lever:SPEC", "cosim.gadgets")) == "ours"
 
 
@@ -98,7 +98,7 @@ def test_a_module_above_which_a_folder_of_ours_stands_is_told(ours: Path, hers: 
     last(hers.parent, monkeypatch)
     with pytest.raises(ImportError) as raised:
         find_named("gadgets.cranes.own:SPEC")
-    assert str(raised.value) == f"{ours / 'cranes' / '__init__.py'} hides {hers / 'cranes'}: rename the second"
+    assert str(raised.value) == f"cosim's own gadgets/cranes/__init__.py hides {hers / 'cranes'}: rename the second"
 
 
 def test_a_module_of_hers_hides_our_package(ours: Path, hers: Path, monkeypatch: pytest.MonkeyPatch):

@@ -227,10 +227,10 @@ def test_a_kidnapped_robot_recovers_only_with_recovery(tries):
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({"least_particles": 3000}, "least_particles 3000 is not <= most_particles 2000"),
-        ({"recovery_fast": 0.0}, "neither both 0 nor 0 < slow <= fast"),
-        ({"recovery_slow": 0.0}, "neither both 0 nor 0 < slow <= fast"),
-        ({"recovery_slow": 0.2, "recovery_fast": 0.1}, "neither both 0 nor 0 < slow <= fast"),
+        ({"least_particles": 3000}, "is not <= 2000, most_particles"),
+        ({"recovery_fast": 0.0}, "is not > 0 and <= .*, recovery_fast, nor are both 0"),
+        ({"recovery_slow": 0.0}, "is not > 0 and <= .*, recovery_fast, nor are both 0"),
+        ({"recovery_slow": 0.2, "recovery_fast": 0.1}, "is not > 0 and <= .*, recovery_fast, nor are both 0"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_refused(changed, says):

@@ -122,7 +122,7 @@ def test_a_damaged_part_is_told(tmp_path: Path, table: str, damaged: bytes):
     (part,) = (tmp_path / table).glob("*.parquet")
     part.write_bytes(damaged)
     runs = tmp_path / "runs" / part.name
-    which = "it" if table == "runs" else str(runs)
+    which = "it" if table == "runs" else "the file of that name in runs"
     for read in (store.done, store.units, store.read) if table == "runs" else (lambda: store.read(table),):
         with pytest.raises(UserError) as raised:
             read()
@@ -202,7 +202,10 @@ def test_columns_that_were_of_another_kind_in_an_older_sweep_do_not_disturb_the_
         ("{", "holds no results, expected a folder that cosim sweep has written"),
         ("[" * 100_000, "holds no results, expected a folder that cosim sweep has written"),
         ("[]", "sweep.json: [] is not a mapping of settings"),
-        ("{}", "sweep.json: experiment: is missing (and 6 more)"),
+        (
+            "{}",
+            "sweep.json: experiment: is missing (and 6 more: source, axes, replicates, report, configurations, code)",
+        ),
     ],
 )
 def test_another_sweep_json_is_told(tmp_path: Path, plain: str, told: str):
@@ -220,7 +223,7 @@ def test_a_disk_that_fails_is_no_damaged_part(tmp_path: Path, monkeypatch: pytes
     def fail(*_: Any, **__: Any) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr("cosim.results.pq.read_table", fail)
+    monkeypatch.setattr("pyarrow.parquet.read_table", fail)
     with pytest.raises(OSError, match="Input/output error"):
         store.read()
 

@@ -145,9 +145,11 @@ def test_all_kinds_of_png_are_read(tmp_path, mode):
         ({"image": "no.pgm"}, "m.yaml: image: 'no.pgm': there is no such file beside the map"),
         ({"image": "[1"}, "m.yaml: line "),
         ({"image": "a" * 5000}, "there is no such file beside the map"),
-        ({"origin": "[0, 0, 1.0e+19]"}, "m.yaml: origin: [0, 0, 1e+19] is turned by 1e+19 rad, expected -2 pi to 2 pi"),
-        ({"origin": "[0, -2.0e+6, 0]"}, "m.yaml: origin: [0, -2000000.0, 0] is not within 1e+06 m"),
-        ({"resolution": "1.0e+300"}, "m.yaml: resolution: 1e+300 m is no size of a cell of a map of 2 x 2, expected "),
+        ({"origin": "[0, 0, 90]"}, "m.yaml: origin: [0, 0, 90] is turned by 90 rad, expected -2 pi to 2 pi"),
+        ({"origin": "[0, 0, 1.0e+19]"}, "m.yaml: origin[2]: 1e+19 is not <= "),
+        ({"origin": "[0, -2.0e+6, 0]"}, "m.yaml: origin[1]: -2000000.0 is not >= -1e+06"),
+        ({"resolution": "1.0e+6"}, "m.yaml: resolution: 1e+06 m is no size of a cell of a map of 2 x 2, expected "),
+        ({"resolution": "1.0e+300"}, "m.yaml: resolution: 1e+300 is not <= 1e+06"),
         ({"resolution": "1.0e-300"}, "m.yaml: resolution: 1e-300 m is no size of a cell"),
     ],
 )
@@ -237,7 +239,7 @@ def test_a_movingai_map_may_end_its_lines_as_other_systems_do(tmp_path, ends):
     assert read_movingai_map(tmp_path / "m.map", 1.0).occupied.tolist() == [[False, False, True, True]] * 2
 
 
-@pytest.mark.parametrize("cell_m", [1e300, 3e5, 1e-4])
+@pytest.mark.parametrize("cell_m", [1e6, 3e5])
 def test_cells_that_make_no_floor_are_refused(tmp_path, cell_m):
     (tmp_path / "m.map").write_text(MOVINGAI)
     with pytest.raises(UserError, match=r"^floorplan.resolution_m: \S+ m is no size of a cell of a map of 4 x 2"):

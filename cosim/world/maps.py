@@ -43,8 +43,10 @@ Samples: TypeAlias = np.ndarray[Any, np.dtype[np.uint8 | np.uint16]]
 UNKNOWN: Final = -1
 MOST_CELLS: Final = 100_000_000
 """The size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
+MOST_BYTES: Final = 6 * MOST_CELLS
+"""The size of the largest file of a map: a number of five digits and a space for each cell."""
 FARTHEST_M: Final = 1e6
-"""The largest extent, and coordinate of the origin, of a map."""
+"""The largest extent of a map."""
 SMALLEST_CELL_M: Final = 1e-3
 """The size of the smallest cells."""
 MOST_SIDES: Final = 1_000_000
@@ -141,12 +143,9 @@ class RosMapSettings(Settings):
 
     @field_validator("origin")
     @classmethod
-    def _within_reach(cls, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-        x, y, yaw = origin
-        if max(abs(x), abs(y)) > FARTHEST_M:
-            raise ValueError(f"is not within {FARTHEST_M:g} m")
-        if abs(yaw) > LARGEST_YAW_RAD:
-            raise ValueError(f"is turned by {yaw:g} rad, expected -2 pi to 2 pi")
+    def _within_a_turn(cls, origin: tuple[float, float, float]) -> tuple[float, float, float]:
+        if abs(origin[2]) > LARGEST_YAW_RAD:
+            raise ValueError(f"is turned by {origin[2]:g} rad, expected -2 pi to 2 pi")
         return origin
 
     @model_validator(mode="after")
@@ -210,7 +209,7 @@ def read_percent(path: Path, settings: RosMapSettings) -> Percents:
 
     Raise UserError if the file is not an image, or one of more than MOST_CELLS pixels.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, MOST_BYTES)
     if content[:2] in (b"P2", b"P5"):
         samples, largest = _pgm(content, path)
         return _of_shades(largest, settings)[samples]
@@ -333,7 +332,7 @@ def read_movingai_map(path: Path, cell_m: float) -> OccupancyMap:
     ``.``, ``G`` and ``S`` (swamp) can be driven on; ``@``, ``O``, ``T`` (trees) and ``W`` (water) cannot. Raise
     UserError for what is wrong.
     """
-    content = read_bytes(path).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = read_bytes(path, MOST_BYTES).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if not content.endswith(b"\n"):
         content += b"\n"
     stream = io.BytesIO(content)
