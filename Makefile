@@ -9,7 +9,7 @@ SOAK_SHARE ?= 1.0
 
 # other interpreters than PYTHON, of which those are tried that are here
 PYTHONS ?= python3.12 python3.13
-TRIED := $(addprefix tests/test_,architecture.py cli.py examples.py kernel.py randomness.py scenario.py settings.py start.py trace.py)
+TRIED := $(patsubst %,tests/test_%.py,architecture cli experiment kernel randomness scenario settings simulation trace)
 
 .PHONY: setup run sweep report test fast soak check pythons bench fresh format clean
 
@@ -49,14 +49,15 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# what a run needs, the command line and the examples, on other interpreters
+# fast tests of the command line and of what a run needs, and a run, on other interpreters
 pythons:
 	@for python in $(PYTHONS); do \
 	    $$python -c '' 2>/dev/null || { echo "$$python is not here: nothing is tried with it"; continue; }; \
 	    home=$(VENV)-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
 	    $$python -m venv $$home && \
 	    $$home/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,web]' && \
-	    $$home/bin/python -m pytest -m 'not soak' $(TRIED) || exit 1; \
+	    $$home/bin/python -m pytest -q -m 'not slow and not soak' $(TRIED) && \
+	    $$home/bin/cosim run examples/2_bluetooth.yaml || exit 1; \
 	done
 
 format: $(STAMP)

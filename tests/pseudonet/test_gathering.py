@@ -24,6 +24,7 @@ from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
 from protocols.pseudonet.parameters import Parameters as CoverageParameters
+from tests.oracles.campaign import two_tiers
 from tests.pseudonet.floors import floor, view_of
 
 ROOMS: dict[str, Any] = {
@@ -238,7 +239,9 @@ def maker(size: int, **more: Any) -> Callable[[int, Time], Pseudonet]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "more"), [(2, {}), (8, {}), (6, {"piconet_size": 3, "topology": "tree"})])
+@pytest.mark.parametrize(
+    ("size", "more"), two_tiers([(6, {"piconet_size": 3, "topology": "tree"}), (2, {}), (8, {})], 1)
+)
 def test_machines_that_gather_keep_the_laws(size: int, more: Mapping[str, Any]) -> None:
     check_machine(maker(size, **more), [(2.0 * robot + 0.5, 0.5) for robot in range(size)], duration=5 * S)
 
