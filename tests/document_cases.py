@@ -260,11 +260,16 @@ def _bomb(levels: int) -> Any:
 
 
 def _places(plain: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield (container, key) of all that is inside of *plain*."""
-    for key in list(plain) if isinstance(plain, dict) else range(len(plain)):
-        yield plain, key
-        if isinstance(plain[key], dict | list):
-            yield from _places(plain[key])
+    """Yield (container, key) of all that is inside of *plain*; a container that stands at several places only once."""
+    waiting, seen = [plain], {id(plain)}
+    while waiting:
+        container = waiting.pop()
+        for key in list(container) if isinstance(container, dict) else range(len(container)):
+            yield container, key
+            inner = container[key]
+            if isinstance(inner, dict | list) and id(inner) not in seen:
+                seen.add(id(inner))
+                waiting.append(inner)
 
 
 def _spoil_structure(plain: Any, choice: random.Random) -> None:
