@@ -8,6 +8,7 @@ const ROBOT_COLOURS = 8;
 const LEAST_RADIUS_PX = 6;
 const MARGIN_PX = 22;
 const LABEL_PX = 16;
+const DIGIT_PX = 7;
 const NEAR_PX = 14; // who clicks so near to something has clicked on it
 const ALONE_PX = 40; // who is farther from a robot hardly moves its label
 
@@ -24,6 +25,7 @@ export class Floor {
     this.picked = picked;
     this.selected = null;
     this.extras = []; // functions (pen, floor) that draw on top: routes of a plan, for example
+    this.labels = []; // where those of the robots are (px)
     this.asked = false;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -95,8 +97,8 @@ export class Floor {
     const named = Object.entries(places_m).flatMap(([name, points]) =>
       points.map((point) => ({ place: points.length === 1 ? name : point, point })));
     if (base_m && !places_m.base) named.push({ place: "base", point: base_m });
-    const letter_m = (LABEL_PX + 4) / this.scale;
     const far = named.map(({ place, point: [x, y] }) => {
+      const letter_m = (this.letter_px([x, y]) + 4) / this.scale;
       const far_px = Math.min(this.far_px(event, [x, y]), this.far_px(event, [x, y + letter_m]));
       return { place, point: [x, y], far_px };
     });
@@ -142,16 +144,17 @@ export class Floor {
     pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
     if (!run.scene) return;
     pen.lineCap = pen.lineJoin = "round";
+    this.labels = (run.now?.robots ?? []).map((_, robot) => this.label_at(robot));
     this.paint_floor(pen);
     this.paint_trails(pen);
     const moving = run.fade(wall_ms, FLIGHT_MS, LINK_MS);
     this.paint_links(pen, wall_ms);
     for (const mark of run.seen_marks()) this.paint_mark(pen, mark);
     for (const extra of this.extras) extra(pen, this);
-    this.paint_places(pen, run.scene);
     for (const flight of run.flights) this.paint_flight(pen, flight, (wall_ms - flight.wall_ms) / FLIGHT_MS);
+    this.paint_places(pen, run.scene);
     run.now?.robots.forEach((robot, number) => this.paint_robot(pen, number, robot));
-    run.now?.robots.forEach((robot, number) => this.paint_label(pen, number, robot)); // no robot hides the label of another
+    run.now?.robots.forEach((_, number) => this.paint_label(pen, number)); // no robot hides the label of another
     pen.globalAlpha = 1;
     if (moving) this.draw();
   }
@@ -181,20 +184,35 @@ export class Floor {
   }
 
   paint_places(pen, scene) {
+    pen.globalAlpha = 1;
     pen.fillStyle = this.colours.quiet;
     pen.strokeStyle = this.colours.floor;
     pen.lineWidth = 3;
     pen.font = "11px system-ui, sans-serif";
     pen.textAlign = "center";
+    const names = new Map(); // by their point, which may have several
     for (const [name, points] of Object.entries(scene.places_m)) {
       for (const point of points.slice(0, 40)) {
         const [x, y] = this.place(point);
         pen.fillRect(x - 1, y - 1, 2, 2);
-        if (points.length > 1) continue;
-        pen.strokeText(name, x, y - LABEL_PX); // above what may be drawn around it
-        pen.fillText(name, x, y - LABEL_PX);
       }
+      const at = String(points[0]);
+      if (points.length === 1) names.set(at, { point: points[0], text: names.has(at) ? `${names.get(at).text}, ${name}` : name });
     }
+    for (const { point, text } of names.values()) {
+      const [x, y] = this.place(point);
+      const above = this.letter_px(point);
+      pen.strokeText(text, x, y - above);
+      pen.fillText(text, x, y - above);
+    }
+  }
+
+  /** How far above a place its name stands (px): above what may be drawn around it, and the label of a robot there. */
+  letter_px(point) {
+    const [x, y] = this.place(point);
+    const taken = this.labels.some(([label_x, label_y]) =>
+      Math.abs(label_x - x) < LABEL_PX && Math.abs(label_y - y + LABEL_PX + 4) < LABEL_PX - 2);
+    return taken ? 2 * LABEL_PX : LABEL_PX;
   }
 
   paint_trails(pen) {
@@ -291,21 +309,30 @@ export class Floor {
     }
   }
 
-  paint_label(pen, robot, [x_m, y_m, , down]) {
-    const text = `${robot}${down ? " †" : ""}`;
+  paint_label(pen, robot) {
+    const text = this.label(robot);
     pen.font = "600 12px system-ui, sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.strokeStyle = this.colours.paper;
     pen.fillStyle = this.colours.ink;
     pen.lineWidth = 3;
-    const [right, below] = this.free_side(robot);
-    const [x, y] = this.place([x_m, y_m]);
-    const radius = this.radius(robot);
-    const at = [x + right * (radius + 4 + pen.measureText(text).width / 2), y + below * (radius + 9)];
+    const at = this.labels[robot];
     pen.strokeText(text, ...at);
     pen.fillText(text, ...at);
     pen.textBaseline = "alphabetic";
+  }
+
+  label(robot) {
+    return `${robot}${this.run.now.robots[robot][3] ? " †" : ""}`;
+  }
+
+  /** Where on the canvas (px) the middle of a robot's label is. */
+  label_at(robot) {
+    const [right, below] = this.free_side(robot);
+    const [x, y] = this.place(this.run.now.robots[robot]);
+    const radius = this.radius(robot);
+    return [x + right * (radius + 4 + DIGIT_PX * this.label(robot).length / 2), y + below * (radius + 9)];
   }
 
   /** How large a robot is drawn, px. */
@@ -313,11 +340,11 @@ export class Floor {
     return Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
   }
 
-  /** The direction, of length 1, in which a robot has no others near it; up to the right if there are none at all. */
+  /** The direction, of length 1, in which a robot has no others near it; to the right, if there are none at all. */
   free_side(robot) {
     const { robots } = this.run.now;
     const [own_x, own_y] = robots[robot];
-    let [right, down] = [1 / ALONE_PX, -1 / ALONE_PX];
+    let [right, down] = [1 / ALONE_PX, 0]; // above are the names of places
     for (const [x, y] of robots) {
       const [away_x, away_y] = [(own_x - x) * this.scale, (y - own_y) * this.scale];
       const far = Math.max(1, Math.hypot(away_x, away_y));

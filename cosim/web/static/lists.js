@@ -20,6 +20,7 @@ export class Robots {
       const degrees = Math.round((heading * 180) / Math.PI);
       where.textContent = `${x.toFixed(2)}, ${y.toFixed(2)} m  ${degrees}°`;
       chip.style.background = down ? "transparent" : this.floor.colour(robot);
+      chip.style.boxShadow = down ? `inset 0 0 0 2px ${this.floor.colour(robot)}` : "";
       button.setAttribute("aria-pressed", String(robot === selected));
     });
   }

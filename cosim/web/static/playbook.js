@@ -65,7 +65,7 @@ function begin(scene) {
   host_robot = 0;
   host(0, "");
   const words = ["▲ base", "● robots", "○ goals", "◎ where they end up", "— frames and links, red if not received"];
-  page.begin(scene, [`over ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`], words);
+  page.begin(scene, [`channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`], words);
   operator.ask({ say: "plays" }).then(({ tree }) => calling.know_plays(tree ?? []), () => {});
   operator.ask({ say: "map" }).then((map) => know(scene, map), () => {});
   ask_state();

@@ -26,6 +26,7 @@ export class Calling {
     this.tree = new Tree(find("plays"), { draw: draw_play, picked: (node) => this.choose(node) });
     this.form = new Form(find("form"), told.picker, () => this.filled());
     this.tailor = new Tailor(find, told.picker, (wanted) => (wanted ? this.check(true) : this.check_soon()));
+    new ResizeObserver(() => this.chosen && this.tree.reveal(this.chosen.id)).observe(find("plays")); // others take room from it
     find("execute").addEventListener("click", () => this.execute());
     find("tailor").addEventListener("click", () => this.begin());
     find("execute-tailored").addEventListener("click", () => this.execute_tailored());
@@ -60,7 +61,7 @@ export class Calling {
     this.form.mark([]);
     this.say_missing([]);
     this.hide_refusal();
-    this.tree.reveal(node.id); // its form has taken room from the tree
+    this.tree.reveal(node.id);
     this.find("execute").disabled = this.find("tailor").disabled = false;
     this.told.changed();
   }
@@ -159,21 +160,21 @@ export class Calling {
     const names = missing.filter((name) => this.form.parameters[name]);
     if (play !== this.chosen?.id || !names.length) return false;
     this.hide_refusal();
-    this.form.mark(names, focused);
     this.say_missing(names);
+    this.form.mark(names, focused);
     return true;
   }
 
   say_missing(names) {
-    const places = names.some((name) => this.form.parameters[name].kind.startsWith("place"));
-    const how = places ? " Click on letters of the floor, or choose names." : "";
+    const wants = (kind) => names.some((name) => this.form.parameters[name].kind.startsWith(kind));
+    const click = names.includes(this.form.next()) ? "Click letters on the floor" : "Press Pick there"; // a click goes elsewhere yet
+    const how = wants("place") ? ` ${click}, or choose names.` : wants("robots") ? " Say how many, or which." : "";
     this.find("missing").textContent = names.length ? `Still to be filled in: ${names.map(title).join(", ")}.${how}` : "";
   }
 
   show_refusal(play, conflicts, mend, focused) {
     const items = (texts) => texts.map((text) => make("li", { textContent: text }));
     this.find("refusal-title").textContent = `${play} cannot be played like this`;
-    this.find("conflicts-title").textContent = conflicts.length > 1 ? "These cannot all be met" : "What is in the way";
     this.find("conflicts").replaceChildren(...items(conflicts));
     this.find("mend").replaceChildren(...items(mend));
     this.find("mend-part").hidden = !mend.length;

@@ -40,7 +40,9 @@ export class Form {
     this.latest = null;
     this.rows = new Map(Object.entries(parameters).map(([name, parameter]) =>
       [name, labelled(title(name), this.field(name, parameter), parameter.about)]));
+    for (const name of this.lists.keys()) this.rows.get(name).addEventListener("click", () => this.use(name));
     this.root.replaceChildren(...this.rows.values());
+    this.show_next();
   }
 
   /** Make anew what depends on the floor and the team. */
@@ -85,10 +87,24 @@ export class Form {
    * first that is empty. Return whether there is one.
    */
   offer(place) {
-    const empty = [...this.lists.keys()].find((name) => !this.lists.get(name).places.length);
-    const list = this.lists.get(this.latest ?? empty);
+    const list = this.lists.get(this.next());
     list?.add(place);
     return Boolean(list);
+  }
+
+  /** The list of places that such a click is for, by its name; undefined if there is none. */
+  next() {
+    return this.latest ?? [...this.lists.keys()].find((name) => !this.lists.get(name).places.length);
+  }
+
+  /** Have such clicks be for the list *name*; null: for the first that is empty. */
+  use(name) {
+    this.latest = name;
+    this.show_next();
+  }
+
+  show_next() {
+    for (const [name, row] of this.rows) row.classList.toggle("next", name === this.next());
   }
 
   /** The points on the floor that have been chosen, with what they are for. */
@@ -129,11 +145,11 @@ export class Form {
 
   places(name, single) {
     const told = (places) => {
-      this.latest = single ? null : name; // one place is one click: the next is for another
+      this.use(single && places.length ? null : name); // one place is one click: the next is for another
       this.set(name, single ? places[0] ?? null : places.length ? [...places] : null);
     };
     const list = new Places(title(name), { single, picker: this.picker, named: this.named, changed: told });
-    list.element.addEventListener("focusin", () => { this.latest = name; });
+    list.element.addEventListener("focusin", () => this.use(name));
     this.lists.set(name, list);
     return list.element;
   }

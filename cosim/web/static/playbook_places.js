@@ -106,7 +106,7 @@ export class Places {
       event.preventDefault();
       this.type();
     });
-    const names = choice([["", "named…"], ...namings(named, single)], "", (value) => {
+    const names = choice([["", "name…"], ...namings(named, single)], "", (value) => {
       if (value) this.add(JSON.parse(value));
       names.value = "";
     }, { aria: { label: `${title}: places with names` } });

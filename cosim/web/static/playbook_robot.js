@@ -134,6 +134,7 @@ export class RobotPart {
     const nearest = Math.min(...answer.columns_m.filter((each) => each !== null));
     const words = `Robot ${robot} at ${from}${Number.isFinite(nearest) ? `; nearest: ${nearest.toFixed(1)} m` : ""}`;
     this.find("picture").hidden = false;
+    this.find("picture").scrollIntoView({ block: "nearest" });
     this.find("picture-text").textContent = words;
     this.find("picture-canvas").setAttribute("aria-label", words);
     paint_picture(this.find("picture-canvas"), answer.columns_m, answer.view_rad);

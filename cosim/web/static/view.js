@@ -30,7 +30,7 @@ function begin(scene) {
   document.title = `${scene.name} – cosim`;
   find("result").hidden = true;
   events.seek = scene.live ? null : (time_s) => page.transport.seek(time_s);
-  const about = [scene.protocol, scene.channel && `over ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
+  const about = [scene.protocol, scene.channel && `channel: ${scene.channel}`, scene.seed !== null && `seed ${scene.seed}`];
   const words = ["● robots", "○ goals", "– – ghosts", "□ frontiers", "× events", "— frames and links, red if not received"];
   if (scene.base_m) words.unshift("▲ base");
   page.begin(scene, [...about, scene.live ? "live" : "recorded"], words);
