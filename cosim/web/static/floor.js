@@ -340,11 +340,11 @@ export class Floor {
     return Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
   }
 
-  /** The direction, of length 1, in which a robot has no others near it; to the right, if there are none at all. */
+  /** The direction, of length 1, in which a robot has no others near it; down to the right, if there are none at all. */
   free_side(robot) {
     const { robots } = this.run.now;
     const [own_x, own_y] = robots[robot];
-    let [right, down] = [1 / ALONE_PX, 0]; // above are the names of places
+    let [right, down] = [1 / ALONE_PX, 1 / ALONE_PX]; // above are the names of places
     for (const [x, y] of robots) {
       const [away_x, away_y] = [(own_x - x) * this.scale, (y - own_y) * this.scale];
       const far = Math.max(1, Math.hypot(away_x, away_y));
