@@ -50,6 +50,8 @@ def _guarded(arguments: Sequence[str] | None) -> int:
     try:
         code = commands.main(arguments, prog_name="cosim", standalone_mode=False)
         sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        return _complain(error.ctx.get_help(), 2)
     except (UserError, click.ClickException) as error:
         text = error.format_message() if isinstance(error, click.ClickException) else str(error)
         return _complain(" ".join(text.split()), 2)
@@ -99,7 +101,7 @@ def _told_of_compiling() -> Iterator[None]:
 # ---------------------------------------------------------------- run
 
 
-@commands.command("run")
+@commands.command("run", short_help="Make one run and print its metrics.")
 @click.argument("scenario")
 @click.option("--seed", type=_SEED, help="Instead of the scenario's own.")
 @_SETS
@@ -276,7 +278,7 @@ def _page_options(command: Any) -> Any:
     return command
 
 
-@commands.command("view")
+@commands.command("view", short_help="Show a run in a browser.")
 @click.argument("what")
 @_page_options
 @_told_of_compiling()
@@ -301,7 +303,7 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
     show(session, Showing(**showing), _tell_address)
 
 
-@commands.command("playbook")
+@commands.command("playbook", short_help="Call plays of a run from a page.")
 @click.argument("scenario")
 @_page_options
 @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
@@ -332,7 +334,7 @@ def _tell_address(address: str) -> None:
 # ---------------------------------------------------------------- sweep and report
 
 
-@commands.command("sweep")
+@commands.command("sweep", short_help="Make all runs of an experiment.")
 @click.argument("experiment")
 @click.option("--replicates", type=click.IntRange(min=1), help="Runs of each arm.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are processors by default.")
@@ -381,7 +383,7 @@ def _keeping() -> Iterator[None]:
         raise OSError(f"{error}: what is finished is kept") from None
 
 
-@commands.command("report")
+@commands.command("report", short_help="Tables and figures of a sweep.")
 @click.argument("results", type=click.Path(path_type=Path))
 @_JSON
 def report(results: Path, as_json: bool) -> None:
@@ -400,7 +402,7 @@ def report(results: Path, as_json: bool) -> None:
 # ---------------------------------------------------------------- validate and list
 
 
-@commands.command("validate")
+@commands.command("validate", short_help="Say what is wrong with a file.")
 @click.argument("file", type=click.Path(path_type=Path))
 @_SETS
 @_told_of_compiling()
@@ -451,7 +453,7 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
             yield f"{start} {flow}{comment}"
 
 
-@commands.command("list")
+@commands.command("list", short_help="Print what there is to run.")
 @_JSON
 def list_all(as_json: bool) -> None:
     """Print the experiments, protocols, channels and maps that there are."""

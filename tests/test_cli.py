@@ -305,6 +305,15 @@ def test_a_wrong_command_is_told_in_one_line(cosim: Any, words: tuple[str, ...],
     refuse(cosim, expected, *words)
 
 
+def test_without_a_command_there_is_help_in_lines(cosim: Any):
+    ended = cosim()
+    assert (ended.code, ended.out) == (2, "")
+    assert any(
+        line.split() == ["run", "Make", "one", "run", "and", "print", "its", "metrics."]
+        for line in ended.err.splitlines()
+    )
+
+
 @pytest.mark.parametrize(
     ("setting", "said"),
     [

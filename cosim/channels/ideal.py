@@ -79,7 +79,7 @@ class _Flight(NamedTuple):
 
 
 class IdealSettings(Settings):
-    """Parameters of the ideal channel."""
+    """Messages arrive at once, within a range and but for a share that is lost, if these are given."""
 
     kind: Literal["ideal"] = "ideal"
     delay_s: Seconds = Field(default=1e-6, gt=0, description="from sending to arrival, for every payload")

@@ -31,7 +31,7 @@ _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a thi
 
 
 class OpticalSettings(Settings):
-    """Parameters of the optical channel."""
+    """Messages go by line of sight: a link with a rate and a latency to every robot that is seen."""
 
     kind: Literal["optical"] = "optical"
     range_m: Metres | None = Field(default=None, gt=0, description="m, how far one sees; without limit if not given")

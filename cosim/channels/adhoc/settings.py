@@ -29,7 +29,7 @@ PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
 
 
 class AdhocSettings(Settings):
-    """Parameters of an 802.11 ad hoc network: the distributed coordination function, on one channel."""
+    """An 802.11 ad hoc network to the slot: the distributed coordination function, with routing if it is asked for."""
 
     kind: Literal["adhoc"] = "adhoc"
     range_m: Metres | None = Field(

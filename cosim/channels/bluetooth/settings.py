@@ -18,7 +18,7 @@ from cosim.units import from_seconds
 
 
 class BluetoothSettings(Settings):
-    """Parameters of the Bluetooth channel."""
+    """Bluetooth to the half-slot: inquiry, page, piconets and scatternets, polled by their masters."""
 
     kind: Literal["bluetooth"] = "bluetooth"
     range_m: Metres | None = Field(
