@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from cosim import __version__
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
 
@@ -79,3 +80,10 @@ def test_every_experiment_is_in_the_table() -> None:
     assert folders
     for name in folders:
         assert f"[{name}](experiments/{name}/README.md)" in README
+
+
+def test_the_version_is_the_same_wherever_it_stands() -> None:
+    root = Path(__file__).parents[1]
+    assert yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))["version"] == __version__
+    assert f"\n## {__version__}, " in (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"cosim_robots-{__version__}-py3" in README
