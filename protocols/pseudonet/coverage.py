@@ -87,5 +87,6 @@ class CoverageReferee:
         return {
             "coverage": self._covered / self._target,
             "time_to_cover_s": float("nan") if self._complete_at is None else to_seconds(self._complete_at),
-            "overlap_ratio": (entries - visited) / visited,
+            # nothing has been visited if the run ends before its first tick
+            "overlap_ratio": (entries - visited) / visited if visited else float("nan"),
         }

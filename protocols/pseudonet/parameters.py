@@ -5,8 +5,9 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
+from cosim.errors import UserError
 from cosim.protocol import Surroundings
-from cosim.settings import Count, Length, Seconds, Settings
+from cosim.settings import LONGEST_S, Count, Length, Seconds, Settings
 from cosim.units import Time, from_seconds
 from protocols.pseudonet.topology import Topology
 
@@ -100,12 +101,17 @@ class Timing(NamedTuple):
 
 
 def timing(parameters: TeamParameters, surroundings: Surroundings) -> Timing:
-    """Return the durations: a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached."""
+    """Return the durations: a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached.
+
+    Raise UserError if it takes longer than any run.
+    """
     distance, speed, acceleration = parameters.cell_m, surroundings.speed_mps, surroundings.acceleration_mps2
     if distance * acceleration >= speed * speed:
         travel_s = distance / speed + speed / acceleration
     else:
         travel_s = 2 * math.sqrt(distance / acceleration)
+    if travel_s > LONGEST_S:
+        raise UserError(f"team.body.speed_mps: at {speed:g} m/s a step of {distance:g} m takes {travel_s:g} s")
     tick = surroundings.tick
     step = -(-from_seconds(travel_s) // tick) * tick + 2 * tick
     return Timing(
