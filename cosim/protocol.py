@@ -163,6 +163,8 @@ class ProtocolSpec:
     """What its robots do, in a sentence for ``cosim list``."""
     team_limit: int | None = None
     """The largest team that the protocol can address."""
+    radio: int | None = 0
+    """The number of the radio that its robots send by, so that each must have it; None if some can do without."""
     succeed: Callable[[Any, Any, Time], None] | None = None
     """(a crashed host's machine, the one that boots in its place, the true time): hand over what the metrics count."""
     needs_sight: bool = False

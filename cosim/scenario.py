@@ -310,6 +310,18 @@ class Scenario(Settings):
         return self
 
     @model_validator(mode="after")
+    def _all_can_send(self) -> Self:
+        """Refuse robots without the radio that their protocol sends by."""
+        wanted = self.protocol.spec.radio
+        for n, group in enumerate(self.team.groups or (GroupSettings(),)):
+            radios = group.radios or self.team.radios
+            if wanted is not None and wanted not in radios:
+                place: tuple[str | int, ...] = ("groups", n, "radios") if group.radios else ("radios",)
+                expected = f"lacks radio {wanted}, by which the robots of {self.protocol.use} send"
+                raise error_at(("team", *place), list(radios), expected)
+        return self
+
+    @model_validator(mode="after")
     def _powers_and_reaches_matter(self) -> Self:
         """Refuse a power or a reach of robots that have no radio which makes use of it."""
         team = self.team

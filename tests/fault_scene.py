@@ -120,6 +120,7 @@ SPEC = ProtocolSpec(
     metrics=(Metric("deaths_told", "1", "deaths"),),
     measure=lambda machines: {},
     events=(),
+    radio=None,
 )
 
 

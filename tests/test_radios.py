@@ -372,3 +372,21 @@ def test_robots_have_the_radios_of_their_group_or_else_the_teams() -> None:
     plain = {"duration_s": 1.0, "protocol": use, "channel": TWO, "team": team, "floorplan": floor}
     assert build(plain, "depot.yaml", Path()).team.carried == (BOTH, BOTH, FIRST, (1,))
     assert Simulation(build(plain, "depot.yaml", Path()), 1).channel.carried(3) == (1,)
+
+
+LACKING = {"radios": [1]}
+
+
+@pytest.mark.parametrize(
+    ("team", "said"),
+    [
+        (LACKING, r"team\.radios: \[1\] lacks radio 0, by which the robots of gathering send"),
+        ({"groups": [{"size": 2}, LACKING]}, r"team\.groups\[1\]\.radios: \[1\] lacks radio 0"),
+        (LACKING | {"groups": [{"radios": [0]}, {}]}, r"team\.radios: \[1\] lacks radio 0"),
+    ],
+)
+def test_robots_without_the_radio_of_their_protocol_are_refused(team: Any, said: str) -> None:
+    plain = {"duration_s": 1.0, "protocol": {"use": "gathering"}, "channel": TWO, "team": team}
+    with pytest.raises(UserError, match=f"^depot.yaml: {said}"):
+        build(plain, "depot.yaml", Path())
+    build(plain | {"team": LACKING | {"groups": [{"radios": [0, 1]}]}}, "depot.yaml", Path())

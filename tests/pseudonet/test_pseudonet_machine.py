@@ -399,6 +399,16 @@ def test_what_cannot_be_covered_is_refused_in_one_line(cell_m: float, starts: ob
         SPEC.prepare(Parameters(cell_m=cell_m), surroundings(starts))  # type: ignore[arg-type]
 
 
+def test_a_team_too_slow_to_make_a_step_in_any_run_is_refused() -> None:
+    around, parameters = surroundings(1), Parameters(cell_m=1.0)
+    assert timing(parameters, around._replace(speed_mps=2e-9, acceleration_mps2=1.0)).step > 5e8 * S
+    slow = around._replace(speed_mps=1e-310, acceleration_mps2=1.0)
+    with pytest.raises(UserError, match=r"team.body.speed_mps: at 1e-310 m/s a step of 1 m takes inf s"):
+        timing(parameters, slow)
+    with pytest.raises(UserError, match=r"team.body.speed_mps: at 9e-10 m/s a step of 1 m takes 1.11111e\+09 s"):
+        SPEC.prepare(parameters, around._replace(speed_mps=9e-10, acceleration_mps2=1.0))
+
+
 def test_the_columns_that_messages_can_name_are_enough_or_refused() -> None:
     def wide(columns: int) -> Surroundings:
         return surroundings(((0.25, 0.25),), (0.0, 0.0, columns * 0.5, 0.5))

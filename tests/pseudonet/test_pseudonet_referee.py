@@ -39,6 +39,13 @@ def test_a_death_can_complete_the_coverage() -> None:
     assert referee.verdict(8) == {"coverage": 1.0, "time_to_cover_s": 7e-9, "overlap_ratio": 0.0}
 
 
+def test_a_run_that_ends_before_its_first_look_has_no_overlap_of_its_walks() -> None:
+    referee, _ = judge("......")
+    assert np.isnan(referee.verdict(0)["overlap_ratio"])
+    look(referee, (0.5, 0.5), (3.5, 0.5))
+    assert referee.verdict(1)["overlap_ratio"] == 0.0
+
+
 def test_a_body_between_two_cells_occupies_both() -> None:
     referee, _ = judge("......")
     look(referee, (0.5, 0.5), (3.5, 0.5))
