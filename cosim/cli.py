@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cosim.scenario import Scenario
     from cosim.settings import Settings
     from cosim.simulation import Outcome, Simulation
-    from cosim.trace import Trace
+    from cosim.trace import Table, Trace
     from cosim.web.session import Session
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
@@ -42,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # a user's own protocol, module:name, stands where the user stands
+    # the arrays here are short, and sweeps have a process for each processor: numpy is not to start threads of its own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(_guarded(arguments))
 
 
@@ -123,17 +125,12 @@ def run(
     as_json: bool,
 ) -> None:
     """Make one run of SCENARIO, a YAML file or an experiment's name, and print its metrics."""
-    from cosim.export.capture import captured_tables
     from cosim.scenario import dump
     from cosim.simulation import Simulation
     from cosim.trace import TABLES
-    from cosim.web.scenes import scene_of, write_scene
 
     chosen = _scenario(scenario, sets)
-    in_capture = captured_tables(chosen.channel) if pcapng else ()
-    if pcapng and not in_capture:
-        kind = chosen.channel.kind
-        raise UserError(f"--pcapng: channel.kind is {kind!r}, captures are of 'bluetooth' and 'adhoc' only")
+    in_capture = _captured_tables(chosen) if pcapng else ()
     if trace and "trace_calls" in type(chosen.protocol.parameters).model_fields:
         chosen = _scenario(scenario, (*sets, "protocol.parameters.trace_calls=true"))
     seed = chosen.seed if seed is None else seed
@@ -149,7 +146,7 @@ def run(
         click.echo(line, err=True)
     if trace is not None:
         outcome.trace.write(trace, {"scenario": json.dumps(dump(chosen)), "seed": str(seed), "digest": outcome.digest})
-        write_scene(scene_of(chosen, simulation.floorplan, seed), trace)
+        _write_scene(simulation, seed, trace)
     captured = "" if pcapng is None else _capture(pcapng, simulation, f"{chosen.name}, seed {seed}, {outcome.digest}")
     if as_json:
         found = {"seed": seed, "digest": outcome.digest, "parameters": dump(chosen), "metrics": outcome.metrics}
@@ -170,6 +167,24 @@ def _few(lines: Sequence[str]) -> list[str]:
     if len(lines) <= MOST_NOTICES:
         return list(lines)
     return [*lines[: MOST_NOTICES - 1], f"and {len(lines) - MOST_NOTICES + 1} more (--json has all)"]
+
+
+def _write_scene(simulation: Simulation, seed: int, folder: Path) -> None:
+    """Write what the pages need beside the tables of a run."""
+    from cosim.web.scenes import scene_of, write_scene
+
+    write_scene(scene_of(simulation.scenario, simulation.floorplan, seed), folder)
+
+
+def _captured_tables(scenario: Scenario) -> Sequence[Table]:
+    """Return the tables of what a capture of *scenario* shows; raise UserError if there is nothing."""
+    from cosim.export.capture import captured_tables
+
+    tables = captured_tables(scenario.channel)
+    if not tables:
+        kind = scenario.channel.kind
+        raise UserError(f"--pcapng: channel.kind is {kind!r}, captures are of 'bluetooth' and 'adhoc' only")
+    return tables
 
 
 def _capture(path: Path, simulation: Simulation, comment: str) -> str:
