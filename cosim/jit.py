@@ -14,12 +14,12 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event, types
 
-__all__ = ["before_compiling", "cache_folder", "njit"]
+__all__ = ["COMPILES", "before_compiling", "cache_folder", "njit"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for
@@ -31,6 +31,8 @@ if "scipy.linalg" not in sys.modules:
     arraymath._HAVE_BLAS = True
 
 
+COMPILES: Final = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+"""False if the environment's NUMBA_DISABLE_JIT has kernels run as plain Python."""
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 

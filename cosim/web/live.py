@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from cosim.errors import UserError
-from cosim.jit import cache_folder
+from cosim.jit import COMPILES, cache_folder
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
 from cosim.units import S, Time, to_seconds
@@ -46,25 +46,32 @@ _STARTED: Final[Time] = 2 * S
 def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     """Simulate the beginning of a run and throw it away, so that nobody waits for kernels that it compiles.
 
-    It is done once for a scenario and a cache of kernels. What an operator says in an *attended* run is the protocol's
-    ``rehearsal``. Raise UserError for a scenario that cannot be set up.
+    It is done once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator
+    says in an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
     """
     done = cache_folder() / f"rehearsed-{digest([dump(scenario), attended])[:16]}"
-    if done.exists():
+    if done.exists() or not COMPILES:
         return
     run = Simulation(scenario, seed, WATCHED, Tap)
     run.attended = attended
     run.begin()
-    with suppress(Exception):  # what a machine does wrong is told of the run that is shown
-        run.advance(_STARTED)
-        if attended and run.spec.rehearsal is not None:
-            for said in run.spec.rehearsal(run.machines):
-                for robot in range(len(run.machines)):
-                    run.operate(robot, json.dumps(said).encode())
-            run.advance(_REHEARSED)
+    try:
+        _play_beginning(run)
+    except Exception:  # noqa: BLE001  # what a machine does wrong is told of the run that is shown
+        return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         done.parent.mkdir(parents=True, exist_ok=True)
         done.touch()
+
+
+def _play_beginning(run: Simulation) -> None:
+    """Simulate as much as a rehearsal does, with what an operator says in it."""
+    run.advance(_STARTED)
+    if run.attended and run.spec.rehearsal is not None:
+        for said in run.spec.rehearsal(run.machines):
+            for robot in range(len(run.machines)):
+                run.operate(robot, json.dumps(said).encode())
+        run.advance(_REHEARSED)
 
 
 class Live:

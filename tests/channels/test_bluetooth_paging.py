@@ -335,7 +335,7 @@ def test_the_mode_says_how_often_a_train_is_repeated(mode, n_page):
             ("R2", 2.56, True, 1.277),
             ("R2", 2.56, False, 2.560),
         ],
-        3,
+        2,
     ),
 )
 def test_mean_page_times_are_the_published_ones(mode, interval_s, exact, published_s):

@@ -14,6 +14,7 @@ from cosim.units import S
 from protocols.deployment.journal import BadBytes
 from protocols.deployment.runner import Runner
 from tests.deployment.crew_scene import BY_CABLE, HEIGHT_M, PLACES_M, STARTS_M, WIDTH_M, knowledge, scenario
+from tests.oracles.campaign import two_tiers
 
 CALL = {"play": "deploy/group", "places": PLACES_M}
 
@@ -165,7 +166,7 @@ def test_a_robot_that_is_dead_does_not_answer_and_that_is_said() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robots", [[0], [0, 1, 2]])
+@pytest.mark.parametrize("robots", two_tiers([[0, 1, 2], [0]], 1))
 def test_exploring_takes_no_less_time_than_is_told_beforehand(robots: list[int]) -> None:
     """In a corridor with a bend, of 33 m in all."""
     walls = ((0, 0, 24, 0), (24, 0, 24, 12), (24, 12, 21, 12), (21, 12, 21, 3), (21, 3, 0, 3), (0, 3, 0, 0))

@@ -80,7 +80,7 @@ def started(me: int, size: int, **more: object) -> Pseudonet:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("algorithm", "size"), two_tiers(product(ALGORITHMS, (2, 3, 8)), 5))
+@pytest.mark.parametrize(("algorithm", "size"), two_tiers(product(ALGORITHMS, (2, 3, 8)), 4))
 def test_masters_and_slaves_of_every_algorithm_keep_the_laws(algorithm: str, size: int) -> None:
     check_machine(maker(size, algorithm), surroundings(size).starts_m)
 

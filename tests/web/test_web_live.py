@@ -220,9 +220,18 @@ def test_what_an_operator_mostly_says_is_rehearsed_once(said_to: list[tuple[Time
     assert len(said_to) == 18
 
 
-def test_what_breaks_in_a_rehearsal_is_left_to_the_run(said_to: list[tuple[Time, int, Any]]):
+def test_nothing_is_rehearsed_where_nothing_is_compiled(
+    said_to: list[tuple[Time, int, Any]], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("cosim.web.live.COMPILES", False)
+    rehearse(Scenario.model_validate(PLAIN), 1, attended=True)
+    assert said_to == []
+
+
+def test_what_breaks_in_a_rehearsal_is_left_to_the_run(said_to: list[tuple[Time, int, Any]], tmp_path: Path):
     protocol = {"use": "tests.web.console:SPEC", "parameters": {"break_at_s": 0.5}}
     rehearse(Scenario.model_validate(PLAIN | {"protocol": protocol}), 1)
+    assert not [*tmp_path.rglob("rehearsed-*")]  # the next one gets further, perhaps
     with pytest.raises(UserError, match="starts"):
         rehearse(Scenario.model_validate(PLAIN | {"team": {"size": 1, "starts": [[99, 99]]}}), 1)
 
