@@ -4,6 +4,7 @@
 
 const PATIENCE_MS = 4000;
 const PATIENCE_S = 1; // of the run: while it gets on little, everybody is only busy
+const PATIENCE_STEPS = 5; // of the run's news of itself: what it takes in is some of them behind, and simulated in great steps
 const PROBE_MS = 1500;
 const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
 const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
@@ -31,7 +32,7 @@ export class Operator {
     this.host = 0;
     this.silent = false;
     this.answered = false;
-    this.probed = { since_ms: -Infinity, since_s: -Infinity };
+    this.probed = { since_ms: -Infinity, since_s: -Infinity, steps: Infinity };
     this.time_s = 0;
     this.playing = false;
     this.down = new Set();
@@ -51,6 +52,7 @@ export class Operator {
 
   /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
   moment(now) {
+    if (now.time_s > this.time_s) for (const asked of [...this.waiting.values(), this.probed]) asked.steps += 1;
     this.time_s = now.time_s;
     const playing = now.state === "playing" || now.state === "busy";
     if (playing && !this.playing) for (const asked of this.waiting.values()) Object.assign(asked, this.moments());
@@ -126,14 +128,14 @@ export class Operator {
     this.say(this.host, asked.data);
   }
 
-  /** When something is asked: by the wall's clock, and by that of the run. */
+  /** When something is asked: by the wall's clock, and by that of the run, which has not got on since. */
   moments() {
-    return { since_ms: performance.now(), since_s: this.time_s };
+    return { since_ms: performance.now(), since_s: this.time_s, steps: 0 };
   }
 
   /** Whether something has waited for long, by the wall's clock and by that of the run. */
-  late({ since_ms, since_s }, wall_ms, patience_ms) {
-    return wall_ms - since_ms > patience_ms && this.time_s - since_s > PATIENCE_S;
+  late({ since_ms, since_s, steps }, wall_ms, patience_ms) {
+    return wall_ms - since_ms > patience_ms && this.time_s - since_s > PATIENCE_S && steps >= PATIENCE_STEPS;
   }
 
   /** Look for who is host now, if the one that was asked has not answered for long. */
