@@ -9,6 +9,11 @@ settings.register_profile("cosim", deadline=None)  # a first call compiles its k
 settings.load_profile("cosim")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tests that wait for browsers and for whole commands: others use the processors meanwhile."""
+    items.sort(key=lambda item: not (item.path.parent.name == "web" or item.path.name == "test_wheel.py"))
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print the sums of the numbers that passed tests have recorded as properties, by name."""
     counts: Counter[str] = Counter()
