@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
@@ -48,6 +48,8 @@ CLUSTER_NEEDS = ("distributed>=2024.8",)
 """The extra ``cluster`` of pyproject.toml."""
 CLUSTER_WAIT_S = 10.0
 """Patience with a Dask scheduler that does not answer, and with one that has no worker."""
+CLUSTER_TRIES = 5
+"""How often one tries to be a client of a scheduler that is busy."""
 
 
 class Task(NamedTuple):
@@ -357,15 +359,9 @@ def cluster(address: str, experiment: Experiment) -> Iterator[Executor]:
     libraries than this process; ChildProcessError if the cluster loses a run.
     """
     check_libraries("sweeps on a cluster", CLUSTER_NEEDS)
-    from distributed import Client, KilledWorker
-    from distributed.comm import resolve_address
+    from distributed import KilledWorker
 
-    try:
-        resolve_address(address)  # a client that never had an address does not close
-        client = Client(address, timeout=CLUSTER_WAIT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--dask {address}: no Dask scheduler answers there: {error}") from None
-    with client:
+    with _client_of(address) as client:
         try:
             client.wait_for_workers(1, CLUSTER_WAIT_S)
         except TimeoutError:
@@ -382,6 +378,22 @@ def cluster(address: str, experiment: Experiment) -> Iterator[Executor]:
             ) from None
         except CancelledError:
             raise ChildProcessError(f"--dask {address}: the scheduler has gone") from None
+
+
+def _client_of(address: str) -> Any:
+    """Return a client of the Dask scheduler at *address*; raise UserError if nobody answers there."""
+    from distributed import Client
+    from distributed.comm import resolve_address
+
+    try:
+        resolve_address(address)  # a client that never had an address does not close
+        for _ in range(CLUSTER_TRIES):
+            # a client takes it for a fault of its own if a busy scheduler's second message comes along with the first
+            with suppress(AssertionError):
+                return Client(address, timeout=CLUSTER_WAIT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UserError(f"--dask {address}: no Dask scheduler answers there: {error}") from None
+    raise UserError(f"--dask {address}: the scheduler is too busy to answer")
 
 
 def _makings(packages: Sequence[str]) -> dict[str, str]:
