@@ -414,6 +414,56 @@ def report(results: Path, as_json: bool) -> None:
         click.echo(found.text())
 
 
+# ---------------------------------------------------------------- pin
+
+
+@commands.command("pin", short_help="Keep what runs compute, and notice when it changes.")
+@click.argument("scenarios", nargs=-1)
+@click.option("--seed", "seeds", type=_SEED, multiple=True, help="Instead of the scenario's own; may be repeated.")
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Write the pins there.")
+@click.option("--check", type=click.Path(dir_okay=False, path_type=Path), help="Compare with the pins there.")
+@_JSON
+@_told_of_compiling()
+def pin(
+    scenarios: tuple[str, ...], seeds: tuple[int, ...], output: Path | None, check: Path | None, as_json: bool
+) -> int:
+    """Run SCENARIOS and keep their digests, metrics and, second by second, their events; or --check what was kept.
+
+    Each of SCENARIOS is a YAML file or the name of an experiment, of which all runs are made.
+    """
+    from cosim.pins import cases_in, check_pins, made_elsewhere, read_pins, write_pins
+
+    if check is None:
+        if output is None or not scenarios:
+            raise UserError("pin: expected SCENARIOS and -o FILE, or --check FILE")
+        cases = cases_in(scenarios, output.parent, seeds)
+        _set_up_is_done()
+        with _bar("pins") as told:
+            write_pins(output, cases, told)
+        click.echo(_json({"runs": len(cases), "pins": str(output)}) if as_json else f"{len(cases)} runs in {output}")
+        return 0
+    if output is not None or scenarios or seeds:
+        raise UserError("--check: the runs are those of the file, expected neither SCENARIOS nor --seed nor -o")
+    pins = read_pins(check)
+    elsewhere = made_elsewhere(pins)
+    _set_up_is_done()
+    findings = []
+    with _bar("pins") as told:
+        for finding in check_pins(pins, check.parent, told):
+            findings.append(finding)
+            if not as_json:
+                click.echo(f"{finding.case}: {finding.text}")
+    differing = sum(not finding.same for finding in findings)
+    if as_json:
+        runs = [{**each.case._asdict(), "same": each.same, "text": each.text} for each in findings]
+        click.echo(_json({"runs": runs, "differing": differing, "made_elsewhere": elsewhere}))
+    else:
+        click.echo(f"{len(findings) - differing} of {len(findings)} runs are the same")
+    if elsewhere and differing:
+        click.echo(f"made with {elsewhere}: so what differs is no failure", err=True)
+    return 1 if differing and not elsewhere else 0
+
+
 # ---------------------------------------------------------------- validate and list
 
 

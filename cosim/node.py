@@ -12,19 +12,24 @@ from cosim.machine import (
     Address,
     Call,
     Command,
+    Connected,
     Event,
+    Fate,
     Flush,
     Inquire,
+    InquiryComplete,
     LinkCommand,
     LinkEvent,
     Machine,
+    ModeChanged,
     Outgoing,
     Reception,
+    RoleChanged,
     Scan,
     Share,
 )
 from cosim.observation import Observation
-from cosim.trace import CALLS, MESSAGES, Trace
+from cosim.trace import CALLS, LINKS, MESSAGES, Trace
 from cosim.units import S, Time, to_seconds
 
 LATEST: Final[Time] = 4_000_000_000 * S
@@ -85,7 +90,7 @@ class Node:
         self._channel = channel
         self._trace = trace
         self._timer: Handle | None = None
-        self._messages_wanted = trace.wants(MESSAGES)
+        self._messages_wanted, self._links_wanted = trace.wants(MESSAGES), trace.wants(LINKS)
         self._radios = channel.carried(address)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
@@ -98,8 +103,11 @@ class Node:
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Pass news about links to the machine."""
-        if self.alive:
-            self.machine.link(event, now)
+        if not self.alive:
+            return
+        if self._links_wanted:
+            self._trace.row(LINKS, now, self.address, *_told(event))
+        self.machine.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Pass what the robot senses to the machine, and act on it."""
@@ -206,6 +214,21 @@ class Node:
         deadline = self.machine.wake_at()
         if deadline is not None and deadline <= now:
             raise LocalProtocolError(f"machine {self.address}: after wake({now}) wake_at() is {deadline}, not later")
+
+
+def _told(event: LinkEvent) -> tuple[str, Address, str]:
+    """Return what the table ``links`` holds of *event*: its type, the robot at the other end, and what it says."""
+    match event:
+        case InquiryComplete():
+            return "InquiryComplete", -1, ""
+        case Fate(outcome=outcome):
+            return "Fate", -1, outcome.value
+        case Connected(peer=peer, role=role) | RoleChanged(peer=peer, role=role):
+            return type(event).__name__, peer, role.value
+        case ModeChanged(peer=peer, mode=mode):
+            return "ModeChanged", peer, mode.value
+        case _:
+            return type(event).__name__, event.peer, ""
 
 
 def misuse(item: object, size: int, radios: Container[int]) -> str | None:

@@ -116,6 +116,17 @@ MESSAGES: Final = Table(
         Field("payload", "str", "", "the bytes, hexadecimal"),
     ),
 )
+LINKS: Final = Table(
+    "links",
+    "news of links and of payloads that reached machines, a row for each",
+    (
+        _TIME,
+        _SOURCE,
+        Field("event", "str", "", "Discovered, InquiryComplete, Connected, PageFailed, Lost, ... as in cosim.machine"),
+        Field("peer", "int", "", "the robot at the other end; -1 where it is about none"),
+        Field("detail", "str", "", "the role, the mode, or what became of the payload"),
+    ),
+)
 CALLS: Final = Table(
     "calls",
     "calls from room to room, as a robot's layers made them",
@@ -128,7 +139,7 @@ CALLS: Final = Table(
         Field("detail", "str", "", "arguments and result, for people"),
     ),
 )
-TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, UNSENT, CALLS)}
+TABLES: Final = {table.name: table for table in (POSES, FRAMES, MESSAGES, LINKS, UNSENT, CALLS)}
 
 
 def events_table(types: Iterable[type]) -> Table:

@@ -1,12 +1,36 @@
-"""What all tests share: no deadlines; at the end, what campaigns compared, and what was skipped and would run it."""
+"""What all tests share: no deadlines, the command line; at the end, what was compared, skipped, and would run it."""
 
 from collections import Counter, defaultdict
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
 
 settings.register_profile("cosim", deadline=None)  # a first call compiles its kernel
 settings.load_profile("cosim")
+
+
+class Ended(NamedTuple):
+    """How a command has ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cosim(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return a function that runs the command line in this process."""
+    from cosim.cli import main
+
+    def run(*words: str) -> Ended:
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert isinstance(ended.value.code, int)
+        captured = capsys.readouterr()
+        return Ended(ended.value.code, captured.out, captured.err)
+
+    return run
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

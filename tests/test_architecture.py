@@ -21,7 +21,7 @@ LINES = (
     "world",
     "robots channels",
     "node faults scenario simulation results experiment sweep",
-    "report export web testing data_dictionary cli __main__",
+    "report export web testing pins data_dictionary cli __main__",
 )
 """The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}

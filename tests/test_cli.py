@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 import yaml
@@ -32,12 +32,6 @@ DELAYS = {
 }
 
 
-class Ended(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder that holds a user's own protocol, functions and files."""
@@ -49,20 +43,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     Path("depot.yaml").write_text(yaml.safe_dump(DEPOT))
     Path("sweep.yaml").write_text(yaml.safe_dump(DELAYS, sort_keys=False))
     return tmp_path
-
-
-@pytest.fixture
-def cosim(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Return a function that runs the command line in this process."""
-
-    def run(*words: str) -> Ended:
-        with pytest.raises(SystemExit) as ended:
-            main(words)
-        assert isinstance(ended.value.code, int)
-        captured = capsys.readouterr()
-        return Ended(ended.value.code, captured.out, captured.err)
-
-    return run
 
 
 def depot(**changes: Any) -> None:
@@ -151,7 +131,7 @@ def test_trace_writes_the_tables_and_shows_one_step_as_nested_calls(cosim: Any, 
     ended = cosim("run", "depot.yaml", "--trace", "tables")
     assert ended.code == 0
     tables = {"poses.parquet", "frames.parquet", "messages.parquet", "unsent.parquet"}
-    tables |= {"calls.parquet", "events.parquet"}
+    tables |= {"calls.parquet", "events.parquet", "links.parquet"}
     assert files(tmp_path / "tables") == tables | {"scene.json"}
     assert "\n  beacon.call  2\n    radio.send\n\ntables in tables\n" in ended.out
 
