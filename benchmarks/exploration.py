@@ -27,8 +27,8 @@ from cosim.randomness import Draws
 from cosim.scenario import Scenario, build
 from cosim.simulation import Simulation
 from cosim.units import S, Time
-from protocols.exploration.belief import Belief, frame_of
-from protocols.exploration.journal import Stalled
+from protocols.exploration.events import Stalled
+from protocols.mapping.belief import Belief, frame_of
 
 SWEEP = FLOORS.parent / "exploration_teams" / "sweep.yaml"
 RECORDED: Time = 300 * S

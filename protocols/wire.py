@@ -5,6 +5,7 @@ The CRC is CRC-CCITT (polynomial x^16 + x^12 + x^5 + 1, initial value 0xFFFF), o
 
 from binascii import crc_hqx
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from cosim.errors import WireError
@@ -12,6 +13,14 @@ from cosim.errors import WireError
 Layout: TypeAlias = tuple[tuple[str, int], ...]
 
 CRC_BYTES: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class BadBytes:
+    """A robot received bytes that are no message of its team, or none for this robot: an event."""
+
+    sender: int = field(metadata={"meaning": "who sent them last"})
+    length: int = field(metadata={"unit": "B", "meaning": "how many they are"})
 
 
 def size(layout: Layout) -> int:

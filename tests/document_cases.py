@@ -43,7 +43,7 @@ def sources() -> dict[str, list[Callable[[], Document]]]:
     experiments = [path for path in sorted(ROOT.glob("experiments/*/*.yaml")) if path.parent.name != "floors"]
     sweeps = [path for path in experiments if path.name != "playbook.yaml"]
     played = sorted({*experiments} - {*sweeps}) + sorted(ROOT.glob("examples/*.yaml"))
-    plays = [*sorted(ROOT.glob("protocols/deployment/plays/*.yaml")), ROOT / "tests/deployment/soak_plays.yaml"]
+    plays = [*sorted(ROOT.glob("protocols/deployment/planning/plays/*.yaml")), ROOT / "tests/deployment/soak_plays.yaml"]
     inner = [path for path in sweeps if "scenario:" in path.read_text(encoding="utf-8")]
     return {
         "scenario": [partial(_scenario, *each) for each in [*_blocks(), *_small()]]

@@ -9,7 +9,7 @@ from benchmarks import __main__ as benchmark
 from benchmarks import exploration, start
 from benchmarks.__main__ import FIGURES, Figure, measured, seconds_each, told
 from cosim.units import S
-from protocols.exploration.belief import Belief
+from protocols.mapping.belief import Belief
 
 
 def test_a_figure_beyond_its_bound_is_marked():

@@ -13,7 +13,7 @@ from cosim.experiment import ExperimentSettings, base_scenario, is_experiment
 from cosim.scenario import build, dump, load
 from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.world.floorplan import FloorSettings
-from protocols.deployment.plays import Play
+from protocols.deployment.planning.play import Play
 
 ROOT = Path(__file__).parent.parent
 

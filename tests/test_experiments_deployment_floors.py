@@ -11,7 +11,7 @@ import shapely
 import yaml
 
 from cosim.world.floorplan import Floorplan, FloorplanSettings, load_floorplan
-from protocols.deployment.floor import Floor
+from protocols.motion.floor import Floor
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 LARGEST_M = 0.33

@@ -16,7 +16,7 @@ from cosim.protocol import Surroundings
 from cosim.units import MS
 from experiments.exploration_localization import figures
 from experiments.exploration_localization.mapping import COLUMNS, TIMES_S, Truth, at, mean_until, measure, waits
-from protocols.exploration.belief import Frame, frame_of
+from protocols.mapping.belief import Frame, frame_of
 
 EXPERIMENT = Path(__file__).parent.parent / "experiments" / "exploration_localization"
 NONE = pd.DataFrame()

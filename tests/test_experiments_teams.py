@@ -15,7 +15,7 @@ from cosim.trace import Trace, events_table
 from cosim.units import S, Time
 from experiments.master_failure.failure import COLUMNS, after_death, measure, teams
 from experiments.pseudonet_heterogeneous import figures
-from protocols.pseudonet.journal import EVENTS, RobotDropped, Stepped, TeamFormed, TeamLost
+from protocols.pseudonet.events import EVENTS, RobotDropped, Stepped, TeamFormed, TeamLost
 
 EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 ROOM: dict[str, Any] = {"map": "walls", "bounds_m": [0, 0, 4, 3], "walls": [[2, 0, 2, 2]]}

@@ -18,11 +18,11 @@ from cosim.testing import check_machine
 from cosim.trace import MESSAGES
 from cosim.units import MS, S, Time, from_seconds
 from protocols import wire
-from protocols.aggregation.accrual import PhiSettings
-from protocols.aggregation.detectors import make_detector
-from protocols.aggregation.quality import Transition, watch
+from protocols.detection.accrual import PhiSettings
+from protocols.detection.detectors import make_detector
+from protocols.detection.quality import Transition, watch
+from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
-from protocols.monitoring.journal import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.machine import Monitor
 from protocols.monitoring.parameters import Parameters
 from protocols.monitoring.spec import SPEC, measure, place, prepare

@@ -4,7 +4,7 @@ Robot 0 runs the machine of ``protocols.monitoring`` and sends heartbeats; what 
 recorded, and each detector is told of it. So all detectors of a run see the same losses and delays. A run is one long
 watch over a robot that lives, for the mistakes, and some shorter ones, each over a robot that is killed at a random
 instant, for the detection time. Metrics are those of Chen, Toueg and Aguilera
-(``protocols.aggregation.quality``).
+(``protocols.detection.quality``).
 
 With T the time within which a crash is to be noticed, eta the period and E(D) the mean delay:
 
@@ -35,10 +35,10 @@ from cosim.settings import Count, Gain, Metres, Rate, Seconds, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import S, Time, from_seconds
-from protocols.aggregation.accrual import PhiSettings
-from protocols.aggregation.chen import NfdESettings, NfdSSettings
-from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings, make_detector
-from protocols.aggregation.quality import Quality, quality, watch
+from protocols.detection.accrual import PhiSettings
+from protocols.detection.chen import NfdESettings, NfdSSettings
+from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings, make_detector
+from protocols.detection.quality import Quality, quality, watch
 from protocols.monitoring.heartbeats import decode
 from protocols.monitoring.machine import Monitor
 from protocols.monitoring.parameters import Parameters as Monitoring

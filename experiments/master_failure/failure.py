@@ -20,7 +20,7 @@ from cosim.simulation import simulate
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import Time, from_seconds, to_seconds
-from protocols.pseudonet.journal import RobotDropped, Stepped, TeamFormed, TeamLost
+from protocols.pseudonet.events import RobotDropped, Stepped, TeamFormed, TeamLost
 
 COLUMNS: Final = (
     Column("notice_s", "float", "s", "from the death until a survivor has noticed, mean over the survivors that did"),

@@ -17,7 +17,7 @@ from cosim.experiment import base_scenario
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
-from protocols.reflection.journal import PromiseTaken
+from protocols.reflection.events import PromiseTaken
 from protocols.reflection.targets import targets
 
 SHORT: Final = ("protocol.parameters.target_count=3", "duration_s=1800")

@@ -12,14 +12,13 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.aggregation.counters import Records
 from protocols.aggregation.counts import COUNTS
-from protocols.aggregation.detectors import Detector, make_detector
 from protocols.aggregation.driving import Driver
+from protocols.aggregation.events import AllKnown, HostSuspected, HostTrusted, TargetKnown
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.frames import bitmap, posts_in, stamp
 from protocols.aggregation.itinerary import Itinerary
-from protocols.aggregation.journal import AllKnown, HostSuspected, HostTrusted, TargetKnown
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import (
     Finding,
@@ -35,11 +34,12 @@ from protocols.aggregation.messages import (
 )
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.records import Records
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.speech import SHORT, Speech
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam
 from protocols.aggregation.touring import Feet
+from protocols.detection.detectors import Detector, make_detector
 
 REPEATS = 3
 """Broadcast news are said at so many heartbeats: nobody acknowledges them."""

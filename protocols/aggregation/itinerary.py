@@ -5,11 +5,11 @@ from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counts import following
 from protocols.aggregation.course import Course, plan_of
-from protocols.aggregation.journal import Departed, Reconvened
-from protocols.aggregation.knowledge import Tours
+from protocols.aggregation.events import Departed, Reconvened
 from protocols.aggregation.messages import Plan
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.setup import Tours
 from protocols.aggregation.strategies import Strategy
 
 

@@ -11,8 +11,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 from cosim.geometry.planning import Point
 from cosim.machine import Address
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.roll import Roll
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.tours import tours
 
 

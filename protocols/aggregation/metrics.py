@@ -12,8 +12,8 @@ from typing import TypeAlias
 
 from cosim.protocol import Metric
 from cosim.units import Time, to_seconds
+from protocols.aggregation.counters import Records
 from protocols.aggregation.host import Host
-from protocols.aggregation.records import Records
 from protocols.aggregation.searcher import Searcher
 
 Team: TypeAlias = Sequence[Host | Searcher]

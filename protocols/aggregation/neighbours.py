@@ -6,10 +6,10 @@ from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
 from cosim.units import Time
-from protocols.aggregation.detectors import Detector
 from protocols.aggregation.frames import instant
 from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat, News, Plan
+from protocols.detection.detectors import Detector
 
 
 class Neighbour:

@@ -5,8 +5,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
-from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.aggregation.walking_parameters import WalkingParameters
+from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings
 
 Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
 """How far a camera recognises something: the floor is divided into what is seen from its posts."""

@@ -7,7 +7,7 @@ import numpy as np
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
-from protocols.aggregation.knowledge import Knowledge
+from protocols.aggregation.setup import Knowledge
 
 Metres = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -15,10 +15,10 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.aggregation.counters import Records
 from protocols.aggregation.errands import Errand, Turn, next_errand
+from protocols.aggregation.events import ErrandChanged, HostFailed, Joined, TargetFound
 from protocols.aggregation.findings import Camera, Findings
-from protocols.aggregation.journal import ErrandChanged, HostFailed, Joined, TargetFound
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.lives import Life
 from protocols.aggregation.membership import Membership
 from protocols.aggregation.messages import (
@@ -36,8 +36,8 @@ from protocols.aggregation.messages import (
 )
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.pursuit import Pursuit
-from protocols.aggregation.records import Records
 from protocols.aggregation.reports import Reports
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.speech import Speech
 from protocols.aggregation.touring import Legs
 

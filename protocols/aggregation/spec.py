@@ -12,16 +12,16 @@ from cosim.machine import Address, Machine
 from cosim.protocol import ProtocolSpec, Surroundings, check_cells
 from cosim.randomness import Streams
 from cosim.units import Time, from_seconds
+from protocols.aggregation.events import EVENTS
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
-from protocols.aggregation.journal import EVENTS
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.leading import Work
 from protocols.aggregation.metrics import METRICS, measure
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.pedestrian import Pedestrian
 from protocols.aggregation.referee import SearchReferee
 from protocols.aggregation.searcher import Searcher
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.stroller import Stroller
 from protocols.aggregation.touring import Legs

@@ -4,10 +4,10 @@ from typing import Final
 
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
+from protocols.aggregation.counters import BROADCAST_J, HEAR_J, RECEIVE_J, SEND_J, Records
 from protocols.aggregation.frames import decode, encode
-from protocols.aggregation.journal import BadBytes
 from protocols.aggregation.messages import Message
-from protocols.aggregation.records import BROADCAST_J, HEAR_J, RECEIVE_J, SEND_J, Records
+from protocols.wire import BadBytes
 
 SHORT: Final = 0
 """The radio within a sub-team."""

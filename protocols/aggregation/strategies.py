@@ -18,8 +18,8 @@ from cosim.geometry.polylines import cut, length_m, middle
 from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.course import Course
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.setup import Knowledge
 
 REACH_SHARE: Final = 0.95
 """Of half the long range: so much nearer to the start hosts stay, as positions are not exact."""

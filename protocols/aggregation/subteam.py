@@ -10,15 +10,15 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counts import COUNTS
+from protocols.aggregation.events import Assigned, MemberAdded, MemberRemoved
 from protocols.aggregation.findings import Findings
 from protocols.aggregation.itinerary import Itinerary
-from protocols.aggregation.journal import Assigned, MemberAdded, MemberRemoved
-from protocols.aggregation.knowledge import Tours
 from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import Assign, Confirm, Hello, Join, Leave, Plans, Receipt, Report, Stop
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roll import Member, Roll
+from protocols.aggregation.setup import Tours
 from protocols.aggregation.speech import Speech
 
 RECENT_BEATS = 6

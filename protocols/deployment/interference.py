@@ -2,11 +2,12 @@
 
 Paper 004, section 5, augments its strategies "to reduce interference" and prints no measure of it. Ours compares, tick
 by tick, the speed v that a robot's order leads to with the speed u that it would have had no other robot been there
-since it set off: its *double* (:mod:`protocols.deployment.double`) is at the same place at every tick, looks at the
-same walls, has the same goal and the same limits of its drive, but sees no bodies, and has the speed and the heading
-that it has itself come to, not the robot's. So what a robot that was stopped needs to get up to speed again counts too,
-and a corner, a narrow door or the end of the way counts nothing. A robot that nobody has ever hindered goes as its
-double does: its shortfall is 0. What a detour round another robot is longer counts nothing either: it is driven freely.
+since it set off: its *double* (:mod:`protocols.deployment.driving.double`) is at the same place at every tick, looks at
+the same walls, has the same goal and the same limits of its drive, but sees no bodies, and has the speed and the
+heading that it has itself come to, not the robot's. So what a robot that was stopped needs to get up to speed again
+counts too, and a corner, a narrow door or the end of the way counts nothing. A robot that nobody has ever hindered goes
+as its double does: its shortfall is 0. What a detour round another robot is longer counts nothing either: it is driven
+freely.
 
 Two readings of "robot-seconds below the free speed" are kept:
 

@@ -5,15 +5,15 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
-from protocols.deployment.courier_parameters import CourierParameters
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.exploring_parameters import ExploringParameters
-from protocols.deployment.letters import NEWS_OVERHEAD
-from protocols.deployment.member_news import MOST_BYTES
-from protocols.deployment.plan import Place, Strategy
-from protocols.deployment.planner import Call, PlannerParameters
-from protocols.deployment.positioning_parameters import PositioningParameters, SonarParameters
+from protocols.deployment.driving.exploring_parameters import ExploringParameters
+from protocols.deployment.localization.parameters import PositioningParameters, SonarParameters
+from protocols.deployment.messages.status import MOST_BYTES
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.planner import Call, PlannerParameters
+from protocols.deployment.tasks.plan import Place, Strategy
+from protocols.motion.parameters import DrivingParameters
+from protocols.transport.frames import NEWS_OVERHEAD
+from protocols.transport.parameters import CourierParameters
 
 MOST_CALLS: Final = 255
 """News count them in a byte."""

@@ -18,8 +18,8 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.navigation.schemas import Floats
 from cosim.protocol import Death, Metric, Surroundings
 from cosim.units import S, Time, to_seconds
-from protocols.deployment.plan import Place
 from protocols.deployment.standing import Begun, Board, stage_of
+from protocols.deployment.tasks.plan import Place
 
 HELD_M: Final = 0.3
 """As near to a place as this a robot holds it."""

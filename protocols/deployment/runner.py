@@ -20,24 +20,24 @@ from cosim.machine import (
 )
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.deployment import member_letters, member_news
-from protocols.deployment.console import Console
-from protocols.deployment.console_planning import Planning
-from protocols.deployment.courier import Courier
-from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring
-from protocols.deployment.exploring_mover import ExploringMover
-from protocols.deployment.host import Host
-from protocols.deployment.host_calls import Calls
-from protocols.deployment.journal import BadBytes
-from protocols.deployment.knowledge import Knowledge
-from protocols.deployment.learned import floor_of
-from protocols.deployment.member import Member
-from protocols.deployment.member_letters import Aside, Letter, Look, Picture
-from protocols.deployment.member_news import News
-from protocols.deployment.orders import Whereabouts
+from protocols.deployment.counters import Records
+from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
+from protocols.deployment.driving.exploring_mover import ExploringMover
+from protocols.deployment.driving.learned import floor_of
+from protocols.deployment.member.member import Member
+from protocols.deployment.messages import messages, status
+from protocols.deployment.messages.messages import Aside, Letter, Look, Picture
+from protocols.deployment.messages.status import News
+from protocols.deployment.operator.calls import Calls
+from protocols.deployment.operator.console import Console
+from protocols.deployment.operator.planning import Planning
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.records import Records
-from protocols.exploration import frames
+from protocols.deployment.setup import Knowledge
+from protocols.deployment.tasks.orders import Whereabouts
+from protocols.deployment.team.host import Host
+from protocols.mapping import frames
+from protocols.transport.transport import Courier
+from protocols.wire import BadBytes
 
 MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
 """Of news that tell of maps."""
@@ -115,7 +115,7 @@ class Runner:
         self.calls.tick(now)
         if now >= self._next_news or now < self._next_news - self._period:
             self._next_news = now + self._period
-            self.courier.tell(member_news.TOPIC, member_news.encode(self._news()), now)
+            self.courier.tell(status.TOPIC, status.encode(self._news()), now)
         self._settle(now)
 
     def wake(self, now: Time) -> None:
@@ -161,7 +161,7 @@ class Runner:
 
     def post(self, destination: Address, letter: Letter, now: Time) -> None:
         """Send a letter reliably."""
-        payload = member_letters.encode(letter)
+        payload = messages.encode(letter)
         self.records.letters += 1
         self.records.letter_bytes += len(payload)
         self.courier.post(destination, payload, now)
@@ -203,7 +203,7 @@ class Runner:
                 self._events.append(BadBytes(source, len(payload)))
         for source, payload in self.courier.letters():
             try:
-                letter = member_letters.decode(payload, self._knowledge.size)
+                letter = messages.decode(payload, self._knowledge.size)
             except WireError:
                 self._events.append(BadBytes(source, len(payload)))
                 continue
@@ -215,9 +215,9 @@ class Runner:
             frames.decode(payload)  # nobody begins to tell of a map because of bytes that are no piece of any
             self.exploring.receive(source, payload, now)
             return
-        if topic != member_news.TOPIC:
+        if topic != status.TOPIC:
             raise WireError(f"news of topic {topic}")
-        news = member_news.decode(payload, self._knowledge.size)
+        news = status.decode(payload, self._knowledge.size)
         self.member.others.tell(source, news, now)
         self.host.hear(source, news, now)
 

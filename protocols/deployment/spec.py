@@ -10,17 +10,17 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
-from protocols.deployment import positioning
-from protocols.deployment.exploring import EVENTS as EXPLORING_EVENTS
-from protocols.deployment.floor import Floor
-from protocols.deployment.journal import EVENTS, PlanRefused
-from protocols.deployment.knowledge import Knowledge, knowledge_of
-from protocols.deployment.links import MOST_ROBOTS
+from protocols.deployment.driving.exploring import EVENTS as EXPLORING_EVENTS
+from protocols.deployment.localization import positioning
+from protocols.deployment.localization.runner import LocatedRunner
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.plan import Place
-from protocols.deployment.positioning_runner import LocatedRunner
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
+from protocols.deployment.setup import Knowledge, knowledge_of
+from protocols.deployment.tasks.events import EVENTS, PlanRefused
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.floor import Floor
+from protocols.transport.links import MOST_ROBOTS
 
 TEAM_LIMIT: Final = 64
 """Frames hold addresses in a byte; nobody has ever watched more robots by one page."""

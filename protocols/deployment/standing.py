@@ -11,7 +11,7 @@ from typing import Final
 from cosim.machine import Address
 from cosim.units import Time, to_seconds
 from protocols.deployment.interference import Shortfall
-from protocols.deployment.plan import Deployment, Go, Place, Plan, Task
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan, Task
 
 ADDED: Final = "~"
 """In the names of tasks that the executive adds to a plan."""
@@ -88,7 +88,7 @@ class Board:
         """Note a tick in which *robot* is at an order to drive (a ``Go``), that of *task*.
 
         *waits*: it waits for its turn, as the order says. *pace_mps*: how fast it goes, and would go without the others
-        (:class:`protocols.deployment.double.Double`); None if it is not under way.
+        (:class:`protocols.deployment.driving.double.Double`); None if it is not under way.
         """
         own = self.robots[robot]
         if waits:

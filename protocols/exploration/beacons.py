@@ -33,9 +33,9 @@ from cosim.machine import Address
 from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape
 from protocols.exploration.parameters import BeaconParameters
+from protocols.mapping.belief import Belief
 
 _AHEAD_CELLS: Final = 5
 """So far along a planned way a robot heads."""

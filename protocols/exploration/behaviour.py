@@ -25,13 +25,13 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S
+from protocols.exploration.counters import Records
 from protocols.exploration.escaping import Escape
+from protocols.exploration.events import Explored, PathLaid, PathLeft, Stalled
 from protocols.exploration.forces import Forces, attract, forces
 from protocols.exploration.information import Attraction
-from protocols.exploration.journal import Explored, PathLaid, PathLeft, Stalled
 from protocols.exploration.overlay import Overlay
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.records import Records
 from protocols.exploration.settling import Settling
 from protocols.exploration.stalling import Stalling
 from protocols.exploration.terrain import Terrain

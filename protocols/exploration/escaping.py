@@ -14,10 +14,10 @@ import numpy as np
 from cosim.geometry.astar import astar, in_sight, lookouts, nearest, nearest_frontier
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Ints, Point, Singles
-from protocols.exploration.belief import Bytes
 from protocols.exploration.information import most_useful
 from protocols.exploration.parameters import EscapeParameters
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Bytes
 
 _NEARER_CELLS: Final = 0.5
 """So much nearer than the sensors' range is a lookout to what it looks at: robots do not stand on centres of cells."""

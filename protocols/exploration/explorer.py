@@ -10,14 +10,14 @@ from cosim.machine import Address, Command, Drive, Event, LinkCommand, LinkEvent
 from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.exploration.belief import Belief
-from protocols.exploration.journal import BadBytes
-from protocols.exploration.knowledge import Knowledge
+from protocols.exploration.counters import Records
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.positioning import Given, Positioning, turned
-from protocols.exploration.records import Records
-from protocols.exploration.sharing import Sharing
+from protocols.exploration.setup import Knowledge
 from protocols.exploration.steering import Steering, without_lone
+from protocols.mapping.belief import Belief
+from protocols.mapping.sharing import Sharing
+from protocols.wire import BadBytes
 
 _ROUNDING: Final = 1e-9
 _NOTHING: Final = np.empty(0, np.int32)

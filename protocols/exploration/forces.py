@@ -11,8 +11,8 @@ import numpy as np
 from cosim.geometry.planning import in_view
 from cosim.jit import njit
 from cosim.navigation.frontier_fields import WORD, Vector, strength_of, sum_of_obstacles, words_within
-from protocols.exploration.belief import Bytes, Evidence
-from protocols.exploration.runs import Ints
+from protocols.mapping.belief import Bytes, Evidence
+from protocols.mapping.runs import Ints
 
 Forces: TypeAlias = tuple[float, float, float, float]
 

@@ -22,7 +22,7 @@ from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Point, Singles
 from cosim.jit import njit
 from cosim.navigation.frontier_fields import WORD, Evidence, Vector, strength_of, sum_of_frontiers, words_within
-from protocols.exploration.belief import Belief, Bytes
+from protocols.mapping.belief import Belief, Bytes
 
 Sums = npt.NDArray[np.int32]
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
-from protocols.exploration.belief import Belief, Bytes
 from protocols.exploration.forces import any_left, seen_frontiers, take_back
-from protocols.exploration.runs import Ints
+from protocols.mapping.belief import Belief, Bytes
+from protocols.mapping.runs import Ints
 
 _NOTHING: Final = np.empty(0, np.int32)
 

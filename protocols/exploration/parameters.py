@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from cosim.navigation.slam import SlamParameters
 from cosim.settings import Count, Gain, Length, Metres, Period, Rate, Seconds, Settings, error_at
+from protocols.mapping.sharing import SharingParameters
 
 
 class SchemaParameters(Settings):
@@ -102,35 +103,6 @@ class RivalParameters(Settings):
         default=6.0, gt=0, description="s without way made, after which a robot goes round others, or gives the goal up"
     )
     cost_weight: Gain = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
-
-
-class LinkParameters(Settings):
-    """How robot 0 keeps a piconet of all, for radios that carry nothing without a link."""
-
-    patience_s: Seconds = Field(default=6.0, gt=0, description="s, the host waits no longer for the end of a page")
-    page_s: Seconds = Field(
-        default=5.0, gt=0, description="s from one page in vain to the next, of a robot that is likely to be near"
-    )
-    page_most_s: Seconds = Field(
-        default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
-    )
-
-    @model_validator(mode="after")
-    def _waits_grow(self) -> "LinkParameters":
-        if not self.page_s <= self.page_most_s:
-            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
-        return self
-
-
-class SharingParameters(Settings):
-    """How maps are merged by messages."""
-
-    period_s: Period = Field(default=1.0, gt=0, description="s, from one telling to the next")
-    octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
-    again: Count = Field(default=4, ge=1, description="pieces that are told again in answer to one summary")
-    links: LinkParameters | None = Field(
-        default=None, description="talk over the links of a piconet: what Bluetooth needs; by default to all in reach"
-    )
 
 
 class SpeedControlParameters(Settings):

@@ -22,8 +22,8 @@ from cosim.navigation.slam import Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time
-from protocols.exploration.belief import Frame
 from protocols.exploration.parameters import PositioningParameters, SpeedControlParameters
+from protocols.mapping.belief import Frame
 
 _BODY_SLACK_M: Final = 0.1
 """A beam that ends so near to the body of a robot in sight has met that robot."""

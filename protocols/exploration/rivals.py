@@ -20,8 +20,8 @@ from cosim.geometry.planning import Ints, Point
 from cosim.machine import Address, Event
 from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
-from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid
-from protocols.exploration.records import Records
+from protocols.exploration.counters import Records
+from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.targets import Targets
 
 _AHEAD_CELLS: Final = 5

@@ -8,11 +8,11 @@ from scipy import ndimage
 
 from cosim.geometry.planning import Bools, Point
 from cosim.machine import Event
-from protocols.exploration.belief import Belief, Bytes
-from protocols.exploration.journal import FrontierGivenUp
+from protocols.exploration.counters import Records
+from protocols.exploration.events import FrontierGivenUp
 from protocols.exploration.overlay import Overlay
-from protocols.exploration.records import Records
-from protocols.exploration.runs import Ints
+from protocols.mapping.belief import Belief, Bytes
+from protocols.mapping.runs import Ints
 
 _ROUNDS: Final = 3
 """So often frontiers that were not reached are tried once more."""

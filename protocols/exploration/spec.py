@@ -15,22 +15,22 @@ from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
 from protocols.exploration.beacons import Tethered
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.belief import Belief, frame_of
+from protocols.exploration.counters import Records
 from protocols.exploration.escaping import Escape
+from protocols.exploration.events import EVENTS
 from protocols.exploration.explorer import Explorer, Leader
-from protocols.exploration.journal import EVENTS
-from protocols.exploration.knowledge import Knowledge
 from protocols.exploration.parameters import Parameters, SchemaParameters
-from protocols.exploration.piconet import MOST_ROBOTS, piconet_of
 from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
 from protocols.exploration.positioning import Filtered, Positioning
-from protocols.exploration.records import Records
 from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.rivals import Rival
-from protocols.exploration.runs import MOST_CELLS
-from protocols.exploration.sharing import Sharing
+from protocols.exploration.setup import Knowledge
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief, frame_of
+from protocols.mapping.runs import MOST_CELLS
+from protocols.mapping.sharing import Sharing
+from protocols.transport.star import MOST_ROBOTS, piconet_of
 
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""

@@ -7,8 +7,8 @@ import numpy as np
 from cosim.geometry.astar import clearance_cost, costs_from, nearest, passable_cells
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Bools, Floats, Point, Singles
-from protocols.exploration.belief import Belief
 from protocols.exploration.parameters import EscapeParameters
+from protocols.mapping.belief import Belief
 
 SLACK_CELLS: Final = 0.5
 """So much wider than its body a robot plans."""

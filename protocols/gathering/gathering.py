@@ -28,8 +28,8 @@ from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import STEPS, Evaluation, Verdicts, judge
 from protocols.pseudonet.coordination import Coordination
-from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict
+from protocols.pseudonet.setup import Knowledge, View
 
 
 def choose_place(view: View) -> Cell:

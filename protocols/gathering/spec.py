@@ -13,10 +13,10 @@ from cosim.units import Time
 from protocols.gathering.gathering import GatheringCoordination
 from protocols.gathering.referee import GatheringReferee
 from protocols.pseudonet import spec as pseudonet
-from protocols.pseudonet.journal import EVENTS
-from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.events import EVENTS
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.parameters import TeamParameters
+from protocols.pseudonet.setup import Knowledge
 
 OF_COVERAGE: Final = {"coverage", "time_to_cover_s", "overlap_ratio"}
 """Metrics of Pseudonet that say nothing of a team that gathers."""

@@ -10,10 +10,10 @@ from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.aggregation.accrual import PhiSettings
-from protocols.aggregation.detectors import make_detector
+from protocols.detection.accrual import PhiSettings
+from protocols.detection.detectors import make_detector
+from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
-from protocols.monitoring.journal import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.parameters import Parameters
 from protocols.monitoring.watching import Watch
 

@@ -3,8 +3,8 @@
 from pydantic import Field
 
 from cosim.settings import Count, Seconds, Settings
-from protocols.aggregation.chen import NfdESettings
-from protocols.aggregation.detectors import DetectorSettings
+from protocols.detection.chen import NfdESettings
+from protocols.detection.detectors import DetectorSettings
 
 
 class Parameters(Settings):

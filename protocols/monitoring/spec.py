@@ -16,7 +16,7 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Death, Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
-from protocols.monitoring.journal import EVENTS
+from protocols.monitoring.events import EVENTS
 from protocols.monitoring.machine import Monitor
 from protocols.monitoring.parameters import Parameters
 

@@ -1,8 +1,8 @@
 """One robot's watch over one life of another: a detector, what it has said, and since when it is asked."""
 
 from cosim.units import Time
-from protocols.aggregation.detectors import Detector
-from protocols.aggregation.quality import History, Quality, quality
+from protocols.detection.detectors import Detector
+from protocols.detection.quality import History, Quality, quality
 
 
 class Watch:

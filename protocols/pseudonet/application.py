@@ -18,7 +18,8 @@ from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
-from protocols.pseudonet.journal import (
+from protocols.pseudonet.counters import Records
+from protocols.pseudonet.events import (
     BadBytes,
     Finished,
     Journal,
@@ -28,14 +29,13 @@ from protocols.pseudonet.journal import (
     TeamFormed,
     TeamLost,
 )
-from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import Message
 from protocols.pseudonet.messaging import Messaging, Stance
 from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.phases import TABLE, Input, Phase
 from protocols.pseudonet.reconciliation import Reconciliation
-from protocols.pseudonet.records import Records
 from protocols.pseudonet.relay import Relay
+from protocols.pseudonet.setup import Knowledge
 from protocols.pseudonet.speech import Speech
 from protocols.pseudonet.steering import Progress, Steering
 from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import STEPS, UNJUDGED, Algorithm, Evaluation, Verdicts
-from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Action, Kind, Message, Reply, Verdict
 from protocols.pseudonet.messaging import Stance
+from protocols.pseudonet.setup import Knowledge, View
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time, to_seconds
-from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.setup import Knowledge
 
 Metres = np.ndarray[Any, np.dtype[np.float64]]
 

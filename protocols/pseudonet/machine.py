@@ -9,10 +9,10 @@ from protocols.pseudonet.application import Application
 from protocols.pseudonet.bluetooth import Bluetooth
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination
-from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.scatternet import Scatternet
+from protocols.pseudonet.setup import Knowledge
 from protocols.pseudonet.upcalls import Upcall
 from protocols.pseudonet.wide import Assignment, Welcome
 

@@ -6,8 +6,8 @@ from typing import Any
 from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import UNJUDGED, Evaluation, Verdicts
-from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import MESSAGE_KINDS, Action, Kind, Message, Reply
+from protocols.pseudonet.setup import Knowledge
 
 
 class Stance(Enum):

@@ -12,8 +12,8 @@ from enum import Enum, auto
 from zlib import crc32
 
 from cosim.machine import Address
-from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Kind, Message
+from protocols.pseudonet.setup import Knowledge, View
 
 
 class Equality(Enum):

@@ -16,13 +16,13 @@ from protocols.pseudonet.algorithms.planned import Planned
 from protocols.pseudonet.algorithms.random_walk import RandomWalk
 from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.coverage import CoverageReferee
-from protocols.pseudonet.journal import EVENTS
-from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.events import EVENTS
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import MESSAGE_KINDS
 from protocols.pseudonet.parameters import Parameters, TeamParameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
+from protocols.pseudonet.setup import Knowledge
 from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
 from protocols.pseudonet.wide import ROBOTS
 

@@ -6,7 +6,7 @@ from typing import Final
 from cosim.geometry.grids import Cell
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation
-from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.setup import Knowledge
 
 ARRIVAL_TOLERANCE_M: Final = 1e-6
 PATIENCE_TICKS: Final = 30

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 
 from cosim.machine import Address, Event
-from protocols.reflection.journal import TroubleChanged
-from protocols.reflection.knowledge import Point
+from protocols.reflection.counters import Records
+from protocols.reflection.events import TroubleChanged
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.records import Records
+from protocols.reflection.setup import Point
 from protocols.reflection.trouble import Progress, Trouble
 
 

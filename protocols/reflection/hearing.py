@@ -5,13 +5,13 @@ import math
 from cosim.machine import Address, Event
 from cosim.units import MS, Time, from_seconds
 from protocols.reflection.bearings import Point, from_peer, turn_between
+from protocols.reflection.counters import Records
+from protocols.reflection.events import BadBytes
 from protocols.reflection.frames import CLOCK_MS, Frame
 from protocols.reflection.goals import NEW, GoalBook, goal_number
-from protocols.reflection.journal import BadBytes
-from protocols.reflection.knowledge import Knowledge
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.promises import Ways
-from protocols.reflection.records import Records
+from protocols.reflection.setup import Knowledge
 
 
 class Hearing:

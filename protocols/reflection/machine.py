@@ -24,19 +24,19 @@ from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
 from cosim.units import Time, from_seconds
 from protocols.reflection.bearings import Point
+from protocols.reflection.counters import Records
+from protocols.reflection.events import BadBytes, Displaced
 from protocols.reflection.frames import IN_TROUBLE, OBJECTS, Frame, decode
 from protocols.reflection.goals import GoalBook
 from protocols.reflection.hearing import Hearing
-from protocols.reflection.journal import BadBytes, Displaced
-from protocols.reflection.knowledge import Knowledge
-from protocols.reflection.meeting import Meeting
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.patrolling import Courtesy, Patrol
 from protocols.reflection.promises import Ways
-from protocols.reflection.records import Records
 from protocols.reflection.seeking import Seeker
+from protocols.reflection.setup import Knowledge
 from protocols.reflection.straight import Straight
 from protocols.reflection.telling import compose
+from protocols.transport.meeting import Meeting
 
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 JUMP_STEPS = 5.0
@@ -64,7 +64,8 @@ class Reflection:
         self._events: list[Event] = []
         self._outbox: list[Outgoing | LinkCommand] = []
         self._commands: list[Command] = []
-        self._meeting = Meeting(me, bool(task.goals_m), parameters, self._outbox) if parameters.links else None
+        times = from_seconds(parameters.inquiry_s), from_seconds(parameters.page_s)
+        self._meeting = Meeting(me, bool(task.goals_m), *times, self._outbox) if parameters.links else None
         self._going: Point | None = None
         self._objects = parameters.goals == "object"
         self._share_goals = parameters.share_goals

@@ -7,10 +7,10 @@ from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import S, Time
+from protocols.reflection.events import MadeWay
 from protocols.reflection.goals import GoalBook
-from protocols.reflection.journal import MadeWay
-from protocols.reflection.knowledge import Point
 from protocols.reflection.promises import Ways
+from protocols.reflection.setup import Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
 from protocols.reflection.yielding import NEAR_CONTACTS, in_the_way, step_aside
 

@@ -8,7 +8,7 @@ import numpy as np
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
-from protocols.reflection.knowledge import Knowledge
+from protocols.reflection.setup import Knowledge
 
 Metres = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -14,9 +14,9 @@ from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
+from protocols.reflection.counters import Records
 from protocols.reflection.distress import Distress
-from protocols.reflection.goals import GoalBook
-from protocols.reflection.journal import (
+from protocols.reflection.events import (
     GhostReached,
     GoalGivenUp,
     GoalReached,
@@ -24,11 +24,11 @@ from protocols.reflection.journal import (
     PromiseForgotten,
     PromiseTaken,
 )
-from protocols.reflection.knowledge import Knowledge, Point
+from protocols.reflection.goals import GoalBook
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.patrolling import Standoff
 from protocols.reflection.promises import Way, Ways
-from protocols.reflection.records import Records
+from protocols.reflection.setup import Knowledge, Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
 from protocols.reflection.trouble import Trouble
 from protocols.reflection.walking import LoopWalk

@@ -10,13 +10,13 @@ from cosim.geometry.boundary import Boundary, boundary, inflated
 from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
+from protocols.reflection.events import EVENTS
 from protocols.reflection.guidance import algorithm, way_back
-from protocols.reflection.journal import EVENTS
-from protocols.reflection.knowledge import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.referee import TargetReferee
 from protocols.reflection.seeking import Target
+from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.targets import targets
 
 TEAM_LIMIT = 256

@@ -10,7 +10,7 @@ import math
 
 from cosim.observation import Observation
 from cosim.units import Time
-from protocols.reflection.knowledge import Point
+from protocols.reflection.setup import Point
 
 AHEAD_STEPS = 10.0
 """A direction is turned into a place so many steps ahead."""

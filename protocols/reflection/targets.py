@@ -2,8 +2,8 @@
 
 from cosim.errors import UserError
 from cosim.randomness import Draws
-from protocols.reflection.knowledge import Point
 from protocols.reflection.parameters import Parameters
+from protocols.reflection.setup import Point
 
 ROOM, ALONG, ACROSS = range(3)
 """Purposes of draws."""

@@ -7,8 +7,8 @@ from cosim.machine import Address
 from cosim.units import MS, Time
 from protocols.reflection.frames import CLOCK_MS, FAR_M, pack
 from protocols.reflection.goals import GoalBook
-from protocols.reflection.knowledge import Point
 from protocols.reflection.promises import Ways
+from protocols.reflection.setup import Point
 
 
 def compose(

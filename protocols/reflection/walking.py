@@ -12,7 +12,7 @@ from cosim.navigation.status import STUCK, UNREACHABLE, Status
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time
-from protocols.reflection.knowledge import Point
+from protocols.reflection.setup import Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
 
 WHOLE = 0.999

@@ -20,9 +20,9 @@ from cosim.scenario import Scenario, build
 from cosim.simulation import Outcome, Simulation
 from cosim.units import MS, S, Time, to_seconds
 from protocols.aggregation.frames import decode, encode
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.messages import Message
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.spec import SPEC
 
 Point = tuple[float, float]

@@ -3,7 +3,7 @@
 import pytest
 
 from cosim.units import S
-from protocols.aggregation.journal import HostTrusted
+from protocols.aggregation.events import HostTrusted
 from protocols.aggregation.messages import Assign, Heartbeat, Join, Report, Stop
 from tests.aggregation.team_scene import STRATEGIES, TARGETS_M, Point, Team
 

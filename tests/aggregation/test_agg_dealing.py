@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.aggregation.knowledge import Knowledge
 from protocols.aggregation.leading import Work
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roll import Member, Roll
+from protocols.aggregation.setup import Knowledge
 from protocols.aggregation.strategies import Strategy
 from tests.aggregation.team_scene import prepared
 

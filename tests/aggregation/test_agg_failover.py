@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import pytest
 
 from cosim.units import S
+from protocols.aggregation.events import Departed, HostFailed, HostSuspected, HostTrusted, Joined
 from protocols.aggregation.frames import posts_in
-from protocols.aggregation.journal import Departed, HostFailed, HostSuspected, HostTrusted, Joined
 from protocols.aggregation.messages import Assign, Heartbeat, Hello, Join, Plans, Report
 from tests.aggregation.team_scene import STRATEGIES, TARGETS_M, Flight, Point, Team
 

@@ -9,8 +9,8 @@ from shapely import LineString, MultiLineString
 
 from cosim.errors import UserError
 from cosim.units import MS, to_seconds
+from protocols.aggregation.events import HostFailed, TargetFound
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.journal import HostFailed, TargetFound
 from protocols.aggregation.messages import Plan, Plans
 from protocols.aggregation.touring import Legs
 from tests.aggregation.team_scene import TARGETS_M, WALLS_M, Alone, Point, prepared, run, scenario

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from cosim.units import MS, S
+from protocols.aggregation.events import MemberAdded, MemberRemoved
 from protocols.aggregation.frames import bitmap, stamp
-from protocols.aggregation.journal import MemberAdded, MemberRemoved
 from protocols.aggregation.messages import (
     Assign,
     Confirm,

@@ -6,8 +6,8 @@ import pytest
 
 from cosim.units import S, Time
 from protocols.aggregation.course import course_of
+from protocols.aggregation.events import Departed, Reconvened
 from protocols.aggregation.frames import stamp
-from protocols.aggregation.journal import Departed, Reconvened
 from protocols.aggregation.messages import Assign, Finding, Heartbeat, Hello, Plan, Plans, Report
 from protocols.aggregation.strategies import Strategy
 from tests.aggregation.team_scene import STRATEGIES, TARGETS_M, Alone, Point, Team

@@ -3,11 +3,11 @@
 import pytest
 
 from cosim.units import MS, S, Time
-from protocols.aggregation.chen import NfdESettings, NfdSSettings
-from protocols.aggregation.detectors import Detector, make_detector
 from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat
 from protocols.aggregation.neighbours import Neighbours
+from protocols.detection.chen import NfdESettings, NfdSSettings
+from protocols.detection.detectors import Detector, make_detector
 
 
 def beat(number: int, at: Time) -> Heartbeat:

@@ -10,9 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.stats import norm
 
 from cosim.units import MS, S, Time
-from protocols.aggregation.accrual import IntervalHistory, PhiAccrual, PhiSettings, akka_phi, normal_phi
-from protocols.aggregation.chen import NfdE, NfdESettings, NfdS, NfdSSettings
-from protocols.aggregation.detectors import (
+from protocols.detection.accrual import IntervalHistory, PhiAccrual, PhiSettings, akka_phi, normal_phi
+from protocols.detection.chen import NfdE, NfdESettings, NfdS, NfdSSettings
+from protocols.detection.detectors import (
     Detector,
     DetectorSettings,
     FixedTimeout,

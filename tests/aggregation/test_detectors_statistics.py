@@ -13,10 +13,10 @@ from scipy.stats import t as student
 
 from cosim.randomness import Streams
 from cosim.units import S, Time, from_seconds
-from protocols.aggregation.accrual import PhiSettings
-from protocols.aggregation.chen import NfdESettings, NfdSSettings
-from protocols.aggregation.detectors import DetectorSettings, FixedTimeoutSettings, make_detector
-from protocols.aggregation.quality import Quality, Transition, quality, watch
+from protocols.detection.accrual import PhiSettings
+from protocols.detection.chen import NfdESettings, NfdSSettings
+from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings, make_detector
+from protocols.detection.quality import Quality, Transition, quality, watch
 
 ETA = S
 LOSS = 0.01

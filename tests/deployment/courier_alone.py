@@ -4,9 +4,9 @@ from typing import Any
 
 from cosim.machine import Address, Connected, Fate, Outcome, Outgoing, Reception, Role
 from cosim.units import Time
-from protocols.deployment.courier import Courier
-from protocols.deployment.courier_parameters import CourierParameters
-from protocols.deployment.letters import ALL, Bulletin, Frame, decode, encode
+from protocols.transport.frames import ALL, Bulletin, Frame, decode, encode
+from protocols.transport.parameters import CourierParameters
+from protocols.transport.transport import Courier
 
 PLAN = bytes(number * 7919 % 251 for number in range(18_000))
 """A letter as long as a plan."""

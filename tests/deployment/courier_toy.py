@@ -14,8 +14,8 @@ from cosim.scenario import build
 from cosim.settings import Settings
 from cosim.simulation import Simulation
 from cosim.units import MS, Time, from_seconds, to_seconds
-from protocols.deployment.courier import Courier
-from protocols.deployment.courier_parameters import CourierParameters
+from protocols.transport.parameters import CourierParameters
+from protocols.transport.transport import Courier
 
 NEWS_PERIOD: Time = 500 * MS
 

@@ -13,9 +13,9 @@ from cosim.protocol import Surroundings
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.units import MS, Time
-from protocols.deployment.knowledge import Knowledge, knowledge_of
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.runner import Runner
+from protocols.deployment.setup import Knowledge, knowledge_of
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
 WALLS = ((0, 0, 12, 0), (12, 0, 12, 6), (12, 6, 0, 6), (0, 6, 0, 0))

@@ -15,12 +15,12 @@ from cosim.robots.motion import Fleet
 from cosim.robots.senses import WORLD_FRAME, Senses, SenseSettings
 from cosim.units import MS, S
 from cosim.world.offices import OfficeSettings, office_walls
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.floor import Floor
-from protocols.deployment.mover import Mover
-from protocols.deployment.plan import Place
-from protocols.deployment.traffic import Other
-from protocols.deployment.yielding import in_the_way
+from protocols.deployment.driving.mover import Mover
+from protocols.deployment.driving.yielding import in_the_way
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.floor import Floor
+from protocols.motion.parameters import DrivingParameters
+from protocols.motion.traffic import Other
 
 TICK = 100 * MS
 SIGHT_M = 12.0

@@ -7,10 +7,10 @@ from typing import Any
 from cosim.machine import Drive
 from cosim.observation import Observation
 from cosim.units import Time
+from protocols.deployment.driving.pace import PacedMover
 from protocols.deployment.interference import Shortfall
-from protocols.deployment.member_pace import PacedMover
-from protocols.deployment.plan import Place
-from protocols.deployment.traffic import Other
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.traffic import Other
 from tests.deployment.driving_scene import TICK, Scene
 
 

@@ -4,13 +4,13 @@ from typing import Any
 
 from cosim.machine import Address, Event
 from cosim.units import S, Time
-from protocols.deployment.host import Host
-from protocols.deployment.member_letters import Letter
-from protocols.deployment.member_news import News
-from protocols.deployment.member_others import Others
-from protocols.deployment.orders import Order, Report, Result, Whereabouts
-from protocols.deployment.plan import Between, Go, Plan, Task
-from protocols.deployment.records import Records
+from protocols.deployment.counters import Records
+from protocols.deployment.member.others import Others
+from protocols.deployment.messages.messages import Letter
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.orders import Order, Report, Result, Whereabouts
+from protocols.deployment.tasks.plan import Between, Go, Plan, Task
+from protocols.deployment.team.host import Host
 from tests.deployment.crew_scene import PLACES_M, STARTS_M, TICK, knowledge
 
 SILENCE, AGAIN = 4 * S, 2 * S

@@ -9,8 +9,8 @@ import numpy as np
 
 from cosim.machine import BROADCAST, Address, Fate, LinkCommand, Outcome, Outgoing, Reception
 from cosim.units import MS, S, Time
-from protocols.deployment.courier import Courier, Letter, News
-from protocols.deployment.courier_parameters import CourierParameters
+from protocols.transport.parameters import CourierParameters
+from protocols.transport.transport import Courier, Letter, News
 
 HERE = (0.0, 0.0)
 

@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from protocols.deployment.plan import Between, Deployment, Explore, Go, Instant, Photo, Plan, Task, Wait
+from protocols.deployment.tasks.plan import Between, Deployment, Explore, Go, Instant, Photo, Plan, Task, Wait
 
 ROBOTS = st.integers(0, 3)
 PLACE = st.tuples(st.integers(-8, 8).map(float), st.integers(-8, 8).map(float))

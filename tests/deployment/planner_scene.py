@@ -6,8 +6,8 @@ from typing import Any
 
 import yaml
 
-from protocols.deployment.plan import Plan
-from protocols.deployment.planner import Refusal
+from protocols.deployment.planning.planner import Refusal
+from protocols.deployment.tasks.plan import Plan
 from tests.deployment.plays_scene import BODY, Scene, playbook_of
 
 NEAR_FAR = [[5.0, 0.0], [10.0, 0.0]]

@@ -14,13 +14,13 @@ import numpy as np
 
 from cosim.machine import Address
 from cosim.units import MS, S, Time, from_seconds
-from protocols.deployment.crew import Body, Crew
-from protocols.deployment.dispatch import Breach
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.orders import Order, Report, Result, Whereabouts
-from protocols.deployment.plan import Go, Photo, Place, Plan
-from protocols.deployment.ways import Ways
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.executing.timetable import Breach
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.orders import Order, Report, Result, Whereabouts
+from protocols.deployment.tasks.plan import Go, Photo, Place, Plan
+from protocols.deployment.tasks.ways import Ways
 
 TICK = 100 * MS
 NEWS = 500 * MS

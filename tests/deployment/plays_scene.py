@@ -7,12 +7,12 @@ from pathlib import Path
 
 from cosim.documents import read_yaml, validated
 from cosim.machine import Address
-from protocols.deployment.crew import Body, Crew
-from protocols.deployment.plan import Place, Plan
-from protocols.deployment.planner import Call, Planner, PlannerParameters, Refusal
-from protocols.deployment.playbook import BUILT_IN, Playbook
-from protocols.deployment.plays import Play
-from protocols.deployment.timing import LeastExploring
+from protocols.deployment.planning.planner import Call, Planner, PlannerParameters, Refusal
+from protocols.deployment.planning.play import Play
+from protocols.deployment.planning.playbook import BUILT_IN, Playbook
+from protocols.deployment.planning.timing import LeastExploring
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.plan import Place, Plan
 
 
 def reader(path: Path) -> Play:

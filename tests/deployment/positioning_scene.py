@@ -13,10 +13,10 @@ from cosim.navigation.schemas import Floats
 from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
-from protocols.deployment.positioning import Localised
-from protocols.deployment.positioning_map import Charts
-from protocols.deployment.positioning_parameters import PositioningParameters
-from protocols.deployment.positioning_scan import Sensor
+from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.parameters import PositioningParameters
+from protocols.deployment.localization.positioning import Localised
+from protocols.deployment.localization.scan import Sensor
 from tests.deployment.driving_scene import TICK, Scene, body, box, line
 
 BEAMS, RANGE_M = 180, 8.0

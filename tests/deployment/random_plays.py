@@ -10,9 +10,9 @@ import yaml
 from hypothesis import strategies as st
 
 from cosim.documents import parse_yaml, validated
-from protocols.deployment.plan import Plan
-from protocols.deployment.playbook import Playbook
-from protocols.deployment.plays import Play
+from protocols.deployment.planning.play import Play
+from protocols.deployment.planning.playbook import Playbook
+from protocols.deployment.tasks.plan import Plan
 from tests.deployment.plays_scene import Scene, built_in
 
 SPACING_M = 4.0

@@ -18,7 +18,7 @@ from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
 from cosim.world.offices import OfficeSettings, office_walls
-from protocols.deployment.plan import Place
+from protocols.deployment.tasks.plan import Place
 from tests.deployment.soak_wider import Party, widened
 
 DURATION_S: Final = 1500.0

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from protocols.deployment.plan import Place
+from protocols.deployment.tasks.plan import Place
 
 LIBRARY: Final = Path(__file__).with_name("soak_plays.yaml")
 MADE_OF_PLAYS: Final = 0.2

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.deployment.augmenting import Standing, along, in_line, in_the_way, off_m
-from protocols.deployment.crew import Body, Crew
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.methods import stages
-from protocols.deployment.orders import Report, Result, Retreat, Whereabouts
-from protocols.deployment.plan import Deployment, Go, Place, Plan, Task
-from protocols.deployment.recovery import lengths, reassigned, substitute
-from protocols.deployment.staging import NOWHERE, remaining
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.executing.recovery import lengths, reassigned, substitute
+from protocols.deployment.planning.augmenting import Standing, along, in_line, in_the_way, off_m
+from protocols.deployment.planning.methods import stages
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.staging import NOWHERE, remaining
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.orders import Report, Result, Retreat, Whereabouts
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan, Task
 from tests.deployment.play_scene import Plain, Scene, Troubles, crew_of
 
 STRATEGIES = ("group", "wave", "leap_frog")

@@ -11,8 +11,8 @@ from cosim.machine import Outgoing
 from cosim.observation import Observation
 from cosim.simulation import Simulation
 from cosim.units import S
-from protocols.deployment.journal import BadBytes
 from protocols.deployment.runner import Runner
+from protocols.wire import BadBytes
 from tests.deployment.crew_scene import BY_CABLE, HEIGHT_M, PLACES_M, STARTS_M, WIDTH_M, knowledge, scenario
 from tests.oracles.campaign import two_tiers
 

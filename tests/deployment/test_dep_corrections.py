@@ -15,13 +15,13 @@ from cosim.navigation.localization_motion import Pose
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.robots.senses import WORLD_FRAME, Senses, SenseSettings
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.floor import Floor
-from protocols.deployment.positioning import shifted
-from protocols.deployment.positioning_frames import Located, Shift, start, step
-from protocols.deployment.positioning_scan import Scan, Sensor
-from protocols.deployment.traffic import Other, Traffic
-from protocols.deployment.wheel import Wheel
+from protocols.deployment.localization.positioning import shifted
+from protocols.deployment.localization.scan import Scan, Sensor
+from protocols.motion.driver import Wheel
+from protocols.motion.floor import Floor
+from protocols.motion.frames import Located, Shift, start, step
+from protocols.motion.parameters import DrivingParameters
+from protocols.motion.traffic import Other, Traffic
 from tests.deployment.driving_scene import SIGHT_M, TICK, Scene, body, box, line
 from tests.deployment.positioning_scene import DRIFT, told
 

@@ -2,8 +2,8 @@
 
 from cosim.machine import Connected, Fate, Outcome, Outgoing, Role
 from cosim.units import MS, S
-from protocols.deployment.courier import Letter
-from protocols.deployment.letters import PART_OVERHEAD, WINDOW, Ack, Bulletin, Part
+from protocols.transport.frames import PART_OVERHEAD, WINDOW, Ack, Bulletin, Part
+from protocols.transport.transport import Letter
 from tests.deployment.courier_alone import PLAN, all_sent, courier, hears, sent
 from tests.deployment.lossy_air import Air
 

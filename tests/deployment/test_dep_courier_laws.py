@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from cosim.machine import Address, Outgoing, Reception
 from cosim.units import MS, S, Time
-from protocols.deployment.journal import BadBytes
-from protocols.deployment.letters import Ack, Bulletin, Frame, Part, encode
-from protocols.deployment.streams import Outbound, Pace
+from protocols.transport.frames import Ack, Bulletin, Frame, Part, encode
+from protocols.transport.streams import Outbound, Pace
+from protocols.wire import BadBytes
 from tests.deployment.courier_alone import PLAN, all_sent, courier, hears
 from tests.deployment.lossy_air import HERE, Air
 from tests.deployment.tiers import tiers

@@ -5,7 +5,7 @@ import pytest
 from cosim.errors import LocalProtocolError
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing
 from cosim.units import MS, S
-from protocols.deployment.letters import NEWS_OVERHEAD, Bulletin
+from protocols.transport.frames import NEWS_OVERHEAD, Bulletin
 from tests.deployment.courier_alone import all_sent, courier, hears
 from tests.deployment.lossy_air import Air
 

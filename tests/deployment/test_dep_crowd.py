@@ -4,11 +4,11 @@ from types import SimpleNamespace
 from typing import Any
 
 from cosim.units import S
-from protocols.deployment.crew import Crew
-from protocols.deployment.member_crowd import Crowd
-from protocols.deployment.plan import Deployment, Go, Task
-from protocols.deployment.progress_casting import Casting
-from protocols.deployment.recovery import lengths, reassigned
+from protocols.deployment.executing.progress_casting import Casting
+from protocols.deployment.executing.recovery import lengths, reassigned
+from protocols.deployment.member.crowd import Crowd
+from protocols.deployment.tasks.crew import Crew
+from protocols.deployment.tasks.plan import Deployment, Go, Task
 from tests.deployment.play_scene import Plain, crew_of
 
 PLACE = (5.0, 0.0)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 
 from cosim.units import S, from_seconds
-from protocols.deployment.plan import Between, Go, Instant, Plan, Task, Wait
+from protocols.deployment.tasks.plan import Between, Go, Instant, Plan, Task, Wait
 from tests.deployment.plan_strategies import betweens
 from tests.deployment.play_scene import Scene, Troubles, crew_of
 from tests.deployment.tiers import tiers

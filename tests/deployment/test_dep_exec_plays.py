@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import strategies as st
 
-from protocols.deployment.plan import Plan
+from protocols.deployment.tasks.plan import Plan
 from tests.deployment.play_scene import Scene, Troubles, posts_of
 from tests.deployment.plays_scene import Scene as Office
 from tests.deployment.random_plays import RandomCall, random_calls

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_facts import Heard, Record
-from protocols.deployment.plan import Deployment, Plan, Task
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.tasks.facts import Heard, Record
+from protocols.deployment.tasks.plan import Deployment, Plan, Task
 from tests.deployment.plan_strategies import deployments, plans
 from tests.deployment.play_scene import Scene, Troubles, crew_of, posts_of
 

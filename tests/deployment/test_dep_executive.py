@@ -5,11 +5,11 @@ import math
 import pytest
 
 from cosim.units import S
-from protocols.deployment.crew import Body, Crew
-from protocols.deployment.executive import STRIDE, Executive
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.orders import Halt, Report, Result, Whereabouts
-from protocols.deployment.plan import Deployment, Explore, Go, Photo, Place, Plan, Task
+from protocols.deployment.executing.executive import STRIDE, Executive
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
+from protocols.deployment.tasks.plan import Deployment, Explore, Go, Photo, Place, Plan, Task
 from tests.deployment.play_scene import Plain, Scene, Troubles, crew_of
 
 PLACES: tuple[Place, ...] = ((10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (40.0, 0.0))

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from cosim.geometry.polylines import length_m
-from protocols.deployment.crew import Body
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.exploring import Outlook, ground_of
-from protocols.deployment.exploring_parameters import ExploringParameters
-from protocols.deployment.floor import Floor
-from protocols.deployment.learned import EXPLORE, LearnedFloor, explained, floor_of, outlines
-from protocols.deployment.plan import Place
-from protocols.deployment.planner import Refusal
+from protocols.deployment.driving.exploring import Outlook, ground_of
+from protocols.deployment.driving.exploring_parameters import ExploringParameters
+from protocols.deployment.driving.learned import EXPLORE, LearnedFloor, explained, floor_of, outlines
+from protocols.deployment.planning.planner import Refusal
+from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.floor import Floor
+from protocols.motion.parameters import DrivingParameters
 from tests.deployment.crew_scene import RANGE_M, surroundings
 
 BOUNDS_M = (0.0, 0.0, 4.0, 3.0)

@@ -13,17 +13,17 @@ from cosim.observation import Observation
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S
-from protocols.deployment.crew import Body, Crew
-from protocols.deployment.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
-from protocols.deployment.exploring_mover import ExploringMover
-from protocols.deployment.exploring_parameters import ExploringParameters
-from protocols.deployment.floor import Aim, Floor
-from protocols.deployment.journal import BadBytes
-from protocols.deployment.knowledge import knowledge_of
+from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring, explorable, ground_of
+from protocols.deployment.driving.exploring_mover import ExploringMover
+from protocols.deployment.driving.exploring_parameters import ExploringParameters
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.plan import Explore, Plan, Task
-from protocols.deployment.planner import Refusal
-from protocols.deployment.traffic import Other
+from protocols.deployment.planning.planner import Refusal
+from protocols.deployment.setup import knowledge_of
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.plan import Explore, Plan, Task
+from protocols.motion.floor import Aim, Floor
+from protocols.motion.traffic import Other
+from protocols.wire import BadBytes
 from tests.deployment.crew_scene import (
     PLACES_M,
     STARTS_M,

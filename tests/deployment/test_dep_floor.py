@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from cosim.world.offices import OfficeSettings, office_walls
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.floor import Blocker, Floor
+from protocols.motion.floor import Blocker, Floor
+from protocols.motion.parameters import DrivingParameters
 from tests.deployment.driving_scene import box, line
 
 OFFICE = OfficeSettings(width_m=14, depth_m=9, rooms=4, seed=3)

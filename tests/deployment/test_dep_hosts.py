@@ -4,12 +4,12 @@ import pytest
 
 from cosim.machine import Address
 from cosim.units import S, Time
-from protocols.deployment import member_news
-from protocols.deployment.executive_facts import Ended
-from protocols.deployment.journal import HostChanged, PlanTaken, RobotLost
-from protocols.deployment.member_letters import Ordered
-from protocols.deployment.member_news import News
-from protocols.deployment.orders import Halt, Result
+from protocols.deployment.messages import status
+from protocols.deployment.messages.messages import Ordered
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.events import HostChanged, PlanTaken, RobotLost
+from protocols.deployment.tasks.facts import Ended
+from protocols.deployment.tasks.orders import Halt, Result
 from tests.deployment.crew_scene import TICK
 from tests.deployment.hosts_scene import SILENCE, Robot, Team, drives, over
 
@@ -223,4 +223,4 @@ def test_those_who_do_not_run_a_play_are_busy_until_the_host_says_that_it_is_ove
 def test_news_say_whether_the_play_is_over_beside_whether_the_robot_is_idle(flags: tuple[bool, bool]) -> None:
     idle, done = flags
     news = News(0, 0, 3, 0, 7, None, idle, 1.0, 2.0, 0.0, 0.0, None, "", done)
-    assert member_news.decode(member_news.encode(news), 3) == news
+    assert status.decode(status.encode(news), 3) == news

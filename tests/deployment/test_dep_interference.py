@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from cosim.robots.drive import approach
 from cosim.units import MS, S
 from protocols.deployment.interference import SLIGHT, STILL_MPS, Shortfall, shortfall
-from protocols.deployment.plan import Deployment, Go, Photo, Plan, Task
 from protocols.deployment.standing import Board, ends_m, stage_of
+from protocols.deployment.tasks.plan import Deployment, Go, Photo, Plan, Task
 
 TICK = 100 * MS
 TICK_S = 0.1

@@ -8,8 +8,8 @@ import pytest
 from cosim.robots.senses import SenseSettings
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.floor import Floor
+from protocols.motion.floor import Floor
+from protocols.motion.parameters import DrivingParameters
 from tests.deployment.crew_scene import STARTS_M, call, scenario
 from tests.deployment.driving_scene import body, box, line
 from tests.deployment.hindrance_scene import Hindered, Watched

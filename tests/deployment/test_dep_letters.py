@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import LocalProtocolError, WireError
-from protocols.deployment.letters import (
+from protocols.transport.frames import (
     ALL,
     LEAST_OCTETS,
     NEWS_OVERHEAD,

@@ -8,18 +8,18 @@ import pytest
 from cosim.machine import OPERATOR, Address, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import S, Time, to_seconds
-from protocols.deployment import member_news
-from protocols.deployment.host_calls import Calls
-from protocols.deployment.host_rumours import Rumours
-from protocols.deployment.journal import Breached, HostChanged, PlanEnded
-from protocols.deployment.letters import ALL, Bulletin, Frame, encode
-from protocols.deployment.member_letters import Facts
-from protocols.deployment.member_news import News
+from protocols.deployment.counters import Records
+from protocols.deployment.messages import status
+from protocols.deployment.messages.messages import Facts
+from protocols.deployment.messages.status import News
+from protocols.deployment.operator.calls import Calls
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.plan import Between, Instant
-from protocols.deployment.records import Records
 from protocols.deployment.runner import Runner
-from protocols.deployment.succession import Succession
+from protocols.deployment.tasks.events import Breached, HostChanged, PlanEnded
+from protocols.deployment.tasks.plan import Between, Instant
+from protocols.deployment.team.rumours import Rumours
+from protocols.deployment.team.succession import Succession
+from protocols.transport.frames import ALL, Bulletin, Frame, encode
 from tests.deployment.crew_scene import BY_CABLE, PLACES_M, STARTS_M, TICK, call, knowledge, rows, run
 from tests.deployment.hosts_scene import Robot, Team, drives, over
 
@@ -39,7 +39,7 @@ class Listener:
     def hear(self, source: Address, host: Address, plan: int, calls: int) -> None:
         self.frames += 1
         told = News(host, 0, plan, calls, 0, None, True, *STARTS_M[source], 0.0, 0.0, None, "")
-        news = Bulletin(member_news.TOPIC, self.frames, member_news.encode(told))
+        news = Bulletin(status.TOPIC, self.frames, status.encode(told))
         data = encode(Frame(source, ALL, 0, news))
         self.runner.receive(data, Reception(source, True), self.now)
 

@@ -7,13 +7,13 @@ import pytest
 from cosim.machine import Drive, Event
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.deployment.journal import PictureTaken, SteppedAside, TaskEnded, TaskStarted
-from protocols.deployment.member import Member
-from protocols.deployment.member_letters import Aside
-from protocols.deployment.member_news import News
-from protocols.deployment.orders import Errand, Halt, Order, Result, Retreat
-from protocols.deployment.plan import Go, Photo, Place
-from protocols.deployment.records import Records
+from protocols.deployment.counters import Records
+from protocols.deployment.member.member import Member
+from protocols.deployment.messages.messages import Aside
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.events import PictureTaken, SteppedAside, TaskEnded, TaskStarted
+from protocols.deployment.tasks.orders import Errand, Halt, Order, Result, Retreat
+from protocols.deployment.tasks.plan import Go, Photo, Place
 from tests.deployment.crew_scene import STARTS_M, TICK, knowledge
 
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import WireError
-from protocols.deployment import member_letters, member_news
-from protocols.deployment.executive_facts import Ended, Heard, Record, Switched, Terminated
-from protocols.deployment.member_letters import Aside, Facts, Look, Ordered, Picture, Told
-from protocols.deployment.member_news import News
-from protocols.deployment.orders import Halt, Order, Result, Retreat
-from protocols.deployment.plan import Between, Deployment, Explore, Go, Instant, Photo, Plan, Task
+from protocols.deployment.messages import messages, status
+from protocols.deployment.messages.messages import Aside, Facts, Look, Ordered, Picture, Told
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.facts import Ended, Heard, Record, Switched, Terminated
+from protocols.deployment.tasks.orders import Halt, Order, Result, Retreat
+from protocols.deployment.tasks.plan import Between, Deployment, Explore, Go, Instant, Photo, Plan, Task
 
 GO = Task(name="play/go", act=Go(robot=1, place_m=(3.0, 4.5), behind=2, behind_m=1.5))
 DEPLOY = Task(name="play/deploy", act=Deployment(strategy="wave", robots=(0, 2), places_m=((1.0, 1.0), (2.0, 1.0))))
@@ -47,8 +47,8 @@ LETTERS = [
 
 
 @pytest.mark.parametrize("letter", LETTERS, ids=lambda letter: letter.say)
-def test_a_letter_is_read_as_it_was_written(letter: member_letters.Letter) -> None:
-    assert member_letters.decode(member_letters.encode(letter), size=3) == letter
+def test_a_letter_is_read_as_it_was_written(letter: messages.Letter) -> None:
+    assert messages.decode(messages.encode(letter), size=3) == letter
 
 
 @pytest.mark.parametrize(
@@ -67,17 +67,17 @@ def test_a_letter_is_read_as_it_was_written(letter: member_letters.Letter) -> No
         ),
     ],
 )
-def test_letters_are_these_bytes(letter: member_letters.Letter, text: bytes) -> None:
-    assert member_letters.encode(letter) == text
+def test_letters_are_these_bytes(letter: messages.Letter, text: bytes) -> None:
+    assert messages.encode(letter) == text
 
 
 @pytest.mark.parametrize("letter", [each for each in LETTERS if not isinstance(each, Look)], ids=lambda each: each.say)
-def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: member_letters.Letter) -> None:
+def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: messages.Letter) -> None:
     if isinstance(letter, Ordered) and isinstance(letter.order.errand, Halt):
         letter = letter.model_copy(update={"order": letter.order.model_copy(update={"errand": Halt(robot=2)})})
     size = 1 if isinstance(letter, Aside | Picture) else 2
     with pytest.raises(WireError, match="is not of the team"):
-        member_letters.decode(member_letters.encode(letter), size=size)
+        messages.decode(messages.encode(letter), size=size)
 
 
 @pytest.mark.parametrize(
@@ -93,18 +93,18 @@ def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: member_l
         pytest.param(LETTERS[0], b'{"act":"photo","robot":0}', b'{"act":"wait","seconds":2e9}', id="a long wait"),
     ],
 )
-def test_a_letter_that_nobody_could_act_on_is_refused(letter: member_letters.Letter, was: bytes, now: bytes) -> None:
-    data = member_letters.encode(letter)
+def test_a_letter_that_nobody_could_act_on_is_refused(letter: messages.Letter, was: bytes, now: bytes) -> None:
+    data = messages.encode(letter)
     assert data.count(was) >= 1
-    assert member_letters.decode(data, size=3) == letter
+    assert messages.decode(data, size=3) == letter
     with pytest.raises(WireError):
-        member_letters.decode(data.replace(was, now, 1), size=3)
+        messages.decode(data.replace(was, now, 1), size=3)
 
 
 @given(st.binary(max_size=80))
 def test_any_bytes_are_a_letter_or_refused(data: bytes) -> None:
     try:
-        member_letters.decode(data, size=3)
+        messages.decode(data, size=3)
     except WireError:
         return
     raise AssertionError(f"{data!r} was read as a letter")
@@ -112,7 +112,7 @@ def test_any_bytes_are_a_letter_or_refused(data: bytes) -> None:
 
 def test_a_letter_that_is_too_long_is_refused_unread() -> None:
     with pytest.raises(WireError, match="more than"):
-        member_letters.decode(b" " * (member_letters.MOST_BYTES + 1), size=3)
+        messages.decode(b" " * (messages.MOST_BYTES + 1), size=3)
 
 
 numbers = st.floats(-1000.0, 1000.0, width=32)
@@ -137,24 +137,24 @@ numbers = st.floats(-1000.0, 1000.0, width=32)
     )
 )
 def test_news_are_read_as_they_were_told(news: News) -> None:
-    assert member_news.decode(member_news.encode(news), size=8) == news
+    assert status.decode(status.encode(news), size=8) == news
 
 
 def test_news_are_these_bytes() -> None:
     news = News(1, 2, 3, 4, 5, None, True, 1.0, -2.0, 0.5, 0.0, (1.5, 2.0), "a/b")
     head = "01 0002 00000003 04 00000005 ffffffff 03"
     pose = "3f800000 c0000000 3f000000 00000000 3fc00000 40000000"
-    assert member_news.encode(news) == bytes.fromhex(head + pose) + b"a/b"
+    assert status.encode(news) == bytes.fromhex(head + pose) + b"a/b"
 
 
 def test_of_a_long_name_the_end_is_told() -> None:
     news = News(0, 0, 0, 0, 0, None, True, 0.0, 0.0, 0.0, 0.0, None, "x" * 100 + "/stage-2/robot-1" * 5)
-    assert member_news.decode(member_news.encode(news), size=8).task == news.task[-member_news.TASK_BYTES :]
+    assert status.decode(status.encode(news), size=8).task == news.task[-status.TASK_BYTES :]
 
 
 @pytest.mark.parametrize("change", ["host", "flags", "nan", "short", "long"])
 def test_news_that_make_no_sense_are_refused(change: str) -> None:
-    data = bytearray(member_news.encode(News(0, 0, 0, 0, 0, None, True, 1.0, 2.0, 0.0, 0.0, None, "")))
+    data = bytearray(status.encode(News(0, 0, 0, 0, 0, None, True, 1.0, 2.0, 0.0, 0.0, None, "")))
     match change:
         case "host":
             data[0] = 8
@@ -165,6 +165,6 @@ def test_news_that_make_no_sense_are_refused(change: str) -> None:
         case "short":
             del data[-1]
         case "long":
-            data += bytes(member_news.TASK_BYTES + 1)
+            data += bytes(status.TASK_BYTES + 1)
     with pytest.raises(WireError):
-        member_news.decode(bytes(data), size=8)
+        status.decode(bytes(data), size=8)

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.units import S
-from protocols.deployment.executive_facts import Ended, Fact, Heard, Record, Switched, Terminated
-from protocols.deployment.host_gossip import Gossip, lacking
-from protocols.deployment.host_ledger import Ledger
-from protocols.deployment.member_letters import Ordered, Told
-from protocols.deployment.member_news import News
-from protocols.deployment.orders import Order, Result
-from protocols.deployment.plan import Go, Plan, Task
-from protocols.deployment.succession import Succession
+from protocols.deployment.messages.messages import Ordered, Told
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record, Switched, Terminated
+from protocols.deployment.tasks.orders import Order, Result
+from protocols.deployment.tasks.plan import Go, Plan, Task
+from protocols.deployment.team.gossip import Gossip, lacking
+from protocols.deployment.team.ledger import Ledger
+from protocols.deployment.team.succession import Succession
 from tests.deployment.crew_scene import TICK, call, rows, run
 
 SILENCE, ALONE = 10 * S, 30 * S

@@ -6,16 +6,16 @@ import pytest
 
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_facts import Heard, Record, Terminated
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.host_meeting import Meeting
-from protocols.deployment.host_reunion import Past, reunited
-from protocols.deployment.journal import PlanTaken, RobotFound, RobotLost
-from protocols.deployment.member_letters import Told
-from protocols.deployment.member_others import Others
-from protocols.deployment.orders import Halt, Report, Result, Whereabouts
-from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.member.others import Others
+from protocols.deployment.messages.messages import Told
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.tasks.events import PlanTaken, RobotFound, RobotLost
+from protocols.deployment.tasks.facts import Heard, Record, Terminated
+from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
+from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
+from protocols.deployment.team.meeting import Meeting
+from protocols.deployment.team.reunion import Past, reunited
 from tests.deployment.crew_scene import PLACES_M, TICK
 from tests.deployment.hosts_scene import Robot, Team, drives, over
 from tests.deployment.play_scene import Plain, crew_of

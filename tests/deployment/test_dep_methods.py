@@ -4,8 +4,8 @@ from typing import get_args
 
 import pytest
 
-from protocols.deployment.methods import Move, expanded, expanded_to, stages
-from protocols.deployment.plan import Deployment, Go, Place, Strategy, Task
+from protocols.deployment.planning.methods import Move, expanded, expanded_to, stages
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Strategy, Task
 
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 

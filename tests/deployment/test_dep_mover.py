@@ -8,10 +8,10 @@ import pytest
 
 from cosim.machine import Drive
 from cosim.observation import Observation
-from protocols.deployment.driving_parameters import DrivingParameters
-from protocols.deployment.floor import Blocker, Floor
-from protocols.deployment.mover import Mover
-from protocols.deployment.yielding import in_the_way, off_way_m, refuge
+from protocols.deployment.driving.mover import Mover
+from protocols.deployment.driving.yielding import in_the_way, off_way_m, refuge
+from protocols.motion.floor import Blocker, Floor
+from protocols.motion.parameters import DrivingParameters
 from tests.deployment.driving_scene import TICK, Scene, body, box, line, random_office
 
 SOAK_SHARE = float(os.environ.get("SOAK_SHARE", "1"))

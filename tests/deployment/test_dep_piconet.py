@@ -19,8 +19,8 @@ from cosim.machine import (
     Scan,
 )
 from cosim.units import S, Time
-from protocols.deployment.courier_parameters import CourierParameters, LinkParameters
-from protocols.deployment.links import Links
+from protocols.transport.links import Links
+from protocols.transport.parameters import CourierParameters, LinkParameters
 from tests.deployment.courier_alone import TIMES
 
 

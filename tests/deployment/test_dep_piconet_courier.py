@@ -4,7 +4,7 @@ import pytest
 
 from cosim.machine import BROADCAST, Connected, Lost, Page, PageFailed, Reception, Role
 from cosim.units import S
-from protocols.deployment.letters import ALL, Ack, Bulletin, Frame, encode
+from protocols.transport.frames import ALL, Ack, Bulletin, Frame, encode
 from tests.deployment.courier_alone import bluetooth_courier, linked, sent
 from tests.deployment.lossy_air import HERE
 

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from cosim.errors import UserError
-from protocols.deployment.crew import Body
-from protocols.deployment.plan import Deployment, Go, Place, Plan
-from protocols.deployment.planner import Call, PlannerParameters, Refusal
-from protocols.deployment.timing import TimingParameters, drive_s
+from protocols.deployment.planning.planner import Call, PlannerParameters, Refusal
+from protocols.deployment.planning.timing import TimingParameters, drive_s
+from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan
 from tests.deployment.planner_scene import NEAR_FAR, WEAN, assert_mends, scene_of, schedule
 from tests.deployment.plays_scene import BODY, OpenFloor, Scene
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cosim.errors import UserError
-from protocols.deployment.plan import ORIGIN, Plan, actors
-from protocols.deployment.planner import Call, Refusal
+from protocols.deployment.planning.planner import Call, Refusal
+from protocols.deployment.tasks.plan import ORIGIN, Plan, actors
 from tests.deployment.planner_scene import NEAR_FAR, WEAN, assert_mends, schedule
 from tests.deployment.plays_scene import Scene
 from tests.deployment.random_plays import RandomCall, random_calls

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from cosim.errors import UserError
-from protocols.deployment.plan import Deployment, Go, Instant, Plan
-from protocols.deployment.planner import Call, PlannerParameters, Refusal
+from protocols.deployment.planning.planner import Call, PlannerParameters, Refusal
+from protocols.deployment.tasks.plan import Deployment, Go, Instant, Plan
 from tests.deployment.planner_scene import NEAR_FAR, WEAN
 from tests.deployment.plays_scene import BODY, Scene
 

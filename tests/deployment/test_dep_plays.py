@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from cosim.errors import UserError
-from protocols.deployment.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
-from protocols.deployment.playbook import BUILT_IN, Playbook
-from protocols.deployment.plays import Play, labels
-from protocols.deployment.plays_binding import MissingParametersError
+from protocols.deployment.planning.binding import MissingParametersError
+from protocols.deployment.planning.play import Play, labels
+from protocols.deployment.planning.playbook import BUILT_IN, Playbook
+from protocols.deployment.tasks.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
 from tests.deployment.planner_scene import scene_of
 from tests.deployment.plays_scene import Scene, built_in, paths_of, playbook_of, reader
 from tests.deployment.random_plays import RandomCall, random_calls

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from cosim.errors import UserError
-from protocols.deployment.plan import Explore, Go, Plan, Task
+from protocols.deployment.tasks.plan import Explore, Go, Plan, Task
 from tests.deployment.plays_scene import BODY, OpenFloor, Scene, playbook_of, reader
 
 ROBOT = {"kind": "robot"}

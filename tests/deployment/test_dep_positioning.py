@@ -15,10 +15,10 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Event
 from cosim.navigation.schemas import Floats, beam_directions
 from cosim.observation import Observation, Sighting
-from protocols.deployment.positioning import Given, Positioned, shifted
-from protocols.deployment.positioning_frames import Shift
-from protocols.deployment.positioning_map import Charts
-from protocols.deployment.positioning_scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
+from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.positioning import Given, Positioned, shifted
+from protocols.deployment.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
+from protocols.motion.frames import Shift
 from tests.deployment.positioning_scene import (
     BEAMS,
     RADIUS_M,

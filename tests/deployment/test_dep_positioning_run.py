@@ -11,8 +11,8 @@ from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, Time
+from protocols.deployment.localization.runner import LocatedRunner
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.positioning_runner import LocatedRunner
 from protocols.deployment.spec import prepare
 from tests.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, surroundings
 from tests.deployment.driving_scene import box, line

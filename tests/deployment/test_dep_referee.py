@@ -8,10 +8,10 @@ import pytest
 
 from cosim.protocol import Death, Surroundings
 from cosim.units import MS, S, Time
-from protocols.deployment.methods import expanded
-from protocols.deployment.plan import Deployment, Place, Plan, Strategy, Task
+from protocols.deployment.planning.methods import expanded
 from protocols.deployment.referee import HELD_M, MOST_STAGES, REFEREE_METRICS, TOUCH_M, DeploymentReferee
 from protocols.deployment.standing import Board
+from protocols.deployment.tasks.plan import Deployment, Place, Plan, Strategy, Task
 
 TICK = 100 * MS
 RADIUS_M = 0.25

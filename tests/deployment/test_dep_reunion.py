@@ -7,19 +7,19 @@ import pytest
 
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_facts import Heard, Terminated
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.host_reunion import Past, is_reunited, reunited
-from protocols.deployment.host_roll import Roll
-from protocols.deployment.journal import RobotFound, RobotLost
-from protocols.deployment.methods import expanded_to, stages
-from protocols.deployment.orders import Report, Result
-from protocols.deployment.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
-from protocols.deployment.records import Records
-from protocols.deployment.recovery import lengths, reassigned
-from protocols.deployment.staging import Leg, remaining
-from protocols.deployment.traffic import Other, Traffic
+from protocols.deployment.counters import Records
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.executing.recovery import lengths, reassigned
+from protocols.deployment.planning.methods import expanded_to, stages
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.staging import Leg, remaining
+from protocols.deployment.tasks.events import RobotFound, RobotLost
+from protocols.deployment.tasks.facts import Heard, Terminated
+from protocols.deployment.tasks.orders import Report, Result
+from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
+from protocols.deployment.team.reunion import Past, is_reunited, reunited
+from protocols.deployment.team.roll import Roll
+from protocols.motion.traffic import Other, Traffic
 from tests.deployment.crew_scene import PLACES_M
 from tests.deployment.hosts_scene import SILENCE, Team, drives, over
 from tests.deployment.play_scene import Plain, Scene, Troubles, crew_of

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.deployment.crew import Body
-from protocols.deployment.plays import Needs
-from protocols.deployment.plays_binding import Role
-from protocols.deployment.roles import Prices, Shortage, assigned, unfit, wanted
+from protocols.deployment.planning.binding import Role
+from protocols.deployment.planning.play import Needs
+from protocols.deployment.planning.roles import Prices, Shortage, assigned, unfit, wanted
+from protocols.deployment.tasks.crew import Body
 
 
 @st.composite

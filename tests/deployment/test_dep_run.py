@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cosim.simulation import Outcome
-from protocols.deployment.plan import Place
+from protocols.deployment.tasks.plan import Place
 from tests.deployment.crew_scene import CHANNELS, PLACES_M, STARTS_M, call, rows, run
 
 QUICK = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}

@@ -5,10 +5,10 @@ import math
 import pytest
 
 from cosim.units import S
-from protocols.deployment.executive import Executive
-from protocols.deployment.executive_parameters import ExecutiveParameters
-from protocols.deployment.orders import Report, Result
-from protocols.deployment.plan import Deployment, Go, Place, Plan, Task
+from protocols.deployment.executing.executive import Executive
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.tasks.orders import Report, Result
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan, Task
 from tests.deployment.driving_scene import Scene, box, line
 from tests.deployment.play_scene import Plain, crew_of
 

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from cosim.errors import UserError
 from cosim.randomness import Streams
-from protocols.deployment.knowledge import knowledge_of
 from protocols.deployment.parameters import Parameters
+from protocols.deployment.setup import knowledge_of
 from protocols.deployment.spec import METRICS, SPEC, make, measure, place, prepare
 from tests.deployment.crew_scene import STARTS_M, call, rows, run, surroundings
 from tests.deployment.plays_scene import paths_of

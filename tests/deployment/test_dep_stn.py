@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 
 from cosim.units import Time
-from protocols.deployment.stn import BEGINNING, Bound, Network, Point, graph_of
+from protocols.deployment.planning.stn import BEGINNING, Bound, Network, Point, graph_of
 from tests.deployment.tiers import tiers
 
 A, B, C, D = (("a", "start"), ("a", "end"), ("b", "start"), ("b", "end"))

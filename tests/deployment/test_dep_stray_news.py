@@ -5,11 +5,11 @@ import pytest
 from cosim.machine import Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.deployment.exploring import FIRST_TOPIC, TOPICS
-from protocols.deployment.journal import BadBytes
-from protocols.deployment.letters import ALL, Bulletin, Frame, decode, encode
+from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS
 from protocols.deployment.runner import Runner
-from protocols.exploration import frames
+from protocols.mapping import frames
+from protocols.transport.frames import ALL, Bulletin, Frame, decode, encode
+from protocols.wire import BadBytes
 from tests.deployment.crew_scene import STARTS_M, knowledge
 
 

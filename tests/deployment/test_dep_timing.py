@@ -8,11 +8,9 @@ import pytest
 from scipy.integrate import quad
 
 from cosim.units import S
-from protocols.deployment.crew import Body
-from protocols.deployment.methods import expanded
-from protocols.deployment.plan import Between, Deployment, Go, Instant, Photo, Task, Wait, actors
-from protocols.deployment.stn import Network
-from protocols.deployment.timing import (
+from protocols.deployment.planning.methods import expanded
+from protocols.deployment.planning.stn import Network
+from protocols.deployment.planning.timing import (
     Leg,
     Span,
     TimingParameters,
@@ -30,6 +28,8 @@ from protocols.deployment.timing import (
     timing_out,
     wanted_at_once,
 )
+from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.plan import Between, Deployment, Go, Instant, Photo, Task, Wait, actors
 
 BODY = Body(speed_mps=0.5, acceleration_mps2=0.25)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address, next_state
 from cosim.units import S, Time
-from protocols.deployment.orders import Result
-from protocols.deployment.plan import Go, Task, Wait
-from protocols.deployment.tree import TABLE, Edge, Input, Node, State, TaskTree, claims
+from protocols.deployment.executing.tree import TABLE, Edge, Input, Node, State, TaskTree, claims
+from protocols.deployment.tasks.orders import Result
+from protocols.deployment.tasks.plan import Go, Task, Wait
 from tests.deployment.tiers import tiers
 
 

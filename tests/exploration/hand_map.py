@@ -4,7 +4,7 @@ import numpy as np
 
 from cosim.geometry.marking import CERTAIN, frontier_grid
 from cosim.observation import Observation, Sighting
-from protocols.exploration.belief import Belief, Frame
+from protocols.mapping.belief import Belief, Frame
 
 SIGNS = {"#": 127, ".": -1, "?": 0}
 CELL_M = 0.5

@@ -7,10 +7,10 @@ import numpy as np
 
 from cosim.machine import BROADCAST, Address, Connected, LinkCommand, Lost, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import MS, S, Time
-from protocols.exploration.frames import Message, Piece, decode
-from protocols.exploration.piconet import MASTER, Piconet
-from protocols.exploration.records import Records
-from protocols.exploration.sharing import Sharing
+from protocols.exploration.counters import Records
+from protocols.mapping.frames import Message, Piece, decode
+from protocols.mapping.sharing import Sharing
+from protocols.transport.star import MASTER, Piconet
 
 CELLS = 400
 PERIOD: Time = S

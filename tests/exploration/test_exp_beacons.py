@@ -13,10 +13,10 @@ from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import MS, S
 from protocols.exploration.beacons import Tethered, attraction, moves
-from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape
 from protocols.exploration.parameters import BeaconParameters, EscapeParameters, Parameters
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief
 from tests.exploration.hand_map import at, drawn, observed
 
 TICK = 100 * MS

@@ -11,11 +11,11 @@ from cosim.machine import Event
 from cosim.units import MS
 from protocols.exploration import settling
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.belief import Belief, Frame
-from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
+from protocols.exploration.counters import Records
+from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.records import Records
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief, Frame
 from tests.exploration.hand_map import ORIGIN_M, at, drawn, observed, path_of, renew
 
 CORRIDOR = """

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from protocols.exploration.belief import Belief
 from protocols.exploration.escaping import Escape, Way, jambs
 from protocols.exploration.overlay import Overlay
 from protocols.exploration.parameters import EscapeParameters
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief
 from tests.exploration.hand_map import at, drawn, renew
 
 ROUND_THE_CORNER = """

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import LocalProtocolError, WireError
-from protocols.exploration.frames import (
+from protocols.mapping.frames import (
     ENTRY_BYTES,
     FAR_M,
     LEAST_OCTETS,

@@ -12,12 +12,12 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import sum_of_frontiers
 from cosim.units import MS
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.belief import Belief, Frame
+from protocols.exploration.counters import Records
+from protocols.exploration.events import PathLaid
 from protocols.exploration.information import Attraction, count_unknown, most_useful, sum_by_utility, utility
-from protocols.exploration.journal import PathLaid
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.records import Records
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief, Frame
 from tests.exploration.hand_map import at, drawn, observed
 
 NY, NX, CELL_M, ORIGIN_M = 23, 29, 0.5, (-1.0, 2.0)

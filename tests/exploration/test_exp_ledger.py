@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.exploration.frames import Piece, Stream
-from protocols.exploration.ledger import Ledger
+from protocols.mapping.frames import Piece, Stream
+from protocols.mapping.ledger import Ledger
 
 OURS, REBORN = Stream(1, 0), Stream(1, 5000)
 

@@ -25,8 +25,8 @@ from cosim.randomness import Streams
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.units import S
-from protocols.exploration.belief import Frame
 from protocols.exploration.truth import coverable_cells
+from protocols.mapping.belief import Frame
 from tests.oracles.campaign import soak_count
 
 USE = "protocols.exploration.spec:SPEC"

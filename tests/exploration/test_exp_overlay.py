@@ -3,9 +3,9 @@
 import numpy as np
 
 from cosim.geometry.marking import CERTAIN
-from protocols.exploration.belief import Belief, Frame
 from protocols.exploration.forces import attract
 from protocols.exploration.overlay import Overlay
+from protocols.mapping.belief import Belief, Frame
 from tests.exploration.hand_map import CELL_M, ORIGIN_M, at, drawn, path_of, renew
 
 OPEN = "#####? #....? #####?"

@@ -27,11 +27,10 @@ from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
-from protocols.exploration.frames import Summary, encode
-from protocols.exploration.parameters import LinkParameters
-from protocols.exploration.piconet import Piconet, piconet_of
-from protocols.exploration.records import Records
-from protocols.exploration.sharing import Sharing
+from protocols.exploration.counters import Records
+from protocols.mapping.frames import Summary, encode
+from protocols.mapping.sharing import Sharing
+from protocols.transport.star import LinkParameters, Piconet, piconet_of
 from tests.exploration.sharing_scene import OCCUPIED, UNKNOWN, Team
 from tests.exploration.test_exp_laws import STARTS_M, maker
 from tests.exploration.test_exp_sharing import wander

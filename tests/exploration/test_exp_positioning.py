@@ -15,7 +15,7 @@ from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S
-from protocols.exploration.belief import Frame
+from protocols.exploration.counters import Records
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters, PositioningParameters, SpeedControlParameters
 from protocols.exploration.positioning import (
@@ -28,8 +28,8 @@ from protocols.exploration.positioning import (
     Waiting,
     turned,
 )
-from protocols.exploration.records import Records
 from protocols.exploration.spec import SPEC, prepare
+from protocols.mapping.belief import Frame
 from tests.slam_scene import CELL_M, ORIGIN_M, RANGE_M, ROOM, SHAPE, TWO_ROOMS, course, scan
 
 TICK = 100 * MS

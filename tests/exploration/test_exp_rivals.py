@@ -9,14 +9,14 @@ import pytest
 from cosim.geometry.planning import Point
 from cosim.machine import Event
 from cosim.navigation.schemas import Floats
-from protocols.exploration.belief import Belief
 from protocols.exploration.choosing import by_assignment, by_utility
-from protocols.exploration.journal import Explored, FrontierGivenUp, PathLaid
+from protocols.exploration.counters import Records
+from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.parameters import EscapeParameters, RivalParameters
-from protocols.exploration.records import Records
 from protocols.exploration.rivals import Rival
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Belief
 from tests.exploration.hand_map import at, drawn, observed, renew
 
 INF = math.inf

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.exploration.runs import LONGEST, MOST_CELLS, fits, from_runs, to_runs
+from protocols.mapping.runs import LONGEST, MOST_CELLS, fits, from_runs, to_runs
 
 maps = st.dictionaries(st.integers(0, 40) | st.integers(MOST_CELLS - 3, MOST_CELLS - 1), st.booleans(), max_size=30)
 EMPTY, OCCUPIED = 0, 1 << 9

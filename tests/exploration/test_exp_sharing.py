@@ -10,8 +10,8 @@ from cosim.machine import Address, Outgoing
 from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.units import S
-from protocols.exploration import sharing
-from protocols.exploration.frames import LEAST_OCTETS, Piece, Stream, Summary, encode
+from protocols.mapping import sharing
+from protocols.mapping.frames import LEAST_OCTETS, Piece, Stream, Summary, encode
 from tests.exploration.sharing_scene import CELLS, EMPTY, OCCUPIED, UNKNOWN, Team
 
 

@@ -10,11 +10,11 @@ from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Machi
 from cosim.observation import Observation, Sighting
 from cosim.testing import check_machine
 from cosim.units import S, Time
-from protocols.exploration.belief import Belief, Frame
-from protocols.exploration.frames import Entry, Message, Piece, Stream, Summary, encode
-from protocols.exploration.journal import BadBytes
-from protocols.exploration.records import Records
-from protocols.exploration.sharing import AWAY_PERIODS, QUIET_PERIODS, Sharing
+from protocols.exploration.counters import Records
+from protocols.mapping.belief import Belief, Frame
+from protocols.mapping.frames import Entry, Message, Piece, Stream, Summary, encode
+from protocols.mapping.sharing import AWAY_PERIODS, QUIET_PERIODS, Sharing
+from protocols.wire import BadBytes
 from tests.exploration.sharing_scene import CELLS, EMPTY, OCCUPIED, PERIOD, UNKNOWN, Team
 
 

@@ -13,8 +13,8 @@ from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
 from cosim.protocol import Surroundings
 from cosim.units import MS
 from protocols.exploration import spec
+from protocols.exploration.counters import Records
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.records import Records
 from protocols.exploration.spec import SPEC, place, prepare
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from cosim.geometry.grids import Cell, CoverageGrid
 from protocols.pseudonet.algorithms.base import Evaluation
 from protocols.pseudonet.algorithms.planned import Planned
-from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Action
 from protocols.pseudonet.parameters import Timing
+from protocols.pseudonet.setup import Knowledge, View
 
 OFFSETS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 TIMES = Timing(

@@ -20,10 +20,10 @@ from cosim.units import MS, S, Time
 from protocols.gathering.gathering import Gathering, GatheringCoordination, choose_place, settled
 from protocols.gathering.referee import GatheringReferee, largest_group
 from protocols.gathering.spec import SPEC
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
 from protocols.pseudonet.parameters import Parameters as CoverageParameters
+from protocols.pseudonet.setup import View
 from tests.oracles.campaign import two_tiers
 from tests.pseudonet.floors import floor, view_of
 

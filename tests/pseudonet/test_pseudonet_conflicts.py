@@ -6,9 +6,9 @@ import pytest
 
 from protocols.pseudonet.algorithms.base import UNJUDGED, Evaluation
 from protocols.pseudonet.coordination import Contest, Coordination, accepted, contest, helper, in_trouble
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import Action, Kind, Message, Reply, Verdict
 from protocols.pseudonet.messaging import Stance
+from protocols.pseudonet.setup import View
 from tests.pseudonet.floors import floor
 
 NARROW = (Verdict.POSSIBLE, Verdict.WALL, Verdict.WALL, Verdict.WALL)

@@ -31,10 +31,10 @@ from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
-from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Packet, Reply, Sync, Verdict, decode, encode
 from protocols.pseudonet.parameters import Parameters, timing
+from protocols.pseudonet.setup import Knowledge
 from protocols.pseudonet.spec import COLUMN_LIMIT, SPEC, measure
 from protocols.pseudonet.steering import PATIENCE_TICKS
 from tests.oracles.campaign import two_tiers

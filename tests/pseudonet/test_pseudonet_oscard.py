@@ -8,8 +8,8 @@ import pytest
 from protocols.pseudonet.algorithms.base import Evaluation, judge
 from protocols.pseudonet.algorithms.oscard import Oscard
 from protocols.pseudonet.algorithms.random_walk import RandomWalk
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import TRAIL_LIMIT, Action, Kind, Verdict
+from protocols.pseudonet.setup import View
 from tests.pseudonet.floors import floor, view_of
 
 N, E, S, W, STAY = Action.NORTH, Action.EAST, Action.SOUTH, Action.WEST, Action.STAY

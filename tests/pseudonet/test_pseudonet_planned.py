@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from protocols.pseudonet.algorithms.planned import Errand, Planned, joint_step
-from protocols.pseudonet.knowledge import Knowledge
 from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
+from protocols.pseudonet.setup import Knowledge
 from tests.oracles.campaign import soak_count
 from tests.pseudonet.floors import TIMES, PaperTeam, flood, floor, grid_of, maze, view_of
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.knowledge import Knowledge, View
 from protocols.pseudonet.messages import Action, Kind, Message
 from protocols.pseudonet.reconciliation import Equality, Reconciliation
+from protocols.pseudonet.setup import Knowledge, View
 from tests.pseudonet.floors import TIMES, grid_of
 
 

@@ -6,7 +6,7 @@ from shapely.geometry import Point, box
 
 from cosim.protocol import Death
 from protocols.pseudonet.coverage import CoverageReferee, cells_touched
-from protocols.pseudonet.knowledge import Knowledge
+from protocols.pseudonet.setup import Knowledge
 from tests.pseudonet.floors import TIMES, floor, grid_of
 
 

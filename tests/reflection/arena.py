@@ -15,9 +15,9 @@ from cosim.observation import Observation, Sighting
 from cosim.units import MS
 from protocols.reflection.frames import Frame, encode
 from protocols.reflection.guidance import HeadStraight
-from protocols.reflection.knowledge import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
+from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
 
 TICK = 100 * MS
 STEP_M = 0.1

@@ -15,10 +15,10 @@ from cosim.observation import Observation, Sighting
 from cosim.units import MS, Time
 from protocols.reflection.frames import decode
 from protocols.reflection.goals import goal_number
-from protocols.reflection.knowledge import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.promises import Way
+from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
 from protocols.reflection.spec import SPEC
 from tests.reflection.arena import out_of_frame
 

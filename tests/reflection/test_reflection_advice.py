@@ -5,12 +5,12 @@ import math
 import pytest
 
 from cosim.units import MS
-from protocols.reflection.frames import Frame, encode
-from protocols.reflection.journal import (
+from protocols.reflection.events import (
     GhostReached,
     GoalGivenUp,
     PromiseForgotten,
 )
+from protocols.reflection.frames import Frame, encode
 from tests.reflection.arena import GHOST, GOAL, HELPER, SCREEN, SEEKER, Arena, advise, advised, screen
 
 

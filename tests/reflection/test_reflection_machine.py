@@ -7,9 +7,7 @@ import pytest
 
 from cosim.machine import Reception
 from cosim.randomness import Draws
-from protocols.reflection.frames import Frame, decode, encode
-from protocols.reflection.guidance import draws_of
-from protocols.reflection.journal import (
+from protocols.reflection.events import (
     BadBytes,
     Displaced,
     GhostReached,
@@ -19,6 +17,8 @@ from protocols.reflection.journal import (
     PromiseTaken,
     TroubleChanged,
 )
+from protocols.reflection.frames import Frame, decode, encode
+from protocols.reflection.guidance import draws_of
 from protocols.reflection.seeking import Target
 from tests.reflection.arena import GHOST, GOAL, HELPER, SCREEN, SEEKER, STEP_M, Arena, advise, advised, screen
 

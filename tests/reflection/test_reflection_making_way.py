@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from protocols.reflection.journal import GoalGivenUp, GoalReached, MadeWay
+from protocols.reflection.events import GoalGivenUp, GoalReached, MadeWay
 from tests.reflection.arena import RADIUS_M, Arena
 
 DOOR = [(2.0, -9.0, 2.0, -0.5), (2.0, 0.5, 2.0, 9.0)]

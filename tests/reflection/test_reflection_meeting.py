@@ -2,15 +2,14 @@
 
 from cosim.machine import Connected, Discovered, Inquire, InquiryComplete, Lost, Page, PageFailed, Role, Scan
 from cosim.units import S
-from protocols.reflection.meeting import Meeting
-from protocols.reflection.parameters import Parameters
+from protocols.transport.meeting import Meeting
 
-PARAMETERS = Parameters(links=True, inquiry_s=5.0, page_s=6.0)
+INQUIRY, PATIENCE = 5 * S, 6 * S
 
 
 def meeting(me: int = 0, looks: bool = True) -> tuple[Meeting, list[object]]:
     out: list[object] = []
-    return Meeting(me, looks, PARAMETERS, out), out  # type: ignore[arg-type]
+    return Meeting(me, looks, INQUIRY, PATIENCE, out), out  # type: ignore[arg-type]
 
 
 def taken(out: list[object]) -> list[object]:

@@ -15,7 +15,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from cosim.units import MS, from_seconds
-from protocols.reflection.knowledge import into_frame
+from protocols.reflection.setup import into_frame
 from tests.oracles.campaign import soak_count
 from tests.reflection.arena import out_of_frame
 from tests.reflection.stage import STEP_M, TICK, Stage

@@ -14,10 +14,10 @@ from cosim.scenario import Scenario, build
 from cosim.simulation import Outcome, simulate
 from cosim.testing import check_machine
 from cosim.units import MS
-from protocols.reflection.knowledge import into_frame
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.referee import TargetReferee
+from protocols.reflection.setup import into_frame
 from protocols.reflection.spec import METRICS, SPEC, place, prepare
 from protocols.reflection.targets import drawn
 

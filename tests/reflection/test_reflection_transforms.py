@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from protocols.reflection.bearings import from_peer, turn_between
-from protocols.reflection.knowledge import Pose, into_frame
+from protocols.reflection.setup import Pose, into_frame
 
 places = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 poses = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.floats(-math.pi, math.pi))

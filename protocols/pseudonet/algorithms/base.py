@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from cosim.geometry.grids import Cell
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import Action, Kind, Verdict
+from protocols.pseudonet.setup import View
 
 Verdicts = tuple[Verdict, Verdict, Verdict, Verdict]
 UNJUDGED: Verdicts = (Verdict.POSSIBLE, Verdict.POSSIBLE, Verdict.POSSIBLE, Verdict.POSSIBLE)

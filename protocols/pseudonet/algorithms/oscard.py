@@ -19,8 +19,8 @@ import numpy as np
 
 from cosim.geometry.grids import Cell
 from protocols.pseudonet.algorithms.base import STEPS, Evaluation, Verdicts, judge, separation
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import TRAIL_LIMIT, Action, Kind, Verdict
+from protocols.pseudonet.setup import View
 
 
 class Oscard:

@@ -24,9 +24,9 @@ from typing import TypeAlias
 from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import STEPS, Evaluation, judge
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.tours import Tour, assign
+from protocols.pseudonet.setup import View
 
 Planner: TypeAlias = Callable[[CoverageGrid, Sequence[Cell], int], Sequence[Tour]]
 """(grid, cells to cover, number of robots) -> a tour for each robot."""

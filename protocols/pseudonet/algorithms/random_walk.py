@@ -4,8 +4,8 @@ import numpy as np
 
 from cosim.geometry.grids import Cell
 from protocols.pseudonet.algorithms.base import STEPS, Evaluation, judge
-from protocols.pseudonet.knowledge import View
 from protocols.pseudonet.messages import Action, Verdict
+from protocols.pseudonet.setup import View
 
 
 class RandomWalk:

@@ -1,0 +1,105 @@
+"""Making way: where a robot goes so that another can pass (paper 004, section 5).
+
+"The robots move away (roughly perpendicular to the route of the moving robot), wait until the robot has passed, then
+move back into position." The nearest place, by the way to it, that is far enough off the other's route is beside it,
+where there is room; where there is none, it is along the corridor, in the next door or round the next corner.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from cosim.geometry.planning import Floats, PlanningGrid
+from cosim.geometry.value_iteration import values
+from cosim.jit import njit
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.floor import Blocker, Floor, snapped
+
+_AMPLE_M: Final = 0.1
+"""So much more than a touch, and the margins, is kept off the way of who passes."""
+_BESIDE_M: Final = 1.5
+"""Who is no farther than that from a place beside the way, where the other gets round it, goes there."""
+_FARTHEST_M: Final = 25.0
+"""Nobody goes farther than that out of the way."""
+
+
+class Refuge(NamedTuple):
+    """A place out of somebody's way."""
+
+    place_m: Place
+    cost_m: float
+    """Cost of the way to it."""
+
+
+def in_the_way(at: Place, radius_m: float, way: Sequence[Place], other_m: float, margin_m: float) -> bool:
+    """Return whether a body of *radius_m* at a place would be touched by one of *other_m* that follows a *way*."""
+    if not way:
+        return False
+    line = np.asarray(way, np.float64).reshape(-1, 2)
+    return bool(_off_way(line, np.array([at], np.float64))[0] < radius_m + other_m + margin_m)
+
+
+def refuge(
+    floor: Floor,
+    radius_m: float,
+    me: Place,
+    way: Sequence[Place],
+    other_m: float,
+    blockers: Sequence[Blocker],
+    farthest_m: float = _FARTHEST_M,
+) -> Refuge | None:
+    """Return the nearest place where a body is out of the *way* of another, of radius *other_m*; None without one.
+
+    *way* is that of the other's centre, from where it is; *blockers* are the bodies that stand about, the other too:
+    nobody gets past them. It is *me* itself if that is off the way. Where nothing near is off the way, it is as far
+    beside it as one gets, if the other finds a way round one there.
+    """
+    grid, price = floor.grid(radius_m)
+    need_m = radius_m + other_m + 2.0 * floor.parameters.margin_m + _AMPLE_M
+    line = np.asarray(way, np.float64).reshape(-1, 2)
+    if not len(line) or float(_off_way(line, np.array([me], np.float64))[0]) >= need_m:
+        return Refuge(me, 0.0)
+    free = floor.free_among(radius_m, blockers)
+    start = snapped(PlanningGrid(grid.origin_m, grid.cell_m, free), me)
+    if start < 0:
+        return None
+    cost = values(free, price, [start])
+    cells = np.flatnonzero(cost.ravel() * grid.cell_m < farthest_m)
+    nx = free.shape[1]
+    centres = np.stack((cells % nx, cells // nx), axis=1) * grid.cell_m + (np.array(grid.origin_m) + 0.5 * grid.cell_m)
+    off = _off_way(line, np.ascontiguousarray(centres))
+    clear = off >= need_m
+    hugging = cells[np.where(cost.ravel()[cells] * grid.cell_m < _BESIDE_M, off, -1.0).argmax()]
+    beside = grid.centre_m(int(hugging))
+    if floor.field_among(other_m, way[-1], [Blocker(*beside, radius_m)]).cost_m(way[0]) < math.inf:
+        nearer = clear & (cost.ravel()[cells] <= cost.flat[hugging])
+        if not nearer.any():
+            return Refuge(beside, float(cost.flat[hugging]) * grid.cell_m)
+    if not clear.any():
+        return None
+    best = cells[clear][cost.ravel()[cells[clear]].argmin()]
+    return Refuge(grid.centre_m(int(best)), float(cost.flat[best]) * grid.cell_m)
+
+
+@njit(cache=True)
+def _off_way(line: Floats, points: Floats) -> Any:
+    """Return how far each of *points* (n, 2) is from the line through the rows of *line* (m, 2), in metres."""
+    off = np.full(points.shape[0], np.inf)
+    for k in range(max(line.shape[0] - 1, 1)):
+        px, py = line[k]
+        wx, wy = line[min(k + 1, line.shape[0] - 1)] - line[k]
+        square = wx * wx + wy * wy
+        for i in range(points.shape[0]):
+            dx, dy = points[i, 0] - px, points[i, 1] - py
+            u = min(max((dx * wx + dy * wy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            off[i] = min(off[i], math.hypot(dx - u * wx, dy - u * wy))
+    return off
+
+
+def off_way_m(at: Place, way: Sequence[Place]) -> float:
+    """Return how far a place is from a way, metres; inf from no way."""
+    if not way:
+        return math.inf
+    return float(_off_way(np.asarray(way, np.float64).reshape(-1, 2), np.array([at], np.float64))[0])

@@ -1,0 +1,282 @@
+"""One robot of a deployment: carries out what it is ordered, drives, steps aside, and reports how that ended.
+
+It obeys the order of the highest serial of the highest plan only, from whoever is host: a late letter of a host that
+was succeeded is not even shown to it, and a new host's serials begin anew (:meth:`Member.forget_serials`).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from cosim.machine import Address, Drive, Event
+from cosim.observation import Observation
+from cosim.units import Time, from_seconds
+from protocols.deployment.counters import Records
+from protocols.deployment.driving.exploring_mover import ExploringMover
+from protocols.deployment.member.aside import Aloof, Asking
+from protocols.deployment.member.camera import Camera
+from protocols.deployment.member.crowd import Crowd
+from protocols.deployment.member.others import Others
+from protocols.deployment.messages.messages import Aside
+from protocols.deployment.messages.status import FAST_MPS
+from protocols.deployment.parameters import MemberParameters
+from protocols.deployment.setup import Knowledge
+from protocols.deployment.tasks.events import SteppedAside, TaskEnded, TaskStarted
+from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
+from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
+from protocols.motion.progress import Approach
+
+STILL_M: Final = 1e-6
+"""Who has moved less in a tick stands."""
+
+
+class Member:
+    """One robot's part in a play."""
+
+    def __init__(
+        self,
+        parameters: MemberParameters,
+        knowledge: Knowledge,
+        me: Address,
+        mover: ExploringMover,
+        records: Records,
+        note: Callable[[Event], None],
+    ) -> None:
+        self.me = me
+        self.others = Others(me, knowledge.crew.bodies, knowledge.starts_m)
+        self.here: Place = knowledge.starts_m[me]
+        self.heading_rad = 0.0
+        self.speed_mps = 0.0
+        self.camera = Camera(parameters, knowledge.crew.bodies[me].camera)
+        self._parameters = parameters
+        self._knowledge = knowledge
+        self._mover = mover
+        self._records = records
+        self._note = note
+        self._order: Order | None = None
+        self._over = True
+        """Whether that order has ended."""
+        self._waits_since: Time | None = None
+        """Since when it waits for the robot that it is to set off behind."""
+        self._rests = True
+        """Whether it has not moved in the last tick."""
+        self._approach = Approach(knowledge.floor, knowledge.crew.bodies[me].radius_m)
+        self._aloof = Aloof(parameters, mover)
+        radii_m = [body.radius_m for body in knowledge.crew.bodies]
+        self._asking = Asking(parameters, knowledge.floors[me], me, radii_m[me], mover)
+        self._crowd = Crowd(knowledge.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
+        self._reports: list[Report] = []
+        self._requests: list[tuple[Address, Aside]] = []
+
+    # ------------------------------------------------------------ what is asked of it
+
+    @property
+    def idle(self) -> bool:
+        """Whether it has nothing to do, but perhaps to wait or to make room: nobody makes way for such a one."""
+        return self._over or self._aloof.away or self._waits_since is not None
+
+    @property
+    def order(self) -> Order | None:
+        """The last order that it has obeyed."""
+        return self._order
+
+    @property
+    def task(self) -> str:
+        """The name of the task that it is at; empty if none."""
+        return "" if self._over or self._order is None else self._order.task
+
+    @property
+    def goal_m(self) -> Place | None:
+        """Where it drives."""
+        return None if self._mover.state in ("idle", "arrived") else self._mover.goal_m
+
+    @property
+    def resting(self) -> bool:
+        """Whether it has nothing to do, and stands where it belongs."""
+        return self._over and not self._aloof.away and self._rests
+
+    def forget_serials(self) -> None:
+        """Obey whatever comes next: there is another host."""
+        if self._order is not None:
+            self._order = self._order.model_copy(update={"serial": 0})
+
+    def obey(self, order: Order, now: Time) -> None:
+        """Carry out *order*, unless it is an older one, or the one that it has got already."""
+        last = self._order
+        if order.robot != self.me or (last is not None and (order.plan, order.serial) < (last.plan, last.serial)):
+            return
+        if last is not None and order == last:
+            return
+        if last is not None and not self._over and (order.task, order.errand) == (last.task, last.errand):
+            self._order = order  # of another host: it is at that already
+            return
+        self._end_silently()
+        self._order, self._over = order, False
+        self._records.obeyed += 1
+        goal = self._goal_m(order)
+        self._note(TaskStarted(order.plan, order.serial, order.task, order.errand.act, *self.here, *goal))
+        self._begin(order, now)
+
+    def step_aside(self, request: Aside, now: Time) -> None:
+        """Make way for who asks, if there is nothing else to do."""
+        if request.robot == self.me or not (self._over or self._waits_since is not None) or self._aloof.away:
+            return
+        self._withdraw(request.robot, self.here, [request.from_m, *request.way_m], now)
+
+    # ------------------------------------------------------------ every tick
+
+    def step(self, observation: Observation, now: Time) -> Drive | None:
+        """Go on; return what to drive now if that is anything new."""
+        gone_m = math.dist(self.here, (observation.x_m, observation.y_m))
+        self._rests = gone_m < STILL_M
+        self._records.way_m += gone_m
+        self._records.blocked += observation.blocked
+        self.here = observation.x_m, observation.y_m
+        self.heading_rad, self.speed_mps = observation.heading_rad, observation.speed_mps
+        met = self.others.look(observation, now)
+        if not self._over and self._order is not None and isinstance(self._order.errand, Go):
+            self._set_off_behind(self._order.errand, now)
+        turning = self._photograph(observation, now)
+        drive = turning or self._mover.step(observation, met, now)
+        self._note_drive()
+        if self._aloof.away or not (self._over or self._crowd.near(self._order, self.here, self.others)):
+            self._requests += self._asking.step(self.here, self.others, now)
+        self._aloof.step(self.here, self.others, now)
+        self._look_for_the_end(now)
+        return drive
+
+    @property
+    def moves(self) -> bool:
+        """Whether it drives."""
+        return abs(self.speed_mps) > FAST_MPS
+
+    def reports(self) -> list[Report]:
+        """Drain reports of orders that have ended."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def requests(self) -> list[tuple[Address, Aside]]:
+        """Drain what is asked of others."""
+        requests, self._requests = self._requests, []
+        return requests
+
+    # ------------------------------------------------------------ errands
+
+    def _goal_m(self, order: Order) -> Place:
+        errand = order.errand
+        if isinstance(errand, Go):
+            return errand.place_m
+        return errand.post_m if isinstance(errand, Retreat) else self.here
+
+    def _begin(self, order: Order, now: Time) -> None:
+        match order.errand:
+            case Go(behind=None) as go:
+                self._go(go, now)
+            case Go():
+                self._waits_since = now
+            case Retreat(post_m=post_m, passing=passing, way_m=way_m):
+                way = list(way_m) or [self.others.place_m(passing), post_m]
+                self._withdraw(passing, post_m, way, now, ordered=True)
+            case Halt():
+                self._mover.halt()
+                self._end(Result.TERMINATED, "halted", now)
+            case Photo() if not self.camera.works:
+                self._end(Result.FAILED, "it has no camera", now)
+            case Photo():
+                self._mover.halt()
+                self.camera.begin(now)
+            case Explore():
+                self._mover.explore(now)
+
+    def _go(self, go: Go, now: Time) -> None:
+        self._waits_since = None
+        self._approach.begin(go.place_m, now)
+        self._aloof.forget()
+        self._crowd.forget()
+        self._mover.go(go.place_m, go.via_m)
+
+    def _set_off_behind(self, go: Go, now: Time) -> None:
+        """Set off once who is ahead has, and is far enough, by the way; or has nothing to do, or does not get on."""
+        if self._waits_since is None or go.behind is None:
+            return
+        ahead = go.behind
+        floor, radius_m = self._knowledge.floor, self._knowledge.crew.radius_m(self.me)
+        mine_m = floor.length_m(radius_m, self.here, go.place_m)
+        its_m = floor.length_m(radius_m, self.others.place_m(ahead), go.place_m)
+        waited = now - self._waits_since
+        away = mine_m is None or its_m is None or (self.others.bound(ahead) and mine_m - its_m >= go.behind_m)
+        idle = waited >= from_seconds(self._parameters.behind_s) and not self.others.busy(ahead)
+        in_vain = waited >= from_seconds(self._parameters.behind_most_s) and not self.others.moves(ahead)
+        if away or idle or in_vain:
+            self._go(go, now)
+
+    def _photograph(self, observation: Observation, now: Time) -> Drive | None:
+        """Turn to what is to be photographed, and take the picture; return how to turn, if that is to be done."""
+        if self._over or self._order is None or not isinstance(self._order.errand, Photo):
+            return None
+        turn = self.camera.turn(self._order.errand.heading_rad, observation)
+        if turn is None:
+            self._note(self.camera.taken(self._order.task, observation))
+            self._records.pictures += 1
+            self._end(Result.DONE, "", now)
+        elif not self.camera.stuck(now):
+            return turn
+        else:
+            self._end(Result.FAILED, "stuck while it turned to what it was to photograph", now)
+        return Drive(0.0, 0.0)
+
+    def _note_drive(self) -> None:
+        """Write on the judge's board what drive it is at, and how fast it is."""
+        order = self._order
+        if not self._over and order is not None and isinstance(order.errand, Go):
+            waits = self._waits_since is not None
+            self._knowledge.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+
+    def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
+        self._records.asides += 1
+        self._note(SteppedAside(passing, *self.here))
+        self._aloof.withdraw(passing, post_m, way, now, ordered)
+
+    # ------------------------------------------------------------ ends
+
+    def _look_for_the_end(self, now: Time) -> None:
+        order = self._order
+        if self._over or order is None:
+            return
+        if isinstance(order.errand, Retreat):
+            if not self._aloof.away:
+                self._end(Result.DONE, "", now)
+        elif isinstance(order.errand, Go) and self._waits_since is None:
+            self._look_for_arrival(order.errand, now)
+        elif isinstance(order.errand, Explore) and self._mover.explored is not None:
+            self._end(*self._mover.explored, now)
+
+    def _look_for_arrival(self, go: Go, now: Time) -> None:
+        passed = self._crowd.come(go, self.here, self.others, now)
+        if passed or self._mover.state == "arrived":
+            self._end(Result.DONE, "", now)
+            if passed:
+                self._mover.halt()
+        elif self._approach.held(self.here, now) > from_seconds(self._parameters.stuck_s):
+            x_m, y_m = self.here
+            self._end(Result.FAILED, f"stuck at ({x_m:.1f}, {y_m:.1f})", now)
+            self._mover.halt()
+
+    def _end(self, result: Result, why: str, now: Time) -> None:
+        order = self._order
+        assert order is not None
+        self._over = True
+        self._waits_since = None
+        self._records.failed += result is Result.FAILED
+        self._knowledge.board.ends(self.me)
+        self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
+        self._reports.append(
+            Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
+        )
+
+    def _end_silently(self) -> None:
+        """Forget the order that it has; a later one has come, so nobody waits for its end."""
+        self._waits_since = None
+        self._aloof.forget()
+        if not self._over:
+            self._knowledge.board.ends(self.me)

@@ -1,0 +1,72 @@
+"""Where a robot takes the others to be: as it sees them at this tick, else as they have said in their last news."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from cosim.machine import Address
+from cosim.observation import Observation
+from cosim.units import Time, to_seconds
+from protocols.deployment.messages.status import News
+from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.plan import Place
+from protocols.motion.traffic import Other
+
+
+class Others:
+    """What one robot knows of where the others are, and what they are at."""
+
+    def __init__(self, me: Address, bodies: Sequence[Body], starts_m: Sequence[Place]) -> None:
+        self.news: dict[Address, tuple[News, Time]] = {}
+        """The last of each, and when it was heard."""
+        self._bodies = bodies
+        self._places = {robot: place for robot, place in enumerate(starts_m) if robot != me}
+
+    def tell(self, source: Address, news: News, now: Time) -> None:
+        """Take what *source* says of itself."""
+        self.news[source] = news, now
+        self._places[source] = news.x_m, news.y_m
+
+    def look(self, observation: Observation, now: Time) -> list[Other]:
+        """Take what is seen at this tick; return all others of whom anything was seen or heard."""
+        seen = {robot: (x_m, y_m) for robot, x_m, y_m in observation.sightings if robot in self._places}
+        self._places |= seen
+        return [self._other(robot, now) for robot in sorted(self.news.keys() | seen.keys())]
+
+    def place_m(self, robot: Address) -> Place:
+        """Return where *robot* was seen or heard last; where it started if it never was."""
+        return self._places[robot]
+
+    @property
+    def places_m(self) -> Mapping[Address, Place]:
+        """Where each of the others was seen or heard last, or started."""
+        return self._places
+
+    def moves(self, robot: Address) -> bool:
+        """Return whether *robot* drives, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].moves
+
+    def bound(self, robot: Address) -> bool:
+        """Return whether *robot* has set off to some place, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].goal_m is not None
+
+    def busy(self, robot: Address) -> bool:
+        """Return whether *robot* is at a task, if only to wait for its turn, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].task != ""
+
+    def idle(self, robot: Address) -> bool:
+        """Return whether *robot* has nothing to do, as far as its last news say."""
+        return robot in self.news and self.news[robot][0].idle
+
+    def _other(self, robot: Address, now: Time) -> Other:
+        body, (x_m, y_m) = self._bodies[robot], self._places[robot]
+        plain = Other(robot, x_m, y_m, body.radius_m, braking_mps2=body.acceleration_mps2, age_s=math.inf)
+        if robot not in self.news:
+            return plain
+        news, heard = self.news[robot]
+        return plain._replace(
+            speed_mps=news.speed_mps,
+            heading_rad=news.heading_rad,
+            goal_m=news.goal_m,
+            idle=news.idle,
+            age_s=to_seconds(now - heard),
+        )

@@ -1,0 +1,136 @@
+"""What robots write to each other: letters, which the courier carries reliably, as JSON of the models here.
+
+JSON, since plans are nets of pydantic models already, with a schema; a letter is small beside the time a robot drives.
+"""
+
+from collections.abc import Iterable
+from typing import Annotated, Final, Literal, TypeAlias
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from cosim.errors import WireError
+from cosim.machine import Address
+from cosim.settings import Angle, Count, Metres, Settings
+from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record
+from protocols.deployment.tasks.orders import Errand, Halt, Order, Retreat
+from protocols.deployment.tasks.plan import Act, Go, Place, actors
+
+MOST_BYTES: Final = 1 << 20
+"""A longer letter is none."""
+COLUMNS: Final = 64
+"""A picture has so many columns at most."""
+
+Robot: TypeAlias = Count
+
+
+class Facts(Settings):
+    """What has happened to a plan, as far as the writer knows. Facts only ever become more, in whatever order.
+
+    So two robots that have told each other all that they know, know the same.
+    """
+
+    say: Literal["facts"] = "facts"
+    plan: Count = Field(ge=0, description="its number")
+    facts: tuple[Fact, ...] = ()
+
+
+class Told(Settings):
+    """A plan that is being executed, and what has happened to it: from the host, or for one that has forgotten it."""
+
+    say: Literal["plan"] = "plan"
+    host: Robot = Field(description="who leads, as far as the writer knows")
+    record: Record
+    calls: Count = Field(default=0, ge=0, description="how many of the scenario's calls have been dealt with")
+
+
+class Ordered(Settings):
+    """The host has a robot do something."""
+
+    say: Literal["order"] = "order"
+    term: Count = Field(ge=0, description="of the host: each that takes over counts on")
+    order: Order
+
+
+class Aside(Settings):
+    """A robot asks one that stands in its way to step aside."""
+
+    say: Literal["aside"] = "aside"
+    robot: Robot = Field(description="who asks")
+    from_m: Place = Field(description="m, where that is")
+    way_m: tuple[Place, ...] = Field(max_length=64, description="m, the corners of its way from there")
+
+
+class Look(Settings):
+    """The host wants a picture of what a robot sees."""
+
+    say: Literal["look"] = "look"
+    request: Count = Field(ge=0)
+
+
+class Picture(Settings):
+    """How far walls and bodies are in front of a robot, column by column from the left to the right."""
+
+    say: Literal["picture"] = "picture"
+    request: Count = Field(ge=0)
+    robot: Robot
+    at_m: Place
+    heading_rad: Angle
+    view_rad: Angle = Field(gt=0, description="rad, how wide the picture is")
+    columns_m: tuple[Metres | None, ...] = Field(
+        max_length=COLUMNS, description="m; None: beyond the sensor's range; no columns: there is no camera"
+    )
+
+
+Letter: TypeAlias = Annotated[Told | Facts | Ordered | Aside | Look | Picture, Field(discriminator="say")]
+_LETTERS: Final[TypeAdapter[Letter]] = TypeAdapter(Letter)
+
+
+def encode(letter: Letter) -> bytes:
+    """Return *letter* as bytes; what is None is left out."""
+    return letter.model_dump_json(exclude_none=True).encode()
+
+
+def decode(data: bytes, size: int) -> Letter:
+    """Return the letter that *data* is, to a team of *size*; raise WireError if it is none."""
+    if len(data) > MOST_BYTES:
+        raise WireError(f"{len(data)} bytes, more than {MOST_BYTES}")
+    try:
+        letter = _LETTERS.validate_json(data)
+    except ValidationError as error:
+        raise WireError(f"{error.error_count()} faults in a letter") from error
+    strangers = [robot for robot in _robots(letter) if robot >= size]
+    if strangers:
+        raise WireError(f"robot {strangers[0]} is not of the team")
+    return letter
+
+
+def _robots(letter: Letter) -> list[Address]:
+    """Return the robots that *letter* names."""
+    match letter:
+        case Told(host=host, record=record):
+            acts = [robot for task in record.plan.root.walk() for robot in _mentioned(task.act)]
+            return [host, *record.plan.robots, *acts, *record.serials, *_named(record.facts)]
+        case Facts(facts=facts):
+            return _named(facts)
+        case Ordered(order=order):
+            return [order.robot, *_mentioned(order.errand)]
+        case Aside(robot=robot) | Picture(robot=robot):
+            return [robot]
+    return []
+
+
+def _named(facts: Iterable[Fact]) -> list[Address]:
+    return [fact.robot for fact in facts if isinstance(fact, Ended | Heard)]
+
+
+def _mentioned(act: Act | Errand | None) -> tuple[Address, ...]:
+    """Return the robots that *act* names: who is at it, and whom that one minds."""
+    match act:
+        case Go(robot=robot, behind=int(behind)):
+            return robot, behind
+        case Retreat(robot=robot, passing=passing):
+            return robot, passing
+        case Halt(robot=robot):
+            return (robot,)
+        case _:
+            return actors(act)

@@ -1,0 +1,310 @@
+"""The console at the host: what an operator asks is answered, and what happens is told, over the host's cable.
+
+"After each task completes (or if it fails), the executive sends a status message back to the planner and GUI. It also
+monitors, and periodically transmits, the position and status of each robot" (paper 004, section 5); and the page can
+ask for the map, for routes and for pictures. Every message is a JSON object: answers carry the request's number, news
+none. Nothing is said before anybody has asked for anything, so runs without an operator are the same as ever.
+
+A call that lacks parameters is answered with ``say: error``, why in words, and ``missing``, their names. Of a plan
+``expected_s`` is null if nobody knows how long it takes; ``windows`` say how long at least. Positions are rows: robot,
+x, y, heading, task, whether it moves (null: it is taken for lost, nobody knows), s since it was heard, its goal.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from cosim.errors import CosimError, WireError
+from cosim.machine import OPERATOR, Address, Event
+from cosim.units import S, Time, to_seconds
+from protocols.deployment.member.member import Member
+from protocols.deployment.messages.messages import Look, Picture
+from protocols.deployment.operator.messages import (
+    Asked,
+    Calling,
+    Execute,
+    Map,
+    Plays,
+    Route,
+    Show,
+    State,
+    Switch,
+    Terminate,
+    number_of,
+    read,
+    write,
+)
+from protocols.deployment.operator.planning import Planning
+from protocols.deployment.planning.binding import MissingParametersError
+from protocols.deployment.setup import Knowledge
+from protocols.deployment.tasks import events
+from protocols.deployment.tasks.facts import Switched, Terminated
+from protocols.deployment.tasks.orders import Result
+from protocols.deployment.tasks.plan import Plan
+from protocols.deployment.team.host import Host
+from protocols.wire import BadBytes
+
+POSITIONS: Final = S // 2
+"""From one telling of positions to the next."""
+PATIENCE: Final = 10 * S
+"""So long a picture is waited for."""
+KEPT: Final = 32
+"""So many plans are kept for being executed."""
+
+
+class Console:
+    """One robot's console; that of the host is of use."""
+
+    def __init__(
+        self,
+        planning: Planning,
+        knowledge: Knowledge,
+        host: Host,
+        member: Member,
+        heard: Callable[[Address], Time],
+        silent: Callable[[Address, Time], bool],
+        note: Callable[[Event], None],
+    ) -> None:
+        self.attended = False
+        """Whether an operator has ever said anything."""
+        self._planning = planning
+        self._knowledge = knowledge
+        self._host = host
+        self._member = member
+        self._heard, self._silent = heard, silent
+        self._note = note
+        self._out: list[bytes] = []
+        self._plans: dict[int, Plan] = {}
+        self._number = 0
+        """The greatest number of a plan that was made here."""
+        self._states: dict[str, str] = {}
+        self._pictures: dict[int, tuple[int, Address, Time]] = {}
+        """Number in the letter -> the operator's request, whose picture, since when it is waited for."""
+        self._looks = 0
+        self._told: Time | None = None
+
+    def drain(self) -> list[bytes]:
+        """Return what is to be said to the operator, once."""
+        out, self._out = self._out, []
+        return out
+
+    # ------------------------------------------------------------ requests
+
+    def request(self, data: bytes, now: Time) -> None:
+        """Take what the operator says; what is no request is answered with what is wrong with it."""
+        self.attended = True
+        try:
+            asked = read(data)
+        except WireError as error:
+            self._note(BadBytes(OPERATOR, len(data)))
+            self._out.append(write(answer=number_of(data), say="error", why=str(error)))
+            return
+        try:
+            answer = self._answer(asked, now)
+        except MissingParametersError as error:
+            answer = {"say": "error", "why": str(error), "missing": list(error.names)}
+        except CosimError as error:
+            answer = {"say": "error", "why": str(error)}
+        if answer is not None:
+            self._out.append(write(answer=asked.request, **answer))
+
+    def _answer(self, asked: Asked, now: Time) -> dict[str, Any] | None:
+        match asked:
+            case Plays():
+                return {"say": "plays", "tree": self._knowledge.playbook.tree()}
+            case Map():
+                return self._map()
+            case Route(robot=robot, to=to):
+                return self._route(robot, to)
+            case Show(robot=robot, request=request):
+                return self._show(robot, request, now)
+            case State():
+                return self._state()
+            case _ if not self._host.leads:
+                host = self._host.succession.host
+                return {"say": "error", "why": f"robot {host} is host, not robot {self._host.me}", "host": host}
+            case Calling():
+                return self._call(asked, now)
+            case Execute(plan=number):
+                if number not in self._plans:
+                    return {"say": "error", "why": f"plan: {number} is no plan that was made here"}
+                return self._execute(self._plans[number], now)
+            case Switch(strategy=strategy) if self._host.play is not None and self._host.play.runs:
+                self._host.say(Switched(strategy=strategy, at=now), now)
+                return {"say": "done"}
+            case Terminate(task=task) if self._host.play is not None and self._host.play.runs:
+                return self._terminate(task, now)
+        return {"say": "error", "why": "nothing is being played"}
+
+    def _call(self, asked: Calling, now: Time) -> dict[str, Any]:
+        self._number = max(self._number, self._host.newest) + 1
+        plan = self._planning.plan(asked.call, self._number, now)
+        if not isinstance(plan, Plan):
+            self._note(events.PlanRefused(asked.call.play, "; ".join(plan.conflicts), "; ".join(plan.mend)))
+            return {"say": "refusal", "conflicts": list(plan.conflicts), "mend": list(plan.mend)}
+        self._plans[plan.number] = plan
+        while len(self._plans) > KEPT:
+            del self._plans[min(self._plans)]
+        answer = self._shown(plan, now)
+        if asked.execute:
+            self._execute(plan, now)
+        return answer | {"executed": asked.execute}
+
+    def _shown(self, plan: Plan, now: Time) -> dict[str, Any]:
+        return {
+            "say": "plan",
+            "plan": plan.model_dump(mode="json"),
+            "expected_s": _number(self._planning.expected_s(plan, now)),
+            "windows": self._planning.windows_s(plan, now),
+        }
+
+    def _execute(self, plan: Plan, now: Time) -> dict[str, Any]:
+        if plan.number <= self._host.newest:
+            self._number = max(self._number, self._host.newest) + 1
+            plan = plan.model_copy(update={"number": self._number})
+        self._states = {}
+        self._host.execute(plan, self._planning.starts_m(now), self._host.calls, now)
+        return {"say": "executing", "plan": plan.number}
+
+    def _terminate(self, task: str, now: Time) -> dict[str, Any]:
+        play = self._host.play
+        assert play is not None
+        assert play.executive is not None
+        name = task or play.ledger.plan.root.name
+        if name not in play.executive.states:
+            return {"say": "error", "why": f"task: {name!r} is no task of what is being played"}
+        self._host.say(Terminated(task=name, at=now), now)
+        return {"say": "done"}
+
+    # ------------------------------------------------------------ what is known
+
+    def _map(self) -> dict[str, Any]:
+        known = self._knowledge
+        bodies = [
+            {"robot": robot, "radius_m": body.radius_m, "speed_mps": body.speed_mps, "camera": body.camera}
+            | {"sensor": body.sensor}
+            for robot, body in enumerate(known.crew.bodies)
+        ]
+        return {
+            "say": "map",
+            "walls": known.floor.walls.walls_m.tolist(),
+            "bounds": list(known.floor.bounds_m),
+            "base": list(known.crew.base_m),
+            "places": {name: [list(place) for place in places] for name, places in known.named_m.items()},
+            "robots": bodies,
+        }
+
+    def _route(self, robot: Address, to: tuple[float, float]) -> dict[str, Any]:
+        if robot >= self._knowledge.size:
+            return _stranger(robot)
+        radius_m = self._knowledge.crew.bodies[robot].radius_m
+        way = self._knowledge.floor.way(radius_m, self._place_m(robot), to)
+        if way is None:
+            return {"say": "route", "robot": robot, "way": None, "length_m": None}
+        length_m = self._knowledge.floor.length_m(radius_m, self._place_m(robot), to)
+        return {"say": "route", "robot": robot, "way": [list(place) for place in way], "length_m": length_m}
+
+    def _place_m(self, robot: Address) -> tuple[float, float]:
+        return self._member.here if robot == self._host.me else self._member.others.place_m(robot)
+
+    def _state(self) -> dict[str, Any]:
+        host, play = self._host, self._host.play
+        if play is None:
+            return {"say": "state", "plan": None, "host": host.succession.host, "tasks": {}}
+        states = {} if play.executive is None else dict(play.executive.states)
+        plan = play.ledger.plan.model_dump(mode="json")
+        lost = sorted(play.ledger.lost)
+        return {"say": "state", "plan": plan, "host": host.succession.host, "tasks": states, "lost": lost}
+
+    # ------------------------------------------------------------ pictures
+
+    def _show(self, robot: Address, request: int, now: Time) -> dict[str, Any] | None:
+        if robot >= self._knowledge.size:
+            return _stranger(robot)
+        if not self._knowledge.crew.bodies[robot].camera:
+            return {"say": "error", "why": f"robot {robot} has no camera"}
+        self._looks += 1
+        self._pictures[self._looks] = request, robot, now
+        if robot == self._host.me:
+            self._member.camera.ask(robot, self._looks)
+        else:
+            self._host.mail.post(robot, Look(request=self._looks), now)
+        return None
+
+    def picture(self, picture: Picture) -> None:
+        """Take a picture that was asked for."""
+        waiting = self._pictures.pop(picture.request, None)
+        if waiting is None or waiting[1] != picture.robot:
+            return
+        shown = picture.model_dump(mode="json", exclude={"say", "request"})
+        self._out.append(write(answer=waiting[0], say="picture", **shown))
+
+    # ------------------------------------------------------------ news
+
+    def tell(self, now: Time) -> None:
+        """Tell what has happened, and every so often where the robots are."""
+        host, dispatch = self._host, self._host.dispatch
+        if self.attended:
+            self._tell_tasks()
+            self._out += [write(say="breach", plan=host.number, why=why) for why in dispatch.breaches]
+            self._out += [write(say="ended", plan=number, result=result) for number, result in dispatch.ends]
+            self._tell_pictures(now)
+            if self._told is None or not 0 <= now - self._told < POSITIONS:
+                self._told = now
+                self._tell_positions(now)
+        dispatch.breaches.clear()
+        dispatch.ends.clear()
+
+    def _tell_pictures(self, now: Time) -> None:
+        """Tell of those that do not come."""
+        for number, (request, robot, since) in list(self._pictures.items()):
+            if now - since > PATIENCE:
+                del self._pictures[number]
+                self._out.append(write(answer=request, say="error", why=f"robot {robot} does not answer"))
+
+    def _tell_tasks(self) -> None:
+        """Tell of tasks that have begun, parents first, then of those that have ended, parents last.
+
+        Those that are no task any more, since others have taken their place, have ended before all else.
+        """
+        play = self._host.play
+        if play is None or play.executive is None or not self._host.leads:
+            return
+        reports = {report.task: report for report in play.ends()}
+        states = dict(play.executive.states)
+        gone = [
+            (task, Result.TERMINATED.value if task not in reports else reports[task].result.value)
+            for task in reversed(self._states)
+            if self._states[task] == "running" and task not in states
+        ]
+        changed = [task for task, state in states.items() if self._states.get(task, "waiting") != state]
+        begun = [(task, "running") for task in changed if states[task] == "running"]
+        ended = [(task, states[task]) for task in reversed(changed) if states[task] != "running"]
+        for task, state in [*gone, *begun, *ended]:
+            report = reports.get(task)
+            robot, why = (None, "") if report is None else (report.robot, report.why)
+            self._out.append(write(say="task", plan=play.number, task=task, state=state, robot=robot, why=why))
+        self._states = states
+
+    def _tell_positions(self, now: Time) -> None:
+        own = self._member
+        goal = own.goal_m
+        rows: list[list[Any]] = [
+            [own.me, *own.here, own.heading_rad, own.task, abs(own.speed_mps) > 0.0, 0.0, goal and list(goal)]
+        ]
+        for robot, (news, _) in sorted(own.others.news.items()):
+            place = own.others.place_m(robot)
+            heard_s = round(to_seconds(now - self._heard(robot)), 3)
+            goal = news.goal_m
+            moves = None if self._silent(robot, now) else news.moves
+            row = [robot, *place, news.heading_rad, news.task, moves, heard_s, goal and list(goal)]
+            rows.append(row)
+        self._out.append(write(say="positions", at_s=to_seconds(now), robots=rows))
+
+
+def _stranger(robot: Address) -> dict[str, Any]:
+    return {"say": "error", "why": f"robot: {robot} is not of the team"}
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value

@@ -1,0 +1,74 @@
+"""What planner and console share: a call is planned for the robots that live, from where they are."""
+
+from collections.abc import Callable, Mapping
+
+from cosim.machine import Address
+from cosim.units import Time, to_seconds
+from protocols.deployment.driving.exploring import Exploring, Outlook, explorable
+from protocols.deployment.driving.learned import explained
+from protocols.deployment.member.member import Member
+from protocols.deployment.parameters import Parameters
+from protocols.deployment.planning.planner import Call, Planner, Refusal
+from protocols.deployment.setup import Knowledge
+from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.plan import Place, Plan
+
+
+class Planning:
+    """The planner, as the host asks it."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        knowledge: Knowledge,
+        member: Member,
+        exploring: Exploring,
+        silent: Callable[[Address, Time], bool],
+        heard: Callable[[Address], Time],
+    ) -> None:
+        """Take what the host knows: *silent*, whether another is taken for lost; *heard*, when it was heard last."""
+        homes_m = dict(enumerate(knowledge.starts_m))
+        places = knowledge.named_m, homes_m
+        asked = knowledge.playbook, knowledge.crew, knowledge.floor, parameters.planner
+        self._planner = Planner(*asked, *places, executing=parameters.executing, exploring=self._explored_s)
+        least_share = parameters.planner.timing.least_share
+        ground, named_m = knowledge.ground, knowledge.named_m
+        self._outlook = Outlook(parameters.exploring, ground, knowledge.floor, named_m, least_share)
+        self._exploring = exploring
+        self._knowledge = knowledge
+        self._member = member
+        self._silent = silent
+        self._heard = heard
+
+    def starts_m(self, now: Time) -> dict[Address, Place]:
+        """Return where the robots are that live, as far as is known."""
+        own = self._member
+        starts = {own.me: own.here}
+        for robot in range(self._knowledge.size):
+            if robot != own.me and not self._silent(robot, now):
+                starts[robot] = own.others.place_m(robot)
+        return dict(sorted(starts.items()))
+
+    def plan(self, call: Call, number: int, now: Time) -> Plan | Refusal:
+        """Return a plan of that number for *call*, or why there is none; raise UserError for a call that is wrong."""
+        starts_m = self.starts_m(now)
+        lost = [robot for robot in range(self._knowledge.size) if robot not in starts_m]
+        unheard_s = {robot: to_seconds(now - self._heard(robot)) for robot in lost}
+        found = explained(self._planner.call(call, starts_m, number, unheard_s), self._knowledge.floor)
+        return explorable(found, self._knowledge.ground, self._knowledge.crew)
+
+    def expected_s(self, plan: Plan, now: Time) -> float:
+        """Return when *plan* would be expected to have ended, s after it began; infinite if nothing can be said."""
+        return self._planner.expected_s(plan, self.starts_m(now))
+
+    def _explored_s(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place]) -> float:
+        """Return how long exploring takes at least; 0 if others may have seen more already than is known here."""
+        return 0.0 if self._exploring.begun else self._outlook.least_s(explorers, places_m)
+
+    def windows_s(self, plan: Plan, now: Time) -> dict[str, list[float | None]]:
+        """Return of each task of *plan* its earliest and latest start and end, s after it begins; None: no limit."""
+        windows: dict[str, list[float | None]] = {}
+        for instant, span_s in self._planner.windows_s(plan, self.starts_m(now)).items():
+            at = 0 if instant.edge == "start" else 2
+            windows.setdefault(instant.task, [None] * 4)[at : at + 2] = span_s
+        return windows

@@ -1,0 +1,503 @@
+"""The planner: a call of a play becomes a plan, or is refused at once with the reasons and what would mend it.
+
+After MACBeth (paper 004, section 4): hierarchical task nets with constraint reasoning. A play is cast with roles, roles
+get robots at the least route cost among those that can play them, the tasks get durations from their routes, and the
+temporal network of the whole decides. "If the user attempts to specify an infeasible plan, conflicts and
+inconsistencies should be flagged as soon as possible". A mend that is offered has been tried: with it there is a plan.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Final, Literal
+
+import networkx as nx
+from pydantic import Field, JsonValue
+
+from cosim.errors import UserError
+from cosim.machine import Address
+from cosim.settings import Count, Settings
+from cosim.units import to_seconds
+from protocols.deployment.planning.binding import Role, Site, near
+from protocols.deployment.planning.casting import Casting, cast, of_robot, picked
+from protocols.deployment.planning.mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
+from protocols.deployment.planning.methods import expanded, expanded_to
+from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.play import MOST_ROBOTS
+from protocols.deployment.planning.playbook import Playbook
+from protocols.deployment.planning.roles import Shortage, assigned
+from protocols.deployment.planning.routes import (
+    Routes,
+    barred,
+    crowded,
+    departures,
+    errands,
+    in_line,
+    missing_ways,
+    prices,
+)
+from protocols.deployment.planning.staging import Stager
+from protocols.deployment.planning.stn import Network, Point
+from protocols.deployment.planning.tailoring import deployed_by, led, revealed, timed_out
+from protocols.deployment.planning.timing import (
+    LeastExploring,
+    Span,
+    TimingParameters,
+    asked,
+    circle,
+    driving,
+    ending,
+    expected_s,
+    exploring,
+    first_exploration,
+    in_order,
+    lasting,
+    legs_of,
+    precedence,
+    standing,
+    structure,
+    timing_out,
+    wanted_at_once,
+)
+from protocols.deployment.tasks.constraints import Constraint, PlaceName, between, quantities_of
+from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.plan import (
+    Between,
+    Deployment,
+    Explore,
+    Go,
+    Instant,
+    Place,
+    Plan,
+    Strategy,
+    Task,
+    actors,
+)
+from protocols.deployment.tasks.ways import Ways
+
+CALLER: Final = "the call"
+"""Who asks for the constraints that a call adds."""
+AND: Final = "; and "
+"""Between changes that only mend a play together."""
+MOST_TRIALS: Final = 24
+"""So many changes are tried to mend a play,"""
+MOST_CHANGES: Final = 3
+"""at most so many of them at once."""
+
+
+class PlannerParameters(Settings):
+    """How the planner plans."""
+
+    cost: Literal["length", "time"] = Field(default="length", description="of routes, when roles are assigned")
+    expand: Literal["none", "all"] | Count = Field(
+        default="none", description="which deployments the planner expands itself: levels below the play, or all"
+    )
+    timing: TimingParameters = TimingParameters()
+
+
+class Call(Settings):
+    """A play is called; tailored, if there is more in it than its path and its parameters."""
+
+    play: str = Field(description="path in the tree: of a play, of a folder (the quickest in it), of a task of a play")
+    parameters: dict[str, JsonValue] = Field(default_factory=dict, description="of the play")
+    places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter of that name")
+    robots: tuple[Count, ...] | None = Field(default=None, description="who may take part; None: all")
+    roles: dict[str, Count] = Field(default_factory=dict, description="who plays a role; the planner chooses others")
+    constraints: tuple[Constraint, ...] = Field(
+        default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play's"
+    )
+    via: dict[str, tuple[PlaceName, ...]] = Field(
+        default_factory=dict, max_length=MOST_ROBOTS, description="waypoints of drives, by labels"
+    )
+    strategy: Strategy | None = Field(default=None, description="of all deployments, instead of the play's own")
+    augmented: bool | None = Field(default=None, description="of all deployments, instead of the play's own")
+    expand: Literal["none", "all"] | Count | None = Field(default=None, description="instead of the planner's own")
+
+
+class Refusal(Settings):
+    """A play that was called is infeasible."""
+
+    play: str
+    conflicts: tuple[str, ...] = Field(min_length=1, description="constraints that cannot all be met, in words")
+    mend: tuple[str, ...] = Field(default=(), description="changes; with any one of them there would be a plan")
+
+
+class Planner:
+    """Plans for one team on one floor."""
+
+    def __init__(
+        self,
+        playbook: Playbook,
+        crew: Crew,
+        ways: Ways,
+        parameters: PlannerParameters | None = None,
+        places_m: Mapping[str, Sequence[Place]] | None = None,
+        homes_m: Mapping[Address, Place] | None = None,
+        executing: ExecutiveParameters | None = None,
+        exploring: LeastExploring | None = None,
+    ) -> None:
+        """Take what does not change from call to call.
+
+        *places_m*: places that the floor names; *homes_m*: where each robot stands at base (default: the base's place);
+        *executing*: what the executive augments stages with, for one that is called alone; *exploring*: how long that
+        takes at least, if anybody knows.
+        """
+        self.playbook, self.crew, self.ways = playbook, crew, ways
+        self.parameters = parameters or PlannerParameters()
+        self._places_m = {name: tuple(places) for name, places in (places_m or {}).items()}
+        self._homes_m = dict(homes_m or {})
+        self.executing = executing or ExecutiveParameters()
+        self._exploring = exploring
+
+    def call(
+        self,
+        call: Call,
+        starts_m: Mapping[Address, Place],
+        number: int = 0,
+        unheard_s: Mapping[Address, float] = MappingProxyType({}),
+    ) -> Plan | Refusal:
+        """Return the plan of a *call*, with that *number*; or why there is none.
+
+        *starts_m*: where the robots are that can take part; *unheard_s*: for how long others have not been heard. Raise
+        UserError for a call that means nothing.
+        """
+        path, inner = self.playbook.find(call.play)
+        found, refusals, errors = list[Plan](), list[Refusal](), list[UserError]()
+        for play in self.playbook.below(path):
+            try:
+                outcome = _Calling(self, call, play, inner, starts_m, number, unheard_s).outcome()
+            except UserError as error:
+                errors.append(error)
+                continue
+            if isinstance(outcome, Plan):
+                found.append(outcome)
+            else:
+                refusals.append(outcome)
+        if len(found) > 1:
+            return min(found, key=lambda plan: (self.expected_s(plan, starts_m), self._least_s(plan, starts_m)))
+        if found or refusals:
+            return found[0] if found else refusals[0]
+        raise errors[0]
+
+    def expected_s(self, plan: Plan, starts_m: Mapping[Address, Place]) -> float:
+        """Return when a plan is expected to have ended, s after it began; infinite if nothing can be said."""
+        root = expanded_to(plan.root)
+        return expected_s(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
+
+    def _least_s(self, plan: Plan, starts_m: Mapping[Address, Place]) -> float:
+        earliest_s, _ = self.windows_s(plan, starts_m)[Instant(task=plan.root.name, edge="end")]
+        return earliest_s or 0.0
+
+    def windows_s(
+        self, plan: Plan, starts_m: Mapping[Address, Place]
+    ) -> dict[Instant, tuple[float | None, float | None]]:
+        """Return the earliest and latest times of all starts and ends of a plan, s after it began; None: no limit."""
+        root = expanded_to(plan.root)
+        network = network_of(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
+        if not network.consistent:
+            raise UserError(f"the plan of {plan.play} has no schedule from these places")
+        return {
+            Instant(task=task, edge="end" if edge == "end" else "start"): (
+                None if earliest is None else to_seconds(earliest),
+                None if latest is None else to_seconds(latest),
+            )
+            for (task, edge), (earliest, latest) in network.windows().items()
+        }
+
+    def _spans_of(
+        self, root: Task, constraints: Sequence[Between], starts_m: Mapping[Address, Place]
+    ) -> dict[str, Span]:
+        graph = precedence(root, constraints)
+        return self.spans(in_order(root, graph), graph, starts_m, self.crew.bodies, Routes(self.ways))
+
+    def spans(
+        self,
+        leaves: Sequence[Task],
+        graph: "nx.DiGraph[Point]",
+        starts_m: Mapping[Address, Place],
+        bodies: Sequence[Body],
+        routes: Routes,
+    ) -> dict[str, Span]:
+        """Return how long *leaves*, in their order, take; but those of which nobody knows."""
+        legs, explored_s = legs_of(leaves, starts_m), self._explored_s(leaves, graph, starts_m, bodies)
+        spans: dict[str, Span] = {}
+        for leaf in leaves:
+            span = standing(leaf, self.parameters.timing)
+            if isinstance(leaf.act, Explore):
+                span = exploring(leaf, explored_s.get(leaf.name, 0.0))
+            if leaf.name in legs:
+                leg = legs[leaf.name]
+                length_m = routes.leg_m(leg.places_m, bodies[leg.robot].radius_m)
+                if not isinstance(length_m, str):
+                    span = driving(leg, length_m, bodies[leg.robot], self.parameters.timing)
+            if span is not None:
+                spans[leaf.name] = span
+        return spans
+
+    def _explored_s(
+        self,
+        leaves: Sequence[Task],
+        graph: "nx.DiGraph[Point]",
+        starts_m: Mapping[Address, Place],
+        bodies: Sequence[Body],
+    ) -> dict[str, float]:
+        """Return how long explorations take at least; but those of which that is not known."""
+        if self._exploring is None or len(starts_m) < len(bodies):
+            return {}  # robots that are lost may have seen more than the others know, and may come back
+        first = first_exploration(leaves, graph, starts_m)
+        if first is None:
+            return {}
+        leaf, places_m = first
+        return {leaf.name: self._exploring({robot: bodies[robot] for robot in actors(leaf.act)}, places_m)}
+
+    def site(self, routes: Routes, change: Change) -> Site:
+        """Return where a play is to take place."""
+        radius_m = max((body.radius_m for body in self.crew.bodies), default=0.0)
+        apart_m = math.inf if change.apart_m is None else change.apart_m
+        return Site(routes, self.crew.base_m, self._places_m, radius_m, dict(change.moved_m), apart_m)
+
+    def home_m(self, robot: Address) -> Place:
+        """Return where a robot stands at base."""
+        return self._homes_m.get(robot, self.crew.base_m)
+
+
+def network_of(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> Network:
+    """Return the temporal network of a whole plan: its shape, its durations, then what is asked of it."""
+    network = Network(structure(root))
+    network.extend(lasting(root, spans))
+    network.extend(ending(root))
+    network.extend(asked(each) for each in constraints)
+    network.extend(bound for bound, _ in timing_out(root))
+    return network
+
+
+class _Calling:
+    """One call of one play."""
+
+    def __init__(
+        self,
+        planner: Planner,
+        call: Call,
+        path: str,
+        inner: tuple[str, ...],
+        starts_m: Mapping[Address, Place],
+        number: int,
+        unheard_s: Mapping[Address, float],
+    ) -> None:
+        self.unheard_s = unheard_s
+        self.planner, self.call, self.path, self.inner, self.number = planner, call, path, inner, number
+        self.starts_m = {robot: place for robot, place in starts_m.items() if robot in planner.crew.robots}
+        self.routes = Routes(planner.ways)
+        self.trials = 0
+
+    def outcome(self) -> Plan | Refusal:
+        """Return the plan, or the reasons and the changes that would do."""
+        found = self._attempt(Change())
+        if isinstance(found, Plan):
+            return found
+        mend = self._mends(found, Change(), MOST_CHANGES)
+        different = {frozenset(text.split(AND)): text for text in reversed(mend)}
+        return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(reversed(different.values())))
+
+    def _mends(self, stuck: Stuck, before: Change, most: int) -> list[str]:
+        """Return the changes with which there is a plan: single ones, or else what they lead to."""
+        texts, further = list[str](), list[tuple[Mend, Change, Stuck]]()
+        for mend in stuck.mends:
+            if self.trials == MOST_TRIALS:
+                break
+            self.trials += 1
+            change = before.with_(mend.change)
+            found = self._attempt(change)
+            if isinstance(found, Plan):
+                texts.append(mend.text)
+            else:
+                further.append((mend, change, found))
+        for mend, change, found in further if most > 1 and not texts else ():
+            texts += [f"{mend.text}{AND}{text}" for text in self._mends(found, change, most - 1)]
+        return texts
+
+    # ------------------------------------------------------------ one attempt
+
+    def _attempt(self, change: Change) -> Plan | Stuck:
+        """Return the plan of the call after a *change*; or why there is none."""
+        call, planner = self.call, self.planner
+        crew = planner.crew._replace(bodies=planner.crew.bodies + change.bodies)
+        starts_m = self.starts_m | dict.fromkeys(crew.robots[len(planner.crew.bodies) :], crew.base_m)
+        given = dict(call.parameters) | ({} if call.places is None else {"places": list(call.places)})
+        site = planner.site(self.routes, change)
+        casting = cast(planner.playbook, self.path, self.inner, given, site)
+        if casting.faults:
+            texts = tuple(text for text, _ in casting.faults)
+            return Stuck(texts, _closer([apart_m for _, apart_m in casting.faults]))
+        robots = self._robots(casting, crew, starts_m, change)
+        if isinstance(robots, Stuck):
+            return robots
+        homes_m = {robot: planner.home_m(robot) for robot in crew.robots}
+        casting = cast(planner.playbook, self.path, self.inner, given, site, robots, homes_m)
+        root, constraints = self._tailored(casting, change, crew)
+        stuck = self._hindered(root, constraints, crew, starts_m)
+        if stuck is not None:
+            return stuck
+        used = sorted({robot for task in root.walk() for robot in actors(task.act)})
+        play = "/".join((self.path, *self.inner))
+        return Plan(number=self.number, play=play, robots=tuple(used), root=root, constraints=tuple(constraints))
+
+    def _robots(
+        self, casting: Casting, crew: Crew, starts_m: Mapping[Address, Place], change: Change
+    ) -> dict[str, Address] | Stuck:
+        """Return who plays which role."""
+        bodies = {robot: crew.bodies[robot] for robot in sorted(starts_m) if self._invites(robot, change)}
+        roles = self._roles(casting, change)
+        template = min(crew.bodies, key=lambda body: body.radius_m, default=Body())
+        left_out = [robot for robot in sorted(starts_m) if robot not in bodies]
+        unheard_s = {robot: lost_s for robot, lost_s in self.unheard_s.items() if self._invites(robot, change)}
+        cost = self.planner.parameters.cost
+        able = assigned(list(roles.values()), list(bodies), prices(roles, {}, bodies, starts_m, self.routes, cost))
+        if isinstance(able, Shortage):  # told before anything is spent on routes
+            return short_of_robots(able, roles, template, left_out, unheard_s)
+        root = expanded_to(deployed_by(casting.root, self.call.strategy, self.call.augmented))
+        if not casting.unused:  # of drives that are named by their robots nothing is known yet
+            root = led(root, {name: at for name, at in self._via_m(root, casting).items() if not of_robot(name)})
+        leaves = in_order(root, precedence(root, casting.between))
+        by_number = errands(leaves)
+        places_m = {casting.numbers[robot]: places for robot, places in by_number.items()}
+        stuck = self._barred(places_m, crew, starts_m)
+        if stuck is not None:
+            return stuck
+        costs = prices(roles, places_m, bodies, starts_m, self.routes, cost)
+        ranks = departures(leaves, crew.base_m, min(body.radius_m for body in crew.bodies), self.routes)
+        by_role = {casting.numbers[robot]: rank for robot, rank in ranks.items()}
+        firsts_m = {name: places[0] for name, places in places_m.items()}
+        costs = in_line(costs, by_role, firsts_m, starts_m, bodies, self.routes)
+        found = assigned(list(roles.values()), list(bodies), costs)
+        if isinstance(found, Shortage):
+            return short_of_robots(found, roles, template, left_out, unheard_s)
+        return found
+
+    def _invites(self, robot: Address, change: Change) -> bool:
+        """Return whether a robot may take part, as far as the call goes."""
+        invited = self.call.robots
+        return invited is None or change.everybody or robot in invited or robot >= len(self.planner.crew.bodies)
+
+    def _roles(self, casting: Casting, change: Change) -> dict[str, Role]:
+        roles = casting.roles
+        for name, robot in self.call.roles.items():
+            if name not in roles:
+                raise UserError(f"roles: there is no role {name!r}{near(name, roles)}")
+            roles = roles | {name: replace(roles[name], fixed=robot)}
+        for role in roles.values():
+            if role.fixed is not None and role.fixed not in self.planner.crew.robots:
+                size = len(self.planner.crew.bodies)
+                raise UserError(f"roles: {role.name} is to be robot {role.fixed}, expected one of 0 to {size - 1}")
+        return {name: replace(role, fixed=None) for name, role in roles.items()} if change.uncast else roles
+
+    def _barred(
+        self, places_m: Mapping[str, Sequence[Place]], crew: Crew, starts_m: Mapping[Address, Place]
+    ) -> Stuck | None:
+        """Return what is told of places that nobody in the team can stand at or get to; None if there are none."""
+        bodies = [crew.bodies[robot] for robot in sorted(starts_m)]
+        places = [place for each in places_m.values() for place in each]
+        if not bodies:
+            return None
+        found = list(barred(places, list(dict.fromkeys(bodies)), crew.base_m, list(starts_m.values()), self.routes))
+        if not found:
+            return None
+        texts = tuple(f"no robot can get to ({place[0]:g}, {place[1]:g})" for place, _ in found)
+        moved = [(place, instead) for place, instead in found if instead is not None]
+        if len(moved) < len(found):
+            return Stuck(texts)
+        words = [f"({to[0]:g}, {to[1]:g}) instead of ({place[0]:g}, {place[1]:g})" for place, to in moved]
+        return Stuck(texts, (Mend(" and ".join(words), Change(moved_m=tuple(moved))),))
+
+    # ------------------------------------------------------------ tailoring
+
+    def _tailored(self, casting: Casting, change: Change, crew: Crew) -> tuple[Task, list[Between]]:
+        """Return the tasks as the call wants them, and all constraints on them."""
+        call, binding = self.call, casting.binding
+        assert binding is not None
+        root = deployed_by(casting.root, call.strategy, call.augmented)
+        if casting.unused:
+            root = self._picked(expanded(root), casting.unused, crew)
+        below = {task.name for task in root.walk()}
+        constraints = [each for each in casting.between if not casting.unused or _tasks_of(each) <= below]
+        for each in call.constraints:
+            numbers = {key: binding.number_of(value) for key, value in quantities_of(each).items()}
+            constraints.append(between(each, root.name, numbers, CALLER))
+        constraints += [_before(first, then) for first, then in change.before]
+        spans_s = {why: (least_s, most_s) for why, least_s, most_s in change.spans_s}
+        constraints = [_respanned(each, spans_s) for each in constraints if each.why not in change.dropped]
+        via_m = self._via_m(root, casting)
+        expand = self.planner.parameters.expand if call.expand is None else call.expand
+        root = expanded_to(root, {"none": -1, "all": None}[expand] if isinstance(expand, str) else expand)
+        root = led(revealed(root, [*via_m, *(name for each in constraints for name in sorted(_tasks_of(each)))]), via_m)
+        return timed_out(root, {name: most for name, (_, most) in spans_s.items() if most is not None}), constraints
+
+    def _via_m(self, root: Task, casting: Casting) -> dict[str, tuple[Place, ...]]:
+        """Return the waypoints that the call wants, by the names of drives below *root*."""
+        assert casting.binding is not None
+        via = {f"{root.name}/{name}" if name else root.name: at for name, at in self.call.via.items()}
+        return {name: casting.binding.places_of(at) for name, at in via.items()}
+
+    def _picked(self, whole: Task, labels: Sequence[str], crew: Crew) -> Task:
+        """Return what *labels* lead to in a deployment; a stage of it stands in line as if it was not called alone."""
+        root = picked(whole, labels)
+        goes = [task.act for task in root.subtasks if isinstance(task.act, Go)]
+        if not isinstance(whole.act, Deployment) or not goes:
+            return root
+        stager = Stager(
+            whole.act.places_m, whole.act.strategy, whole.act.augmented, crew, self.routes, self.planner.executing
+        )
+        staged = zip(root.subtasks, stager.staged(goes), strict=True)
+        return root.model_copy(update={"subtasks": tuple(task.model_copy(update={"act": go}) for task, go in staged)})
+
+    # ------------------------------------------------------------ checking
+
+    def _hindered(
+        self, root: Task, constraints: Sequence[Between], crew: Crew, starts_m: Mapping[Address, Place]
+    ) -> Stuck | None:
+        """Return why a plan cannot be carried out; None if it can."""
+        whole = expanded_to(root)
+        graph = precedence(whole, constraints)
+        leaves = in_order(whole, graph)
+        spans = self.planner.spans(leaves, graph, starts_m, crew.bodies, self.routes)
+        network = network_of(whole, spans, constraints)
+        if not network.consistent:
+            return out_of_time(network, [(asked(each), each) for each in constraints], list(timing_out(whole)))
+        round_ = circle(whole, graph, constraints)
+        if round_:
+            return in_a_circle(round_)
+        clashes = wanted_at_once(leaves, graph, lambda task: actors(task.act))
+        if clashes:
+            texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)
+            orders = [(Change(before=((a, b),)), f"{b} after {a}") for _, a, b in clashes[:2]]
+            orders += [(Change(before=((b, a),)), f"{a} after {b}") for _, a, b in clashes[:2]]
+            return Stuck(texts, tuple(Mend(text, change) for change, text in orders))
+        legs = list(legs_of(leaves, starts_m).values())
+        no_way = tuple(missing_ways(legs, crew.bodies, self.routes))
+        overlaps = tuple(crowded(leaves, crew.bodies))
+        return Stuck(no_way + overlaps) if no_way or overlaps else None
+
+
+def _closer(distances_m: Sequence[float | None]) -> tuple[Mend, ...]:
+    """Return that robots gather closer to each other, if there is a way for them at all."""
+    known_m = [each for each in distances_m if each is not None]
+    if len(known_m) < len(distances_m):
+        return ()
+    return (Mend(f"robots gather at most {min(known_m):g} m apart", Change(apart_m=min(known_m))),)
+
+
+def _tasks_of(constraint: Between) -> set[str]:
+    return {constraint.earlier.task, constraint.later.task} - {""}
+
+
+def _before(first: str, then: str) -> Between:
+    earlier, later = Instant(task=first, edge="end"), Instant(task=then)
+    return Between(earlier=earlier, later=later, why=f"{CALLER}: {then} after {first}")
+
+
+def _respanned(constraint: Between, spans_s: Mapping[str, tuple[float, float | None]]) -> Between:
+    if constraint.why not in spans_s:
+        return constraint
+    least_s, most_s = spans_s[constraint.why]
+    return constraint.model_copy(update={"at_least_s": least_s, "at_most_s": most_s})

@@ -1,0 +1,231 @@
+"""Plays as people write them: hierarchical task networks in YAML (paper 004, section 4).
+
+"The playbook interface provides easy access to a set of pre-defined mission profiles", each parameterised by robots and
+places. A play is a net of tasks, done one after the other or at once, under temporal constraints; or it holds other
+plays, so that plays form a tree. This is the model of what is written; :mod:`protocols.deployment.planning.playbook`
+holds the tree and checks names, :mod:`protocols.deployment.planning.casting` makes tasks of it::
+
+    about: Two robots to two places, the one with a camera takes a picture of the second.
+    parameters:
+      guard: {kind: robot}
+      scout: {kind: robot, needs: {camera: true}}
+      near: {kind: place}
+      far: {kind: place}
+    tasks:
+      - {kind: deploy, label: out, strategy: wave, robots: [guard, scout], places: [near, far], time_out_s: 300}
+      - {kind: photo, robot: scout}
+    constraints:
+      - {kind: deadline, seconds: 400}
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Final, Literal, TypeAlias
+
+from pydantic import Field, JsonValue
+
+from cosim.settings import Metres, Settings
+from protocols.deployment.tasks.constraints import Constraint, Number, PlaceName, Quantity
+from protocols.deployment.tasks.plan import Strategy
+
+Order: TypeAlias = Literal["serial", "parallel"]
+LABEL: Final = r"^[a-z0-9][a-z0-9_-]*$"
+Label: TypeAlias = Annotated[str, Field(pattern=LABEL)]
+Names: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
+"""Parameters that are robots or a robot each."""
+MOST_ROBOTS: Final = 256
+"""Addresses are single bytes: more robots are never asked for, nor more places."""
+
+
+class Needs(Settings):
+    """What a robot must have for its role."""
+
+    camera: bool = False
+    sensor: Literal["laser", "sonar"] | None = Field(default=None, description="None: whichever")
+    passage_m: Metres | None = Field(
+        default=None, gt=0, description="m, the narrowest passage that it must get through"
+    )
+
+
+# ---------------------------------------------------------------- parameters
+
+
+class RobotParameter(Settings):
+    """A single robot; the planner chooses which, unless it is told."""
+
+    kind: Literal["robot"] = "robot"
+    about: str = ""
+    needs: Needs = Needs()
+
+
+class RobotsParameter(Settings):
+    """Several robots: a number, their addresses, or as many as there are places."""
+
+    kind: Literal["robots"] = "robots"
+    about: str = ""
+    needs: Needs = Needs()
+    as_many_as: str | None = Field(default=None, description="the parameter with as many places")
+    default: int | None = Field(
+        default=None, ge=1, le=MOST_ROBOTS, description="how many; None, and no as_many_as: must be told"
+    )
+
+
+class PlaceParameter(Settings):
+    """A place."""
+
+    kind: Literal["place"] = "place"
+    about: str = ""
+    default: PlaceName | None = None
+
+
+class PlacesParameter(Settings):
+    """Several places."""
+
+    kind: Literal["places"] = "places"
+    about: str = ""
+    default: tuple[PlaceName, ...] | None = None
+
+
+class NumberParameter(Settings):
+    """A number."""
+
+    kind: Literal["number"] = "number"
+    about: str = ""
+    default: Number | None = None
+    least: Number | None = None
+    most: Number | None = None
+
+
+class StrategyParameter(Settings):
+    """One of the three deployments."""
+
+    kind: Literal["strategy"] = "strategy"
+    about: str = ""
+    default: Strategy | None = None
+
+
+Parameter: TypeAlias = Annotated[
+    RobotParameter | RobotsParameter | PlaceParameter | PlacesParameter | NumberParameter | StrategyParameter,
+    Field(discriminator="kind"),
+]
+
+
+# ---------------------------------------------------------------- tasks
+
+
+class _Step(Settings):
+    label: Label | None = Field(default=None, description="None: its kind, numbered if there are several")
+    time_out_s: Quantity | None = Field(
+        default=None, description="s; fails if it has not ended so long after its start"
+    )
+    on_failure: Literal["fail", "skip", "retry"] = "fail"
+    ends_with: str | None = Field(default=None, description="task of the same net with whose end it is terminated")
+
+
+class GoStep(_Step):
+    """A robot drives to a place."""
+
+    kind: Literal["go"] = "go"
+    robot: str
+    to: PlaceName
+    via: tuple[PlaceName, ...] = ()
+
+
+class PhotoStep(_Step):
+    """A robot with a camera takes a picture."""
+
+    kind: Literal["photo"] = "photo"
+    robot: str
+    heading_rad: Quantity | None = None
+
+
+class WaitStep(_Step):
+    """Time passes."""
+
+    kind: Literal["wait"] = "wait"
+    seconds: Quantity
+
+
+class ExploreStep(_Step):
+    """Robots explore the floor."""
+
+    kind: Literal["explore"] = "explore"
+    robots: Names
+
+
+class DeployStep(_Step):
+    """Robots deploy to as many places, by one of the strategies of Fig. 3."""
+
+    kind: Literal["deploy"] = "deploy"
+    strategy: Strategy | str = "group"
+    robots: Names
+    places: tuple[PlaceName, ...] = Field(min_length=1)
+    ordered: Literal["nearest", "given"] = Field(
+        default="given", description="nearest: the place nearest to base first"
+    )
+    augmented: bool = True
+
+
+class GatherStep(_Step):
+    """Robots drive at once to one place, as in one stage of a group deployment: the first named will stand in front.
+
+    They end up along the way from there to another place (the first, of several), which is where they go next.
+    """
+
+    kind: Literal["gather"] = "gather"
+    robots: Names
+    at: PlaceName
+    towards: PlaceName
+    apart_m: Quantity = 1.5
+    staggered: bool = Field(default=True, description="each sets off when the one in front is so far from it")
+
+
+class ReturnStep(_Step):
+    """Robots drive back to their own places at base "in a concurrent, but uncoordinated, fashion" (section 7)."""
+
+    kind: Literal["return"] = "return"
+    robots: Names
+
+
+class PlayStep(_Step):
+    """Another play, by its path in the tree."""
+
+    kind: Literal["play"] = "play"
+    play: str
+    given: dict[str, JsonValue] = Field(default_factory=dict, description="its parameters: of this play, or values")
+
+
+class NetStep(_Step):
+    """Tasks one after the other, or at once."""
+
+    kind: Literal["net"] = "net"
+    order: Order = "serial"
+    tasks: tuple["Step", ...] = Field(min_length=1)
+    constraints: tuple[Constraint, ...] = ()
+
+
+Step: TypeAlias = Annotated[
+    GoStep | PhotoStep | WaitStep | ExploreStep | DeployStep | GatherStep | ReturnStep | PlayStep | NetStep,
+    Field(discriminator="kind"),
+]
+
+
+class Play(Settings):
+    """A net of tasks with parameters; or a folder of plays. Called as such, a folder means whichever is quickest."""
+
+    about: str = ""
+    plays: dict[Label, "Play"] = Field(default_factory=dict, description="of a folder")
+    parameters: dict[Label, Parameter] = Field(default_factory=dict)
+    order: Order = "serial"
+    tasks: tuple[Step, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+
+
+def labels(tasks: Sequence[Step]) -> list[str]:
+    """Return what *tasks* are called: their labels, or their kinds, numbered from 1 if there are several of a kind."""
+    unnamed = [task.kind for task in tasks if task.label is None]
+    names, counts = list[str](), dict[str, int]()
+    for task in tasks:
+        counts[task.kind] = counts.get(task.kind, 0) + (task.label is None)
+        numbered = f"{task.kind}-{counts[task.kind]}" if unnamed.count(task.kind) > 1 else task.kind
+        names.append(task.label or numbered)
+    return names

@@ -1,0 +1,155 @@
+"""Temporal constraints as people say them, in a play or when they tailor one, and as a plan has them.
+
+Paper 004, section 5: a task "can be constrained to precede another, ... to start 10 seconds after another, or to
+terminate whenever another task completes"; the last is ``ends_with`` of a task. Tasks are named by their labels, below
+the play's: ``leap/stage-2``; the empty name is the play itself.
+"""
+
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from cosim.settings import Bounded, Settings, error_at
+from protocols.deployment.tasks.plan import MOST, Between, Instant, Place
+
+BASE: Final = "base"
+"""The place where robots return to."""
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MOST
+
+
+def _place(value: Any) -> Any:
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, list | tuple) and len(value) == 2 and all(_finite(each) for each in value):
+        return tuple(value)
+    raise ValueError("is not a place, expected [x, y] in metres, or a name")
+
+
+def _number(value: Any) -> Any:
+    if _finite(value) or (isinstance(value, str) and value):
+        return value
+    raise ValueError("is not a number, or the name of a parameter that is one")
+
+
+PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
+"""A place in metres; or its name: of a parameter, of a place on the floor, or ``base``."""
+Number: TypeAlias = Annotated[float, Bounded(-MOST, MOST)]
+Quantity: TypeAlias = Annotated[Number | str, BeforeValidator(_number)]
+"""A number, or the name of a parameter."""
+Edge: TypeAlias = Literal["start", "end"]
+
+
+class Before(Settings):
+    """One task ends before another starts: with all its subtasks, before any of the other's."""
+
+    kind: Literal["before"] = "before"
+    first: str
+    then: str
+    at_least_s: Quantity = 0.0
+
+
+class After(Settings):
+    """An edge of a task comes so long after an edge of another."""
+
+    kind: Literal["after"] = "after"
+    task: str
+    edge: Edge = "start"
+    of: str
+    of_edge: Edge = "end"
+    at_least_s: Quantity = 0.0
+    at_most_s: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _some_time_is_left(self) -> Self:
+        least, most = self.at_least_s, self.at_most_s
+        if isinstance(least, float) and isinstance(most, float) and most < least:
+            raise error_at(("at_most_s",), most, f"is not >= {in_seconds(least)}, at_least_s")
+        return self
+
+
+class Within(Settings):
+    """A task takes no longer."""
+
+    kind: Literal["within"] = "within"
+    task: str = ""
+    seconds: Quantity
+
+
+class Deadline(Settings):
+    """A task has ended so long after the plan begins."""
+
+    kind: Literal["deadline"] = "deadline"
+    task: str = ""
+    seconds: Quantity
+
+
+Constraint: TypeAlias = Annotated[Before | After | Within | Deadline, Field(discriminator="kind")]
+
+
+def named_by(constraint: Constraint) -> dict[str, str]:
+    """Return the tasks that *constraint* names, by the field that names them."""
+    match constraint:
+        case Before(first=first, then=then):
+            return {"first": first, "then": then}
+        case After(task=task, of=of):
+            return {"task": task, "of": of}
+        case Within(task=task) | Deadline(task=task):
+            return {"task": task}
+
+
+def quantities_of(constraint: Constraint) -> dict[str, Quantity]:
+    """Return the quantities of *constraint* by their fields, but those that are not given."""
+    match constraint:
+        case Before(at_least_s=least):
+            return {"at_least_s": least}
+        case After(at_least_s=least, at_most_s=most):
+            return {"at_least_s": least} | ({} if most is None else {"at_most_s": most})
+        case Within(seconds=seconds) | Deadline(seconds=seconds):
+            return {"seconds": seconds}
+
+
+def between(constraint: Constraint, prefix: str, quantities: dict[str, float], who: str) -> Between:
+    """Return *constraint* as a plan has it.
+
+    *prefix*: name of the task that its names are relative to; *quantities*: its numbers, looked up; *who* asks for it.
+    """
+
+    def at(task: str, edge: Edge) -> Instant:
+        return Instant(task=f"{prefix}/{task}" if task else prefix, edge=edge)
+
+    match constraint:
+        case Before(first=first, then=then):
+            earlier, later = at(first, "end"), at(then, "start")
+            least, most = quantities["at_least_s"], None
+        case After(task=task, edge=edge, of=of, of_edge=of_edge):
+            earlier, later = at(of, of_edge), at(task, edge)
+            least, most = quantities["at_least_s"], quantities.get("at_most_s")
+        case Within(task=task):
+            earlier, later, least, most = at(task, "start"), at(task, "end"), 0.0, quantities["seconds"]
+        case Deadline(task=task):
+            earlier, later, least, most = Instant(), at(task, "end"), 0.0, quantities["seconds"]
+    why = f"{who}: {sentence(earlier, later, least, most)}"
+    return Between(earlier=earlier, later=later, at_least_s=least, at_most_s=most, why=why)
+
+
+def sentence(earlier: Instant, later: Instant, least_s: float, most_s: float | None) -> str:
+    """Return a temporal constraint in words."""
+    if most_s is None:
+        span = f"at least {in_seconds(least_s)} s" if least_s else "any time"
+    elif least_s:
+        span = f"{in_seconds(least_s)} to {in_seconds(most_s)} s"
+    else:
+        span = f"at most {in_seconds(most_s)} s"
+    return f"{later.task} {later.edge}s {span} after {_instant(earlier)}"
+
+
+def in_seconds(number: float) -> str:
+    """Return *number* as a person may repeat it: none of its tenths is lost, however great it is."""
+    return f"{number:.12g}"
+
+
+def _instant(instant: Instant) -> str:
+    return f"{instant.task} {instant.edge}s" if instant.task else "the plan begins"

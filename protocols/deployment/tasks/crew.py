@@ -1,0 +1,37 @@
+"""Who is there: the robots' bodies and what they can do, and where base is, as planner and executive know them."""
+
+from typing import Literal, NamedTuple
+
+from cosim.machine import Address
+from protocols.deployment.tasks.plan import Place
+
+
+class Body(NamedTuple):
+    """One robot, as far as plans depend on it (paper 004, section 7: sizes, speeds, laser or sonar, camera or none)."""
+
+    radius_m: float = 0.25
+    speed_mps: float = 0.5
+    acceleration_mps2: float = 0.5
+    camera: bool = True
+    sensor: Literal["laser", "sonar"] = "laser"
+
+
+class Crew(NamedTuple):
+    """The whole team; a robot's address is its index in *bodies*."""
+
+    bodies: tuple[Body, ...]
+    base_m: Place = (0.0, 0.0)
+    """m, where robots start from and return to."""
+
+    @property
+    def robots(self) -> range:
+        """All addresses."""
+        return range(len(self.bodies))
+
+    def radius_m(self, robot: Address) -> float:
+        """Return a robot's radius."""
+        return self.bodies[robot].radius_m
+
+    def has_camera(self, robot: Address) -> bool:
+        """Return whether a robot can take pictures."""
+        return self.bodies[robot].camera

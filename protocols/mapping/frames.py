@@ -1,0 +1,134 @@
+"""What explorers say to each other on the wire: pieces of their maps, and how many pieces of whom they have.
+
+Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). The paper
+(001) has one map in one memory, and prints no formats.
+"""
+
+from binascii import crc_hqx
+from struct import Struct, error
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from cosim.errors import LocalProtocolError, WireError
+from cosim.machine import Address
+from protocols.mapping.runs import Words
+from protocols.wire import CRC_BYTES, check
+
+MAGIC: Final = 0x45
+FAR_M: Final = 1e6
+"""No coordinate on the wire is greater than this."""
+MOST_PIECES: Final = 0xFFFF
+"""Pieces of one stream: their numbers are smaller."""
+STAMPS: Final = 1 << 32
+"""Stamps and lives are smaller: milliseconds of 49 days."""
+
+_HEAD: Final = Struct(">BBB")
+_PIECE: Final = Struct(">BIHI")
+_PLACE: Final = Struct(">ff")
+_ENTRY: Final = Struct(">BIHB")
+_PIECE_KIND: Final = 1
+_SUMMARY_KIND: Final = 2
+RUN_BYTES: Final = 4
+ENTRY_BYTES: Final = _ENTRY.size
+PIECE_OVERHEAD: Final = _HEAD.size + _PIECE.size + CRC_BYTES
+"""Bytes of a piece beyond its runs."""
+SUMMARY_OVERHEAD: Final = _HEAD.size + _PLACE.size + CRC_BYTES
+"""Bytes of a summary beyond its entries."""
+LEAST_OCTETS: Final = max(PIECE_OVERHEAD + RUN_BYTES, SUMMARY_OVERHEAD + ENTRY_BYTES)
+"""Bytes of a frame that holds at least one run, or one entry."""
+
+
+class Stream(NamedTuple):
+    """All pieces that *author* tells from one boot to the next.
+
+    Who boots again has lost its map, and does not know how many pieces it has told: in a new *life* it counts anew.
+    """
+
+    author: Address
+    life: int
+    """When it began: milliseconds of the author's clock, mod 2**32."""
+
+
+class Piece(NamedTuple):
+    """Part of what the author of *stream* has seen for itself, its *number*-th from 0; runs as in ``runs``, (n,)."""
+
+    stream: Stream
+    number: int
+    stamp: int
+    """Of two pieces that tell of one cell, that with the greater stamp is newer."""
+    runs: Words
+
+
+class Entry(NamedTuple):
+    """How many pieces of a stream, from the first on without a gap, somebody has."""
+
+    stream: Stream
+    pieces: int
+    source: Address
+    """Whom it asks for more; itself if it asks nobody."""
+
+
+class Summary(NamedTuple):
+    """Where the sender is, and some of what it has: of what streams it says nothing, nothing follows."""
+
+    x_m: float
+    y_m: float
+    entries: tuple[Entry, ...]
+
+
+Message: TypeAlias = Piece | Summary
+
+
+def encode(sender: Address, message: Message) -> bytes:
+    """Return the frame that says *message*; raise LocalProtocolError for what no frame can say."""
+    try:
+        match message:
+            case Piece(stream=stream, number=number, stamp=stamp, runs=runs):
+                if number >= MOST_PIECES:
+                    raise LocalProtocolError(f"no piece has the number {number}")
+                body = _HEAD.pack(MAGIC, _PIECE_KIND, sender) + _PIECE.pack(*stream, number, stamp)
+                body += runs.astype(">u4").tobytes()
+            case Summary(x_m=x_m, y_m=y_m, entries=entries):
+                if not (abs(x_m) <= FAR_M and abs(y_m) <= FAR_M):
+                    raise LocalProtocolError(f"nobody is at ({x_m}, {y_m})")
+                body = _HEAD.pack(MAGIC, _SUMMARY_KIND, sender) + _PLACE.pack(x_m, y_m)
+                body += b"".join(_ENTRY.pack(*stream, count, source) for stream, count, source in entries)
+    except error as wrong:
+        raise LocalProtocolError(f"{message} does not fit into a frame: {wrong}") from None
+    return body + crc_hqx(body, 0xFFFF).to_bytes(CRC_BYTES, "big")
+
+
+def decode(data: bytes) -> tuple[Address, Message]:
+    """Return who has sent what; raise WireError for bytes that are no frame of ours."""
+    check(data)
+    if len(data) < _HEAD.size + CRC_BYTES:
+        raise WireError("too short for a head")
+    magic, kind, sender = _HEAD.unpack_from(data)
+    body = data[_HEAD.size : -CRC_BYTES]
+    if magic != MAGIC:
+        raise WireError(f"magic {magic:#x}")
+    if kind == _PIECE_KIND:
+        return sender, _piece(body)
+    if kind == _SUMMARY_KIND:
+        return sender, _summary(body)
+    raise WireError(f"kind {kind}")
+
+
+def _piece(body: bytes) -> Piece:
+    if len(body) < _PIECE.size or (len(body) - _PIECE.size) % RUN_BYTES:
+        raise WireError(f"a piece with a body of {len(body)} bytes")
+    author, life, number, stamp = _PIECE.unpack_from(body)
+    if number >= MOST_PIECES:
+        raise WireError(f"a piece with the number {number}")
+    return Piece(Stream(author, life), number, stamp, np.frombuffer(body, ">u4", offset=_PIECE.size).astype(np.uint32))
+
+
+def _summary(body: bytes) -> Summary:
+    if len(body) < _PLACE.size or (len(body) - _PLACE.size) % ENTRY_BYTES:
+        raise WireError(f"a summary with a body of {len(body)} bytes")
+    x_m, y_m = _PLACE.unpack_from(body)
+    if not (abs(x_m) <= FAR_M and abs(y_m) <= FAR_M):  # NaN as well
+        raise WireError("a place that is nowhere")
+    entries = _ENTRY.iter_unpack(body[_PLACE.size :])
+    return Summary(x_m, y_m, tuple(Entry(Stream(author, life), count, by) for author, life, count, by in entries))

@@ -1,0 +1,67 @@
+"""What a scenario can say about how robots that deploy talk to each other."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from cosim.settings import Count, Period, Seconds, Settings, error_at
+from protocols.transport.frames import LEAST_OCTETS, MOST_OCTETS, WINDOW
+
+
+class LinkParameters(Settings):
+    """How robots keep a piconet of all, for radios that carry nothing without a link; another leads if the first dies.
+
+    A robot without a master takes over after ``alone_s``, and ``stagger_s`` more for each that is before it in the
+    order of masters and may be alive.
+    """
+
+    first: Count = Field(default=0, ge=0, description="the first in the order of masters; then by their addresses")
+    patience_s: Seconds = Field(default=6.0, gt=0, description="s, a master waits no longer for the end of a page")
+    page_s: Seconds = Field(default=5.0, gt=0, description="s from one page in vain to the next, of a robot in sight")
+    page_most_s: Seconds = Field(
+        default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
+    )
+    beat_s: Period = Field(default=2.0, gt=0, description="s, who has nothing to say lets itself be heard")
+    silence_s: Seconds = Field(
+        default=15.0, gt=0, description="s, after which a link over which nothing came is given up"
+    )
+    alone_s: Seconds = Field(default=10.0, gt=0, description="s without a master until the next in order takes over")
+    stagger_s: Seconds = Field(default=10.0, gt=0, description="s more for each robot before it that may be alive")
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if not self.page_s <= self.page_most_s:
+            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
+        if not self.beat_s < self.silence_s:
+            raise error_at(("silence_s",), self.silence_s, f"is not > {self.beat_s}, beat_s")
+        return self
+
+
+class CourierParameters(Settings):
+    """How letters are carried and news told."""
+
+    octets: int = Field(default=200, ge=LEAST_OCTETS, le=MOST_OCTETS, description="bytes, the longest frame")
+    window: int = Field(default=16, ge=1, le=WINDOW, description="parts of letters to one robot on the way at a time")
+    in_device: Count = Field(
+        default=4, ge=1, description="frames to one neighbour that wait in the own radio at a time"
+    )
+    fate_s: Seconds = Field(default=3.0, gt=0, description="s, after which a radio has forgotten a frame")
+    retry_s: Seconds = Field(default=1.0, gt=0, description="s until the first part is sent again, before any answer")
+    retry_least_s: Period = Field(default=0.2, gt=0, description="s, the shortest such time once answers are timed")
+    retry_most_s: Seconds = Field(default=4.0, gt=0, description="s, the longest; it doubles with each time in vain")
+    give_up_s: Seconds = Field(default=60.0, gt=0, description="s without any answer until a letter is given up")
+    ack_s: Seconds = Field(default=0.02, ge=0, description="s that an acknowledgement waits for more to acknowledge")
+    spread_s: Seconds = Field(
+        default=0.05, ge=0, description="s that news wait at most, each another time, without links"
+    )
+    flood: bool = Field(default=False, description="each says news again once, for those out of their author's reach")
+    links: LinkParameters | None = Field(
+        default=None, description="talk over the links of a piconet: what Bluetooth needs; by default to all in reach"
+    )
+
+    @model_validator(mode="after")
+    def _waits_grow(self) -> Self:
+        if not self.retry_least_s <= self.retry_s <= self.retry_most_s:
+            expected = f"is not >= {self.retry_least_s}, retry_least_s, and <= {self.retry_most_s}, retry_most_s"
+            raise error_at(("retry_s",), self.retry_s, expected)
+        return self
