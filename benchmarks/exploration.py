@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.workloads import FLOORS, Work
+from cosim.arrays import Bools, Floats
 from cosim.documents import read_yaml
 from cosim.geometry.astar import astar, clearance_cost, passable_cells
 from cosim.geometry.marking import CERTAIN
-from cosim.geometry.planning import Bools
 from cosim.geometry.segments import ray_casts
 from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
 from cosim.navigation.localization import Localizer
 from cosim.navigation.localization_likelihood import KnownMap, known_map
-from cosim.navigation.schemas import Floats, beam_directions
+from cosim.navigation.schemas import beam_directions
 from cosim.navigation.slam import Slam
 from cosim.observation import Observation
 from cosim.randomness import Draws

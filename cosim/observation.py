@@ -5,11 +5,11 @@ else it is odometry: it begins at an unknown place, turned by an unknown angle, 
 """
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+from cosim.arrays import Floats
 
 _NOTHING: Final = np.empty(0)
 

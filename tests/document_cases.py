@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import yaml
 from PIL import Image
 
-ROOT = Path(__file__).parents[1]
+from tests.checkout import ROOT
+
 PLAIN = {"duration_s": 5, "team": {"size": 2}, "protocol": {"use": "monitoring", "parameters": {"period_s": 0.2}}}
 FLOOR = {"map": "walls", "bounds_m": [0, 0, 12, 10]}
 
@@ -43,7 +44,10 @@ def sources() -> dict[str, list[Callable[[], Document]]]:
     experiments = [path for path in sorted(ROOT.glob("experiments/*/*.yaml")) if path.parent.name != "floors"]
     sweeps = [path for path in experiments if path.name != "playbook.yaml"]
     played = sorted({*experiments} - {*sweeps}) + sorted(ROOT.glob("examples/*.yaml"))
-    plays = [*sorted(ROOT.glob("protocols/deployment/planning/plays/*.yaml")), ROOT / "tests/deployment/soak_plays.yaml"]
+    plays = [
+        *sorted(ROOT.glob("protocols/deployment/planning/plays/*.yaml")),
+        ROOT / "tests/protocols/deployment/soak_plays.yaml",
+    ]
     inner = [path for path in sweeps if "scenario:" in path.read_text(encoding="utf-8")]
     return {
         "scenario": [partial(_scenario, *each) for each in [*_blocks(), *_small()]]

@@ -20,8 +20,8 @@ from cosim.protocol import Metric
 from cosim.results import RunStore
 from cosim.simulation import Outcome, Simulation
 from cosim.trace import CALLS, Trace
+from tests.checkout import DATA
 
-DATA = Path(__file__).parent / "data"
 DEPOT: dict[str, Any] = {"name": "depot", "duration_s": 10, "protocol": {"use": "beacon:SPEC"}}
 DELAYS = {
     "name": "delays",

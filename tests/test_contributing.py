@@ -2,7 +2,6 @@
 
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +12,9 @@ from cosim.scenario import Scenario
 from cosim.settings import Settings
 from cosim.simulation import simulate
 from cosim.units import MS, S, Time
+from tests.checkout import ROOT
 
-CONTRIBUTING = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 SIZE = 5
 
 

@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,9 @@ from cosim.data_dictionary import page
 from cosim.protocol import Metric
 from cosim.scenario import protocol_names, protocol_spec
 from cosim.trace import TABLES
+from tests.checkout import DATA, ROOT
 
-DOCUMENT = Path(__file__).parents[1] / "docs" / "tables.md"
+DOCUMENT = ROOT / "docs" / "tables.md"
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Heard:
 
 @pytest.fixture
 def described(monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.syspath_prepend(str(Path(__file__).parent / "data"))
+    monkeypatch.syspath_prepend(str(DATA))
     monkeypatch.delitem(sys.modules, "beacon", raising=False)
     spec = replace(protocol_spec("beacon:SPEC"), events=(Heard,), metrics=(Metric("calls", "1", "calls heard"),))
     return page([spec])

@@ -14,8 +14,7 @@ from cosim.scenario import build, dump, load
 from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.world.floorplan import FloorSettings
 from protocols.deployment.planning.play import Play
-
-ROOT = Path(__file__).parent.parent
+from tests.checkout import ROOT
 
 
 def complaint(path: Path, text: str) -> str:

@@ -7,8 +7,9 @@ import pytest
 
 from cosim.scenario import load
 from cosim.simulation import simulate
+from tests.checkout import ROOT
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = ROOT / "examples"
 
 
 def run(name: str, *sets: str) -> dict[str, float]:

@@ -18,8 +18,8 @@ from cosim.experiment import (
     is_experiment,
     load_experiment,
 )
+from tests.checkout import DATA
 
-DATA = Path(__file__).parent / "data"
 SCENARIO = {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}}
 SWEEP = {
     "scenario": SCENARIO,

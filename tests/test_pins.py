@@ -10,8 +10,8 @@ import pytest
 from cosim.errors import LocalProtocolError, UserError
 from cosim.pins import Case, Fact, Pins, cases_in, check_pins, difference, made_elsewhere, made_with, pin_of, read_pins
 from cosim.scenario import load
+from tests.checkout import ROOT
 
-ROOT = Path(__file__).parents[1]
 OURS = ROOT / "tests" / "pins.csv"
 LONGEST_RUN_S = 60
 SCENARIO = """\

@@ -10,8 +10,9 @@ import yaml
 from cosim import __version__
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
+from tests.checkout import ROOT
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -63,7 +64,7 @@ def test_the_exploration_is_a_scenario() -> None:
 def test_the_deployment_is_begun_and_one_with_places_that_the_floor_does_not_have_is_refused_in_words() -> None:
     (text,) = re.findall(r"```\n(name: three_places.*?)```", README, re.DOTALL)
     plain = yaml.safe_load(text)
-    plain["floorplan"]["map"] = str(Path(__file__).parents[1] / plain["floorplan"]["map"])
+    plain["floorplan"]["map"] = str(ROOT / plain["floorplan"]["map"])
     outcome = simulate(Scenario.model_validate(plain | {"duration_s": 10}), 1)
     assert outcome.notices == ()
     assert outcome.metrics["orders"] > 0
@@ -76,14 +77,14 @@ def test_the_deployment_is_begun_and_one_with_places_that_the_floor_does_not_hav
 
 
 def test_every_experiment_is_in_the_table() -> None:
-    folders = sorted(path.parent.name for path in Path(__file__).parents[1].glob("experiments/*/sweep.yaml"))
+    folders = sorted(path.parent.name for path in ROOT.glob("experiments/*/sweep.yaml"))
     assert folders
     for name in folders:
         assert f"[{name}](experiments/{name}/README.md)" in README
 
 
 def test_the_version_is_the_same_wherever_it_stands() -> None:
-    root = Path(__file__).parents[1]
+    root = ROOT
     assert yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))["version"] == __version__
     assert f"\n## {__version__}, " in (root / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"cosim_robots-{__version__}-py3" in README

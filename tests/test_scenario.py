@@ -9,8 +9,8 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.scenario import Scenario, build, digest, dump, load, protocol_spec
+from tests.checkout import DATA
 
-DATA = Path(__file__).parent / "data"
 DEPOT = {"duration_s": 60, "protocol": {"use": "beacon:SPEC"}}
 
 

@@ -6,7 +6,6 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from cosim.settings import Settings
 from cosim.simulation import METRICS, Outcome, Simulation, simulate
 from cosim.trace import POSES, UNSENT
 from cosim.units import MS, S, Time, to_seconds
+from tests.checkout import DATA
 
 TICK = 100 * MS
 
@@ -482,7 +482,7 @@ def test_the_digest_does_not_depend_on_what_else_is_kept():
 
 @pytest.mark.slow
 def test_another_process_finds_the_same_digest():
-    folder = Path(__file__).parent / "data"
+    folder = DATA
     code = (
         "from cosim.scenario import Scenario; from cosim.simulation import simulate;"
         "plain = {'duration_s': 5, 'protocol': {'use': 'beacon:SPEC'}};"

@@ -18,8 +18,8 @@ from cosim.errors import UserError
 from cosim.experiment import Experiment, load_experiment
 from cosim.results import RunStore
 from cosim.sweep import cluster, execute, run_sweep, tasks
+from tests.checkout import DATA
 
-DATA = Path(__file__).parent / "data"
 ROBOTS: dict[str, Any] = {
     "name": "calls",
     "scenario": {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}},

@@ -21,8 +21,8 @@ from zipfile import ZipFile
 import pytest
 
 from cosim import __version__
+from tests.checkout import ROOT
 
-ROOT = Path(__file__).parents[1]
 PACKAGES = ("cosim", "protocols", "experiments")
 ROOM = "duration_s: 2\nteam: {size: 2}\nprotocol: {use: %s}\n"
 TINY = """\

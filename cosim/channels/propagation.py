@@ -13,19 +13,18 @@ find the same. At the side of a square the value jumps to an independent one.
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from cosim.arrays import Floats
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Decibels, Gain, Metres, Settings
 from cosim.world.sight import wall_losses_db
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 NEAREST_M: Final = 0.1
 """Robots that are nearer to each other count as so far apart: the law holds for the far field, about a wavelength."""

@@ -20,17 +20,17 @@ Cells are numbered ``cell = iy * nx + ix`` as in :mod:`cosim.geometry.grids`.
 """
 
 import math
-from typing import Any, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Bytes, Floats, Int32s, Int64s, Singles
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, Integers, Ints, Singles, grown, in_view, obstacle_distance
+from cosim.geometry.planning import grown, in_view, obstacle_distance
 from cosim.jit import njit
 
 Reading: TypeAlias = Literal["octile", "printed"]
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 
 _DIAGONAL: Final = math.sqrt(2.0)
 _BESIDE: Final = 0.5
@@ -109,7 +109,7 @@ def lookouts(passable: Bools, clear: Bools, targets: npt.ArrayLike, reach_cells:
 # ---------------------------------------------------------------- ways
 
 
-def astar(passable: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading = "octile") -> Ints | None:
+def astar(passable: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading = "octile") -> Int32s | None:
     """Return the cells of a way from *start* to *goal*, both included, or None if there is none.
 
     *passable* and *extra* have the shape (ny, nx). Raise LookupError if start or goal is off the grid.
@@ -122,7 +122,7 @@ def astar(passable: Bools, extra: Singles, start: Cell, goal: Cell, reading: Rea
 
 def nearest(
     passable: Bools, extra: Singles, start: Cell, goals: npt.ArrayLike, reading: Reading = "octile"
-) -> Ints | None:
+) -> Int32s | None:
     """Return the cells of a cheapest way from *start* to the cheapest of *goals*, shape (ny, nx), or None.
 
     Dijkstra's algorithm up to the first goal: of the *reading*, only the lengths of the steps matter. Columns of
@@ -133,7 +133,7 @@ def nearest(
 
 def nearest_frontier(
     passable: Bools, clear: Bools, extra: Singles, start: Cell, frontier: npt.ArrayLike, reading: Reading = "octile"
-) -> Ints | None:
+) -> Int32s | None:
     """Return a way from *start* to the nearest cell of *frontier*, shape (ny, nx), if possible one in sight, or None.
 
     Those in sight of the start (:func:`in_sight`) have the absolute preference of paper 001, section 3.6; a frontier to
@@ -177,7 +177,7 @@ def costs_from(
     return np.ascontiguousarray(np.asarray(cost).reshape(ny + 2, nx + 2)[1:-1, 1:-1])
 
 
-def _way(passable: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading) -> Ints | None:
+def _way(passable: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading) -> Int32s | None:
     """Return a way to the first of *ends* that is final; the search is blind with *goal* -1."""
     _check(passable, extra, start)
     estimate = _BLIND if goal < 0 else _OCTILE if reading == "octile" else _STRAIGHT
@@ -187,7 +187,7 @@ def _way(passable: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, 
 
 def _searched(
     free: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, estimate: int, reading: Reading, stop: bool
-) -> tuple[int, Floats, Ints]:
+) -> tuple[int, Floats, Int32s]:
     """Return what :func:`_search` finds with as many links as it needs."""
     diagonal, links = (_DIAGONAL if reading == "octile" else 1.0), _LINKS
     while True:
@@ -226,7 +226,7 @@ def _search(
     diagonal: float,
     stop: bool,
     links: int,
-) -> tuple[int, Floats, Ints]:
+) -> tuple[int, Floats, Int32s]:
     """Return the cheapest of *ends* (-1: none; all cells are looked at without *stop*), costs, and cells before.
 
     All are of the grid with a border of one cell, flat. -2: there are not enough *links* for the queue.
@@ -315,7 +315,7 @@ def _estimate(x: int, y: int, goal_x: int, goal_y: int, estimate: int) -> float:
 
 
 @njit(cache=True)
-def _buckets(dearest: float, estimate: int) -> tuple[float, Ints]:
+def _buckets(dearest: float, estimate: int) -> tuple[float, Int32s]:
     """Return how many buckets there are to one unit of cost, and a ring of them, empty: the first link of each.
 
     It holds promises up to that of a step from the bucket that is being emptied.
@@ -329,7 +329,7 @@ def _buckets(dearest: float, estimate: int) -> tuple[float, Ints]:
 
 
 @njit(cache=True)
-def _put(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int, cell: int) -> None:
+def _put(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int, cell: int) -> None:
     """Put a cell before those of a bucket: a link holds a cell, and says which is the next one."""
     at, link = bucket & (first.size - 1), count[_SPARE]
     if link == _NONE:
@@ -342,7 +342,7 @@ def _put(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int, cel
 
 
 @njit(cache=True)
-def _taken(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int) -> int:
+def _taken(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int) -> int:
     """Return the cell that was put last into a bucket, and take it away; _NONE if the bucket is empty."""
     at = bucket & (first.size - 1)
     link = first[at]
@@ -355,7 +355,7 @@ def _taken(first: Ints, held: Ints, after: Ints, count: Integers, bucket: int) -
 
 
 @njit(cache=True)
-def _unwound(before: Ints, last: int, wide: int) -> Ints:
+def _unwound(before: Int32s, last: int, wide: int) -> Int32s:
     """Return the way to a cell of the grid with its border, in cells of the grid without."""
     count, cell = 1, last
     while cell != before[cell]:

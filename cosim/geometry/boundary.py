@@ -14,19 +14,17 @@ lies behind the sweep), and a robot that touches an edge looks from ``CLEAR_M`` 
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
+from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, cells_near, packed_walls, segment_grid, unpacked
 from cosim.jit import njit
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-PackedBoundary: TypeAlias = tuple[Floats, Ints, Integers, float]
+PackedBoundary: TypeAlias = tuple[Floats, Int32s, Int64s, float]
 """Numbers and members of the grid, links (3, n), and the side."""
 
 CLEAR_M: Final = 1e-6
@@ -43,11 +41,11 @@ class Boundary(NamedTuple):
     """Edges of closed loops in walking order; row *e* of ``grid.walls_m`` is edge *e*."""
 
     grid: SegmentGrid
-    following: Integers
+    following: Int64s
     """The edge after each edge, (n,)."""
-    preceding: Integers
+    preceding: Int64s
     """The edge before each edge, (n,)."""
-    loop: Integers
+    loop: Int64s
     """The number of each edge's loop, (n,): obstacles first, in the order given, then enclosures."""
     side: float
     """1.0 if the obstacle is at the right hand of who walks (local direction left), else -1.0."""
@@ -91,7 +89,7 @@ def packed_boundary(loops: Boundary) -> PackedBoundary:
 
 
 @njit(cache=True)
-def unpacked_boundary(numbers: Floats, members: Ints, links: Integers, side: float) -> Boundary:
+def unpacked_boundary(numbers: Floats, members: Int32s, links: Int64s, side: float) -> Boundary:
     """Return the boundary of :func:`packed_boundary`; a kernel for kernels."""
     return Boundary(unpacked(numbers, members), links[0], links[1], links[2], side)
 

@@ -10,14 +10,15 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from scipy import ndimage
 
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
+from cosim.arrays import Int32s
+
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 
 
 class Frontier(NamedTuple):
     """A group of cells, ascending, and that of them which is nearest to their mean (of equal ones the lowest)."""
 
-    cells: Ints
+    cells: Int32s
     centroid: int
 
 
@@ -39,7 +40,7 @@ def yamauchi_frontiers(evidence: Evidence, least_cells: int) -> list[Frontier]:
     return [Frontier(part, _nearest_to_mean(part, nx)) for part in groups]
 
 
-def _nearest_to_mean(cells: Ints, nx: int) -> int:
+def _nearest_to_mean(cells: Int32s, nx: int) -> int:
     iy, ix = np.divmod(cells.astype(np.int64), nx)
     n = len(cells)
     # whole numbers, n times too large: equal distances are equal

@@ -10,18 +10,16 @@ directions are north, east, south, west (y up), numbered 0 to 3.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.segments import clearance, segment_grid, swept_clearance
 from cosim.jit import njit
 
 Cell: TypeAlias = int
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 
 NORTH, EAST, SOUTH, WEST = 0, 1, 2, 3
 OFFSETS: Final = ((0, 1), (1, 0), (0, -1), (-1, 0))
@@ -38,7 +36,7 @@ class CoverageGrid:
     cell_m: float
     nx: int
     ny: int
-    steps: Ints
+    steps: Int32s
     """Shape (nx * ny, 4): the cell that a step in each direction leads to, or -1 where the body does not fit."""
     free: Bools
     """Shape (nx * ny,): the body fits into the cell."""
@@ -107,7 +105,7 @@ def coverage_grid(
     return result
 
 
-def distances(steps: Ints, sources: npt.ArrayLike) -> Ints:
+def distances(steps: Int32s, sources: npt.ArrayLike) -> Int32s:
     """Return the fewest *steps* (n, 4) from the nearest cell of *sources* to each cell, -1 where there is no way."""
     return _flood(np.ascontiguousarray(steps, np.int32), np.asarray(sources, np.int32).reshape(-1))
 
@@ -118,7 +116,7 @@ def _centres(origin_m: tuple[float, float], cell_m: float, nx: int, ny: int) -> 
     return np.stack((np.tile(x, ny), np.repeat(y, nx)), axis=1)
 
 
-def _neighbours(nx: int, ny: int) -> Ints:
+def _neighbours(nx: int, ny: int) -> Int32s:
     """Return the neighbour of each cell in each direction, -1 beyond the edge."""
     iy, ix = np.divmod(np.arange(nx * ny, dtype=np.int32), np.int32(nx))
     steps = np.empty((nx * ny, 4), np.int32)
@@ -128,7 +126,7 @@ def _neighbours(nx: int, ny: int) -> Ints:
     return steps
 
 
-def _largest(steps: Ints, free: Bools) -> Bools:
+def _largest(steps: Int32s, free: Bools) -> Bools:
     best = np.zeros(len(free), np.bool_)
     left = free.copy()
     while np.count_nonzero(left) > np.count_nonzero(best):
@@ -140,7 +138,7 @@ def _largest(steps: Ints, free: Bools) -> Bools:
 
 
 @njit(cache=True)
-def _flood(steps: Ints, sources: Ints) -> Ints:
+def _flood(steps: Int32s, sources: Int32s) -> Int32s:
     distance = np.full(steps.shape[0], -1, np.int32)
     queue = np.empty(steps.shape[0], np.int32)
     head = tail = 0

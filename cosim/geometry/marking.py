@@ -22,13 +22,10 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bools, Bytes, Floats, Int32s
 from cosim.jit import njit
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Way: TypeAlias = tuple[int, int, int, int, int, int, int, int, int]
 
 UNKNOWN: Final = 0
@@ -98,7 +95,7 @@ def mark_scan(
     miss: int,
     cap: int,
     bodies: Floats,
-    changed: Ints,
+    changed: Int32s,
     diagonal: bool,
 ) -> int:
     """Mark a scan from (x, y) into *evidence* and *frontier*; return how many cells changed their state.
@@ -133,11 +130,11 @@ def mark_scan(
 def merge_cells(
     evidence: Evidence,
     frontier: Bytes,
-    cells: Ints,
+    cells: Int32s,
     told: Bytes,
     newer: Bools,
     weight: int,
-    changed: Ints,
+    changed: Int32s,
     diagonal: bool,
 ) -> int:
     """Take over the states *told* (n,) of *cells* (n,) from another's map; return how many cells changed their state.
@@ -185,7 +182,7 @@ def _mark_beams(
     bodies: Floats,
     x: float,
     y: float,
-    changed: Ints,
+    changed: Int32s,
 ) -> int:
     """Mark all beams; return how many cells are listed, which may have changed their state.
 
@@ -288,7 +285,7 @@ def _but(one: int, other: int, end: int) -> tuple[int, int]:
 def _pass(
     cells: Evidence,
     frontier: Bytes,
-    changed: Ints,
+    changed: Int32s,
     count: int,
     nx: int,
     one: int,
@@ -315,7 +312,7 @@ def _pass(
 def _strike(
     cells: Evidence,
     frontier: Bytes,
-    changed: Ints,
+    changed: Int32s,
     count: int,
     nx: int,
     cell: int,
@@ -378,7 +375,7 @@ def _state(evidence: int) -> int:
 
 
 @njit(cache=True)
-def _list(frontier: Bytes, changed: Ints, count: int, nx: int, cell: int, before: int) -> int:
+def _list(frontier: Bytes, changed: Int32s, count: int, nx: int, cell: int, before: int) -> int:
     """Note that *cell* leaves the state *before*, if it is not noted yet; return how many are."""
     iy = cell // nx
     ix = cell - iy * nx
@@ -390,7 +387,7 @@ def _list(frontier: Bytes, changed: Ints, count: int, nx: int, cell: int, before
 
 
 @njit(cache=True)
-def _settle(evidence: Evidence, frontier: Bytes, changed: Ints, count: int, diagonal: bool) -> int:
+def _settle(evidence: Evidence, frontier: Bytes, changed: Int32s, count: int, diagonal: bool) -> int:
     """Strike those off the list that are what they were before, and renew the frontier about the others."""
     nx = evidence.shape[1]
     kept = 0

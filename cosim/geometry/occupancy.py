@@ -1,12 +1,10 @@
 """Occupancy grids as geometry: the outline of the solid cells, as few long segments."""
 
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Rows: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
+from cosim.arrays import Bools, Floats, Int32s
 
 _BAND: Final = 1 << 22
 """The number of cells whose edges are looked for at once: what that takes is many times a large grid."""
@@ -28,7 +26,7 @@ def outline(occupied: Bools, most: int | None = None) -> Floats:
     return segments
 
 
-def _runs(cells: Bools, most: int | None) -> Rows:
+def _runs(cells: Bools, most: int | None) -> Int32s:
     """Return (y, first x, x after the last) of every run of edges between a row of *cells* and the next, shape (n, 3).
 
     Edge y lies below row y.

@@ -18,20 +18,16 @@ Cells are numbered ``cell = iy * nx + ix`` as in :mod:`cosim.geometry.grids`; ro
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Int32s, Int64s, Singles
 from cosim.geometry.grids import TOUCH_M, Cell
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.jit import njit
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
 Point: TypeAlias = tuple[float, float]
 
 _DIAGONAL: Final = math.sqrt(2.0)
@@ -181,7 +177,7 @@ def cost_to_go(free: Bools, goals: npt.ArrayLike) -> Floats:
     return _wavefront(np.ascontiguousarray(free), cells)
 
 
-def descent(free: Bools, cost: Floats, start: Cell) -> Ints | None:
+def descent(free: Bools, cost: Floats, start: Cell) -> Int32s | None:
     """Return the cells of a shortest way from *start* to a goal, both included, or None if there is none.
 
     *cost* is the field of :func:`cost_to_go` on the same grid. Of several shortest ways always the same is returned.
@@ -191,7 +187,7 @@ def descent(free: Bools, cost: Floats, start: Cell) -> Ints | None:
     return _descent(free, cost, start) if math.isfinite(cost.flat[start]) else None
 
 
-def way_points(free: Bools, path: Ints) -> Ints:
+def way_points(free: Bools, path: Int32s) -> Int32s:
     """Return those cells of a *path* (n,), of :func:`descent`, that suffice: each sees the next, see :func:`in_view`.
 
     First and last are kept. The next way point is the last before the first one that the present one does not see.
@@ -268,7 +264,7 @@ def open_steps(free: Bools, enterable: Bools, ix: int, iy: int) -> int:
 
 
 @njit(cache=True)
-def _wavefront(free: Bools, goals: Integers) -> Floats:
+def _wavefront(free: Bools, goals: Int64s) -> Floats:
     ny, nx = free.shape
     cost = np.full((ny, nx), np.inf)
     wave_of = np.full((ny, nx), -1, np.int32)  # the last wave that a cell has been written to
@@ -293,7 +289,7 @@ def _wavefront(free: Bools, goals: Integers) -> Floats:
 
 
 @njit(cache=True)
-def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Ints, cells: Ints, sizes: Ints) -> None:
+def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Int32s, cells: Int32s, sizes: Int32s) -> None:
     """Lead the ways of all neighbours of a cell over it where that makes them shorter, and list them in their waves."""
     steps = open_steps(free, free, ix, iy)
     for dy in range(-1, 2):
@@ -313,7 +309,7 @@ def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Ints, cells: I
 
 
 @njit(cache=True)
-def _descent(free: Bools, cost: Floats, start: int) -> Ints:
+def _descent(free: Bools, cost: Floats, start: int) -> Int32s:
     nx = free.shape[1]
     path = np.empty(free.size, np.int32)
     path[0], count = start, 1
@@ -360,7 +356,7 @@ def in_view(free: Bools, a: Cell, b: Cell) -> bool:
 
 
 @njit(cache=True)
-def _way_points(free: Bools, path: Ints) -> Ints:
+def _way_points(free: Bools, path: Int32s) -> Int32s:
     kept = np.empty(path.shape[0], np.int32)
     kept[0], count, last = path[0], 1, 0
     for k in range(1, path.shape[0]):

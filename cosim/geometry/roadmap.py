@@ -12,16 +12,15 @@ cell or two among scattered obstacles; among the walls of a building ways are sh
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import scipy.ndimage
 import scipy.sparse.csgraph
 
-from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point
+from cosim.arrays import Bools, Floats, Int32s
+from cosim.geometry.planning import PlanningGrid, Point
 from cosim.jit import njit
-
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 
 _CORNER: Final = 1e-9
 """A line that passes a cell's corner as near as this (cells) meets all four cells there."""
@@ -36,9 +35,9 @@ class Roadmap:
     """Shape (n, 2): x, y of each node in cells of the grid, from its origin."""
     length: Floats
     """Shape (n, n): the shortest way between nodes in cells, inf where there is none."""
-    after: Ints
+    after: Int32s
     """Shape (n, n): the node after i on the way to j."""
-    part: Ints
+    part: Int32s
     """Shape (ny, nx): free cells with ways between them have the same number, not 0; others 0."""
 
     def open(self, a_m: Point, b_m: Point) -> bool:

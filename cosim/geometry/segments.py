@@ -15,17 +15,13 @@ none; a wall along the line is not; and a closed outline is crossed an even numb
 """
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.jit import njit
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 MISS: Final = 2.0
 """What stands for no hit where a hit is a fraction of a way, 0 to 1."""
@@ -42,8 +38,8 @@ class SegmentGrid(NamedTuple):
     cell_m: float
     nx: int
     ny: int
-    first: Ints
-    member: Ints
+    first: Int32s
+    member: Int32s
 
 
 def segment_grid(walls_m: npt.ArrayLike) -> SegmentGrid:
@@ -68,7 +64,7 @@ def segment_grid(walls_m: npt.ArrayLike) -> SegmentGrid:
     return SegmentGrid(walls, x, y, cell, nx, ny, first, member)
 
 
-PackedWalls: TypeAlias = tuple[Floats, Ints]
+PackedWalls: TypeAlias = tuple[Floats, Int32s]
 """A grid of walls as two arrays, numbers and members."""
 
 
@@ -80,7 +76,7 @@ def packed_walls(grid: SegmentGrid) -> PackedWalls:
 
 
 @njit(cache=True)
-def unpacked(numbers: Floats, members: Ints) -> SegmentGrid:
+def unpacked(numbers: Floats, members: Int32s) -> SegmentGrid:
     """Return the grid of :func:`packed_walls`; a kernel for kernels."""
     nx, ny = members[0], members[1]
     first_end = 2 + nx * ny + 1
@@ -134,7 +130,9 @@ def _index(value: float, cells: int) -> int:
 
 
 @njit(cache=True)
-def _list_members(walls: Floats, x: float, y: float, cell: float, nx: int, ny: int, slot: Ints, member: Ints) -> None:
+def _list_members(
+    walls: Floats, x: float, y: float, cell: float, nx: int, ny: int, slot: Int32s, member: Int32s
+) -> None:
     """Count the walls of each cell in *slot*, or with a *member* to fill, write each wall to its cells' next slots."""
     half = (0.5 + _PAD) * cell
     for wall in range(walls.shape[0]):
@@ -365,7 +363,7 @@ _BLOCK: Final = 64
 
 
 @njit(cache=True)
-def crossed_weights(walls: Floats, weight: Integers, points: Floats) -> Integers:
+def crossed_weights(walls: Floats, weight: Int64s, points: Floats) -> Int64s:
     """Return for each two *points* (m, 2) the sum, (m, m), of *weight* (n,) of the *walls* (n, 4) between them.
 
     A wall counts if the line between the points crosses it, from one of its sides to the other, see the top of the
@@ -379,7 +377,7 @@ def crossed_weights(walls: Floats, weight: Integers, points: Floats) -> Integers
 
 
 @njit(cache=True)
-def _cross_block(walls: Floats, weight: Integers, points: Floats, total: Integers) -> None:
+def _cross_block(walls: Floats, weight: Int64s, points: Floats, total: Int64s) -> None:
     """Add the weights of the crossed ones of a few *walls* to *total*."""
     count, size = points.shape[0], walls.shape[0]
     cx, cy, ex, ey = walls[:, 0].copy(), walls[:, 1].copy(), walls[:, 2].copy(), walls[:, 3].copy()

@@ -13,16 +13,15 @@ capable of recovering from unanticipated motions": a robot that has been pushed 
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Int64s, Singles
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, Integers, in_view, open_steps
+from cosim.geometry.planning import in_view, open_steps
 from cosim.jit import njit
-
-Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
 
 _DIAGONAL: Final = math.sqrt(2.0)
 
@@ -36,7 +35,7 @@ def values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
     return _dijkstra(*_checked(free, price, goals))
 
 
-def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, Singles, Integers]:
+def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, Singles, Int64s]:
     cells = np.asarray(goals, np.int64).reshape(-1)
     if price.shape != free.shape or not (np.asarray(price)[free] >= 1.0).all():
         raise ValueError(f"prices of shape {price.shape}, not all >= 1, do not fit a grid of shape {free.shape}")
@@ -50,7 +49,7 @@ def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, 
 
 
 @njit(cache=True)
-def _dijkstra(free: Bools, price: Singles, goals: Integers) -> Floats:
+def _dijkstra(free: Bools, price: Singles, goals: Int64s) -> Floats:
     ny, nx = free.shape
     value = np.full((ny, nx), np.inf)
     keys, held = np.empty(8 * ny * nx + goals.size), np.empty(8 * ny * nx + goals.size, np.int32)

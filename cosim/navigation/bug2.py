@@ -17,10 +17,11 @@ the path of Bug2. The row knows places: on the M-line (free, or at a leave point
 """
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.boundary import (
     CLEAR_M,
     SLACK_M,
@@ -35,7 +36,6 @@ from cosim.geometry.segments import cells_near, in_sight
 from cosim.jit import njit
 from cosim.navigation.status import ARRIVED, STUCK, UNDERWAY, UNREACHABLE, Status
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
 
 

@@ -33,14 +33,13 @@ borders, and what is said of corners, are not in it: it knows no other robots.
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.segments import SegmentGrid, cells_near, closest_approach
 from cosim.jit import njit
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 # the row that says what a robot is like; ways and turns are per tick, changes per tick and tick
 RADIUS: Final = 0

@@ -12,9 +12,9 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bytes
 from cosim.jit import njit
 
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 Vector: TypeAlias = tuple[float, float]
 

@@ -21,12 +21,13 @@ Defaults are Nav2's, but for those of aggregation, alphas and recovery, which we
 """
 
 import math
-from typing import Any, Final, Literal, NamedTuple, Self, TypeAlias
+from typing import Final, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from cosim.arrays import Floats, Int64s
 from cosim.navigation.localization_draws import CHANCE, PICK, fill_uniform
 from cosim.navigation.localization_likelihood import (
     KnownMap,
@@ -46,10 +47,6 @@ from cosim.navigation.localization_resampling import (
 )
 from cosim.randomness import Draws
 from cosim.settings import Angle, Count, Gain, Metres, Rate, Settings, error_at
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 _TURN: Final = 2.0 * math.pi
 _NO_ENDS: Final = np.empty((0, 2))
@@ -323,7 +320,7 @@ class Localizer:
         if probability > 0.0 and self._own.recovery_forgets:
             self.recovery.restart()
 
-    def _survivors(self) -> Integers:
+    def _survivors(self) -> Int64s:
         """Return which particles survive, as many as KLD sampling asks for."""
         own = self._own
         bins = pose_bins(self.poses, own.bin_m, own.bin_headings)
@@ -343,7 +340,7 @@ class Localizer:
         random_poses(poses, tries, self._known.standing, nx, self._frame, ends, self._addends, self._step, *self._key)
 
 
-def enough(bins: Integers, parameters: LocalizationParameters) -> int:
+def enough(bins: Int64s, parameters: LocalizationParameters) -> int:
     """Return how many of the particles drawn, in *bins* (n,), KLD sampling takes: it stops as soon as it has enough."""
     _, first = np.unique(bins, return_index=True)
     new = np.zeros(len(bins), np.int64)

@@ -4,14 +4,12 @@ All come from Philox (:mod:`cosim.randomness`), so they do not depend on what wa
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
-import numpy as np
-
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.randomness import philox_words
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Quad: TypeAlias = tuple[float, float, float, float]
 
 SCATTER, MOVE, PICK, CHANCE, PLACE = range(1, 6)

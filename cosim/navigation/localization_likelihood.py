@@ -21,19 +21,15 @@ Nav2, which counts all occupied cells.
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import scipy.ndimage
 
+from cosim.arrays import Bools, Floats, Int32s, Singles
 from cosim.jit import njit
 from cosim.navigation.localization_draws import PLACE
 from cosim.randomness import philox_words
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 
 LEAST: Final = 1e-12
 """Less than this no p is, so that it has a logarithm."""
@@ -55,7 +51,7 @@ class KnownMap:
     """Shape (ny, nx)."""
     distance_m: Singles
     """Shape (ny, nx): from each cell's centre to that of the nearest obstacle, inf where there is none."""
-    standing: Ints
+    standing: Int32s
     """Shape (n,): the cells iy * nx + ix that a robot's centre can be in."""
     origin_m: tuple[float, float]
     cell_m: float
@@ -141,7 +137,7 @@ def field_scores(poses: Floats, ends: Floats, addends: Singles, frame: Floats, s
 def random_poses(
     poses: Floats,
     tries: int,
-    standing: Ints,
+    standing: Int32s,
     nx: int,
     frame: Floats,
     ends: Floats,

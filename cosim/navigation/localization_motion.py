@@ -11,14 +11,12 @@ every tick of a slow robot; that is what the least distance of an update is for.
 """
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
-import numpy as np
-
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.localization_draws import MOVE, SCATTER, four_normals
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Pose: TypeAlias = tuple[float, float, float]
 """x_m, y_m, heading_rad."""
 

@@ -14,16 +14,14 @@ fast one; a particle is replaced by a random pose with the probability max(0, 1 
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse.csgraph
 
+from cosim.arrays import Floats, Int64s
 from cosim.jit import njit
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 _TURN: Final = 2.0 * np.pi
 _MIDDLE: Final = 1 << 20  # bins of -2^20 to 2^20 - 1 each way have a key of their own
@@ -39,7 +37,7 @@ def kld_size(bins: npt.ArrayLike, error: float, z: float) -> Floats:
     return np.asarray(np.where(k > 0.0, size, np.inf), np.float64)
 
 
-def pose_bins(poses: Floats, bin_m: float, headings: int) -> Integers:
+def pose_bins(poses: Floats, bin_m: float, headings: int) -> Int64s:
     """Return the bin (n,) of each of *poses* (n, 3), cut into squares of *bin_m* and *headings* sectors of the circle.
 
     Unlike in Player and Nav2 a heading and the same one after a full turn share a bin.
@@ -50,7 +48,7 @@ def pose_bins(poses: Floats, bin_m: float, headings: int) -> Integers:
     return (up * _ROW + across) * _HEADINGS + sector
 
 
-def clusters(bins: Integers, headings: int) -> Integers:
+def clusters(bins: Int64s, headings: int) -> Int64s:
     """Return the number of its cluster (n,) for each particle: *bins* that touch, if only by a corner, are one."""
     keys, member = np.unique(bins, return_inverse=True)
     sector = keys % _HEADINGS
@@ -69,7 +67,7 @@ def clusters(bins: Integers, headings: int) -> Integers:
 
 
 @njit(cache=True)
-def low_variance(weights: Floats, count: int, offset: float) -> Integers:
+def low_variance(weights: Floats, count: int, offset: float) -> Int64s:
     """Return which particles (count,) survive: one for each tooth (m + offset) / count of a comb over the *weights*.
 
     *offset* is one uniform number in [0, 1). A share w of the weights survives w count times, rounded up or down.
@@ -87,7 +85,7 @@ def low_variance(weights: Floats, count: int, offset: float) -> Integers:
     return chosen
 
 
-def independent(weights: Floats, uniform: Floats) -> Integers:
+def independent(weights: Floats, uniform: Floats) -> Int64s:
     """Return which particles survive if each is drawn anew, one for each number of *uniform* (count,) in [0, 1)."""
     reached = np.cumsum(weights)
     at = np.searchsorted(reached, uniform * reached[-1], side="right")

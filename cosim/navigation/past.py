@@ -19,8 +19,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.jit import njit
-from cosim.navigation.schemas import Floats, Vector
+from cosim.navigation.schemas import Vector
 
 Counts: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Corner: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]

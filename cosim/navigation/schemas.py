@@ -17,14 +17,14 @@ obstacle of its own, has no weight: its gain for n beams is ours divided by n / 
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.randomness import Draws
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Vector: TypeAlias = tuple[float, float]
 
 OVERWHELMING: Final = 1e5

@@ -29,12 +29,13 @@ drives. With matches scattered by the curvature of their fit (as by eq. 14 to 19
 """
 
 import math
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from cosim.arrays import Floats
 from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, most_changes
 from cosim.navigation.localization_draws import PICK, fill_uniform
 from cosim.navigation.localization_motion import Pose, move_particles, odometry_motion
@@ -42,8 +43,6 @@ from cosim.navigation.localization_resampling import low_variance
 from cosim.navigation.slam_matching import field_size, mark_particles, match_particles, stamp_of
 from cosim.randomness import Draws
 from cosim.settings import Angle, Count, Gain, Metres, Settings
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 _TURN: Final = 2.0 * math.pi
 _NO_BODIES: Final = np.empty((0, 3))

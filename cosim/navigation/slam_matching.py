@@ -23,14 +23,11 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bytes, Floats, Int32s, Singles
 from cosim.geometry.marking import mark_scan
 from cosim.jit import njit
 from cosim.navigation.localization_motion import wrapped
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 Corner: TypeAlias = tuple[int, int]
 Match: TypeAlias = tuple[float, float, float, float]
@@ -203,7 +200,7 @@ def mark_particles(
     frame: Floats,
     weights: tuple[int, int, int],
     frontier: Bytes,
-    changed: Ints,
+    changed: Int32s,
     bodies: Floats,
 ) -> None:
     """Mark a scan into each of *maps* (n, ny, nx) from its pose; *beams* (m, 2) are in the body's frame.

@@ -20,18 +20,10 @@ from typing import Final, Literal, NamedTuple, Protocol
 import numpy as np
 from pydantic import Field, model_validator
 
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.past import Corner, Counts, avoid_past, empty_past
-from cosim.navigation.schemas import (
-    Floats,
-    Vector,
-    avoid_robots,
-    beam_directions,
-    clipped,
-    direction,
-    noise,
-    potential_field,
-)
+from cosim.navigation.schemas import Vector, avoid_robots, beam_directions, clipped, direction, noise, potential_field
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.randomness import Draws
 from cosim.settings import Count, Gain, Metres, Rate, Settings, error_at

@@ -28,17 +28,17 @@ steps that there is an obstacle at its body, as if by a bumper (no part of VFH+)
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
 from cosim.navigation.steering import Steer
 from cosim.settings import Count, Gain, Metres, Settings, error_at
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Vector: TypeAlias = tuple[float, float]
 
 PRIMARY, BINARY, MASKED = range(3)

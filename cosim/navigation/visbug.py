@@ -18,10 +18,11 @@ than Bug2's. Sight errs, where it is a matter of rounding, to the side of not se
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.boundary import (
     CLEAR_M,
     SLACK_M,
@@ -71,10 +72,6 @@ from cosim.navigation.bug2 import (
     walk,
 )
 from cosim.navigation.status import ARRIVED, UNDERWAY, UNREACHABLE, Status
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 _AT_M: Final = 1e-6
 """A robot this near to its intermediate target is at it."""
@@ -154,8 +151,8 @@ def target_of(loops: Boundary, memory: Floats) -> Point:
 @njit(cache=True)
 def visbug_packed(
     numbers: Floats,
-    members: Ints,
-    links: Integers,
+    members: Int32s,
+    links: Int64s,
     side: float,
     memory: Floats,
     begun: bool,

@@ -7,16 +7,14 @@ are bodies. A shorter way along the same line is still free of walls.
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 
+from cosim.arrays import Floats, Int32s
 from cosim.geometry.segments import SegmentGrid, cells_near, free_fraction, unpacked
 from cosim.jit import njit
 from cosim.robots.table import DX, DY, PART, RADIUS, ROOM, X, Y
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 
 ROUNDS: Final = 100
 WALL_SLACK_M: Final = 1e-7
@@ -30,7 +28,7 @@ BODY_SLACK_M: Final = 1e-9
 
 
 @njit(cache=True)
-def cut(table: Floats, wall_numbers: Floats, wall_members: Ints) -> None:
+def cut(table: Floats, wall_numbers: Floats, wall_members: Int32s) -> None:
     """Write to the row PART which fraction, 0 to 1, of its way (DX, DY) each disc can go; see ``table``.
 
     Discs that do not overlap before do not overlap at any time of the tick. The walls come from :func:`packed_walls`.

@@ -9,11 +9,12 @@ State and limits are the rows of one array (see ``table``).
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Floats, Int32s
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, packed_walls
 from cosim.jit import njit
@@ -58,9 +59,6 @@ from cosim.robots.table import (
     Y,
 )
 from cosim.units import Time, to_seconds
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
 
 _NOBODY: Final[tuple[Address, ...]] = ()
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
@@ -212,7 +210,7 @@ def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float)
 
 
 @njit(cache=True)
-def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Ints) -> float:
+def _step(table: Floats, positions: Floats, wall_numbers: Floats, wall_members: Int32s) -> float:
     gone = 0.0
     for i in range(table.shape[1]):
         gone += _settle(table, i)

@@ -1,16 +1,16 @@
 """Where robots start: places that are checked before anything moves."""
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.grids import TOUCH_M
 from cosim.geometry.segments import clearance
 from cosim.world.floorplan import Floorplan
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
 
 

@@ -4,19 +4,16 @@ What they model is told in :mod:`cosim.robots.senses`, which alone calls them.
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, in_sight, scan_walls, unpacked
 from cosim.jit import njit
 from cosim.randomness import philox_words
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-Room: TypeAlias = tuple[Floats, Floats, Floats, Ints]
+Room: TypeAlias = tuple[Floats, Floats, Floats, Int32s]
 """What all kernels look at: poses, limits, and the packed walls."""
 
 _SIGHT_PURPOSE: Final = 1
@@ -67,11 +64,11 @@ def sense(
     poses: Floats,
     limits: Floats,
     numbers: Floats,
-    members: Ints,
+    members: Int32s,
     rows: Floats,
     tick: int,
     moved: bool,
-    pairs: Integers,
+    pairs: Int64s,
     places: Floats,
 ) -> int:
     """Do :func:`_locate`, and :func:`_see` if there is room for a picture; return how many have been seen in all."""
@@ -156,7 +153,7 @@ def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, 
 
 
 @njit(cache=True)
-def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Integers, places: Floats) -> int:
+def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Int64s, places: Floats) -> int:
     """Write whom each robot sees, and where, in its own frame: robot by robot; return how many that are."""
     at = 0
     errors = limits[DISTANCE_ERROR] > 0.0 or limits[BEARING_ERROR] > 0.0
@@ -183,7 +180,7 @@ def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Int
 
 @njit(cache=True)
 def in_region(
-    poses: Floats, limits: Floats, numbers: Floats, members: Ints, i: int, points: Floats, seen: Bools, count: int
+    poses: Floats, limits: Floats, numbers: Floats, members: Int32s, i: int, points: Floats, seen: Bools, count: int
 ) -> None:
     """Write which of the first *count* points (x, y, x, y...) of the frame of robot *i* it sees."""
     grid = unpacked(numbers, members)
@@ -197,7 +194,7 @@ def few_in_region(
     poses: Floats,
     limits: Floats,
     numbers: Floats,
-    members: Ints,
+    members: Int32s,
     i: int,
     count: int,
     x: float,
@@ -216,7 +213,7 @@ def few_in_region(
 
 
 @njit(cache=True)
-def scan(poses: Floats, limits: Floats, numbers: Floats, members: Ints, i: int, ranges: Floats) -> None:
+def scan(poses: Floats, limits: Floats, numbers: Floats, members: Int32s, i: int, ranges: Floats) -> None:
     """Write how far off each beam of robot *i*, in turn of its own frame, seems to meet a wall or body; inf if none."""
     limit = limits[BEAM_RANGE]
     count = ranges.shape[0]

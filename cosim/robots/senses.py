@@ -22,6 +22,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from pydantic import Field
 
+from cosim.arrays import Floats
 from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
@@ -35,7 +36,6 @@ from cosim.robots.sense_kernels import (
     FRAME_TURN,
     FRAME_X,
     RADIUS,
-    Floats,
     Room,
     X,
     few_in_region,

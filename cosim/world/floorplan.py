@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Final, NamedTuple, Self, TypeAlias
+from typing import Annotated, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import shapely
 from pydantic import Field, field_validator, model_validator
 
+from cosim.arrays import Bools, Floats
 from cosim.documents import is_file, nearest, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.segments import PackedWalls, SegmentGrid, packed_walls, segment_grid
@@ -25,8 +26,6 @@ from cosim.settings import Decibels, Length, Metres, Settings, error_at
 from cosim.world.maps import MOST_SIDES, OccupancyMap, read_movingai_map, read_ros_map
 from cosim.world.offices import OfficeSettings, office_walls
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Point: TypeAlias = tuple[Metres, Metres]
 Wall: TypeAlias = tuple[Metres, Metres, Metres, Metres]
 Polygons: TypeAlias = tuple[tuple[Point, ...], ...]

@@ -30,13 +30,12 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from cosim.arrays import Bools, Floats
 from cosim.documents import read_bytes, read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.occupancy import outline
 from cosim.settings import Angle, Metres, Settings, error_at
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Percents: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 Samples: TypeAlias = np.ndarray[Any, np.dtype[np.uint8 | np.uint16]]
 

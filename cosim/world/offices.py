@@ -6,15 +6,15 @@ there too or, one time in four, to the room before it, so every room can be reac
 """
 
 from itertools import pairwise
-from typing import Any, Final, Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from cosim.arrays import Floats
 from cosim.randomness import Streams
 from cosim.settings import Count, Metres, Seed, Settings, error_at
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Segment: TypeAlias = tuple[float, float, float, float]
 
 JAMB_M: Final = 0.2

@@ -1,16 +1,13 @@
 """Lines of sight between all pairs of robots, and the walls that cross them, computed once a tick."""
 
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.segments import PackedWalls, SegmentGrid, crossed_weights, in_sight, unpacked
 from cosim.jit import njit
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 _LOSS_UNIT_DB: Final = 2.0**-20
 
@@ -58,7 +55,7 @@ def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
 
 
 @njit(cache=True)
-def _look_at_pairs(numbers: Floats, members: Ints, positions: Floats, limit: float, seen: Bools) -> bool:
+def _look_at_pairs(numbers: Floats, members: Int32s, positions: Floats, limit: float, seen: Bools) -> bool:
     """Write who sees whom; return whether that is new."""
     walls = unpacked(numbers, members)
     robots = positions.shape[0]

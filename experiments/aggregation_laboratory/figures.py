@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from cosim.arrays import Floats
 from cosim.report import estimate, estimates
 from experiments.aggregation_search.comparison import (
     NAMES,
     OURS,
     TIME,
-    Floats,
     bootstrapped,
     columns,
     less,

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from cosim.arrays import Floats
 from cosim.randomness import Streams
 from experiments.reflection_tables.comparison import CONFIDENCE, NO_DATA, Answer, Arm, Limits, limits, values_of
 
@@ -38,7 +39,6 @@ UNITS: Final = {
 SAMPLES: Final = 4000
 """Of the bootstrap."""
 
-Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Pair = tuple[str, Arm, Arm]
 """What to call it, the arm that should have less, and the one that should have more."""
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import Field
 
+from cosim.arrays import Floats
 from cosim.experiment import experiment_function
 from cosim.geometry.segments import SegmentGrid, sees
 from cosim.settings import Metres
@@ -21,7 +22,6 @@ from cosim.trace import Field as Column
 from cosim.units import S, from_seconds
 from cosim.world.floorplan import load_floorplan
 from experiments.exploration_teams import exploring
-from experiments.exploration_teams.exploring import Floats
 from protocols.exploration.spec import METRICS
 
 STANDS_M: Final = 0.02

@@ -62,8 +62,6 @@ COLUMNS: Final = (
     *(Column(f"map_error_{s}_s", "float", "1", f"map error after {s} s, or at the end") for s in TIMES_S),
     *(Column(f"pose_error_{s}_s", "float", "m", f"mean pose error of the 100 s to {s} s") for s in TIMES_S),
 )
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 
 

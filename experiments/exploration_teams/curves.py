@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from cosim.arrays import Floats
 from experiments.exploration_teams.comparison import MAPS, levels
 from experiments.exploration_teams.exploring import TENTHS
 
@@ -16,7 +17,6 @@ POINTS: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS} | {"
 BAND: Final = (25, 75)
 """Percentiles."""
 INSTANTS: Final = 200
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def curve(run: "pd.Series[Any]", at_s: Floats) -> Floats:

@@ -9,11 +9,12 @@ An exploration that does not come to 95 % counts with the longest run: a lower b
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
@@ -51,7 +52,6 @@ COLUMNS: Final = (
     ),
     *_OWN,
 )
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Partings(Settings):

@@ -9,12 +9,12 @@ The run is that of the experiment; ``--set`` chooses as with ``cosim sweep``: ``
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
-import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from cosim.arrays import Bytes, Floats
 from cosim.experiment import load_experiment
 from cosim.geometry.marking import states
 from cosim.scenario import Scenario
@@ -32,8 +32,6 @@ EVERY: Final[Time] = 5 * S
 """So often it is looked how much that is."""
 COLOURS: Final = ListedColormap(["0.75", "white", "black"])
 """Unknown, empty, occupied."""
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 
 
 class Picture(NamedTuple):

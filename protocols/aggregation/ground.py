@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats
 from cosim.geometry.boundary import PackedBoundary, boundary, inflated, packed_boundary
-from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, cost_to_go, wall_planning_grid
+from cosim.geometry.planning import PlanningGrid, Point, cost_to_go, wall_planning_grid
 from cosim.geometry.polylines import length_m
 from cosim.geometry.roadmap import Roadmap, line_is_free, roadmap
 from cosim.geometry.segments import SegmentGrid, in_sight, segment_grid, swept_clearance

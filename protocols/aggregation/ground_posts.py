@@ -8,16 +8,15 @@ of every wall. A finer lattice is looked at then, and what is missed there gets 
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import scipy.ndimage
 
-from cosim.geometry.planning import Bools, Floats, PlanningGrid, cost_to_go
+from cosim.arrays import Bools, Floats, Int64s
+from cosim.geometry.planning import PlanningGrid, cost_to_go
 from cosim.geometry.segments import SegmentGrid, clearance, in_sight
 from cosim.jit import njit
-
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 DOORS_M: Final = 2.2
 """Passages narrower than this divide rooms."""
@@ -37,7 +36,7 @@ NONE: Final = -1
 # ---------------------------------------------------------------- rooms
 
 
-def rooms_of_cells(grid: PlanningGrid, walls: SegmentGrid, middles_m: list[tuple[float, float]]) -> Ints:
+def rooms_of_cells(grid: PlanningGrid, walls: SegmentGrid, middles_m: list[tuple[float, float]]) -> Int64s:
     """Return the number of the room that each cell of *grid* belongs to, -1 for none; shape (ny, nx).
 
     A room is what is joined to its middle by nothing narrower than a door. If a floor is too narrow for that, or rooms
@@ -60,11 +59,11 @@ def rooms_of_cells(grid: PlanningGrid, walls: SegmentGrid, middles_m: list[tuple
     reach = math.ceil(DOORS_M / grid.cell_m)
     away, at = scipy.ndimage.distance_transform_edt(parts == 0, return_indices=True)
     near = (away <= reach) & grid.free
-    grown: Ints = np.where(near, rooms[at[0], at[1]], NONE)
+    grown: Int64s = np.where(near, rooms[at[0], at[1]], NONE)
     return grown
 
 
-def _nearest(free: Bools, kept: Bools, middles: list[int]) -> Ints:
+def _nearest(free: Bools, kept: Bools, middles: list[int]) -> Int64s:
     """Return the number of the middle that is nearest to each cell by *free* ways, -1 where there is none."""
     costs = np.array([cost_to_go(free, [cell]) for cell in middles])
     nearest = costs.argmin(axis=0)
@@ -101,7 +100,7 @@ def beside(walls_m: Floats, apart_m: float) -> Floats:
 
 
 def posts_of(
-    grid: PlanningGrid, walls: SegmentGrid, rooms: Ints, solid: Callable[[Floats], Bools], camera_m: float
+    grid: PlanningGrid, walls: SegmentGrid, rooms: Int64s, solid: Callable[[Floats], Bools], camera_m: float
 ) -> list[int]:
     """Return the cells of the posts from which all points that are not *solid* are seen, in order; room by room.
 
@@ -129,7 +128,7 @@ def posts_of(
 
 
 def _room_by_room(
-    grid: PlanningGrid, walls: SegmentGrid, rooms: Ints, inside: Bools, samples: Floats, of: Ints, range_m: float
+    grid: PlanningGrid, walls: SegmentGrid, rooms: Int64s, inside: Bools, samples: Floats, of: Int64s, range_m: float
 ) -> list[int]:
     """Return posts that see all *samples*, shape (n, 2), that candidates in the same room, of numbers *of*, see."""
     posts: list[int] = []
@@ -145,7 +144,7 @@ def _room_by_room(
     return posts
 
 
-def views_from(grid: PlanningGrid, inside: Bools, walls: SegmentGrid, points_m: Floats, range_m: float) -> Ints:
+def views_from(grid: PlanningGrid, inside: Bools, walls: SegmentGrid, points_m: Floats, range_m: float) -> Int64s:
     """Return for each of *points_m*, shape (n, 2), the nearest cell *inside* whose centre sees it, -1 if none does."""
     x_m, y_m = grid.origin_m
     return _views_from(inside, walls, points_m, x_m, y_m, grid.cell_m, range_m)
@@ -161,11 +160,11 @@ def _samples(grid: PlanningGrid, walls: SegmentGrid, apart_m: float, solid: Call
     return points[~solid(points)]
 
 
-def _centres(grid: PlanningGrid, cells: Sequence[int] | Ints) -> Floats:
+def _centres(grid: PlanningGrid, cells: Sequence[int] | Int64s) -> Floats:
     return np.array([grid.centre_m(int(cell)) for cell in cells], np.float64).reshape(-1, 2)
 
 
-def _in_order(grid: PlanningGrid, rooms: Ints, posts: list[int]) -> list[int]:
+def _in_order(grid: PlanningGrid, rooms: Int64s, posts: list[int]) -> list[int]:
     """Return *posts* room by room, those of none at the end; in a room always to the nearest one next."""
     ordered: list[int] = []
     for room in sorted({int(rooms.flat[post]) for post in posts}, key=lambda room: (room < 0, room)):
@@ -183,7 +182,7 @@ def _in_order(grid: PlanningGrid, rooms: Ints, posts: list[int]) -> list[int]:
 
 
 @njit(cache=True)
-def _views(walls: SegmentGrid, candidates: Floats, samples: Floats, reach: float) -> tuple[Ints, Ints]:
+def _views(walls: SegmentGrid, candidates: Floats, samples: Floats, reach: float) -> tuple[Int64s, Int64s]:
     """Return what each candidate sees: ``member[first[k]:first[k + 1]]``."""
     first = np.zeros(candidates.shape[0] + 1, np.int64)
     member = np.empty(max(16, samples.shape[0]), np.int64)
@@ -205,7 +204,7 @@ def _views(walls: SegmentGrid, candidates: Floats, samples: Floats, reach: float
 
 
 @njit(cache=True)
-def _greedy(first: Ints, member: Ints, samples: int) -> Ints:
+def _greedy(first: Int64s, member: Int64s, samples: int) -> Int64s:
     """Return the candidates that see all that any of them sees; none of them is needless."""
     count = first.shape[0] - 1
     times = np.zeros(samples, np.int64)
@@ -262,7 +261,7 @@ def _unseen(walls: SegmentGrid, posts: Floats, samples: Floats, reach: float) ->
 @njit(cache=True)
 def _views_from(
     inside: Bools, walls: SegmentGrid, points: Floats, x_m: float, y_m: float, cell: float, reach: float
-) -> Ints:
+) -> Int64s:
     found = np.full(points.shape[0], -1, np.int64)
     ny, nx = inside.shape
     for m in range(points.shape[0]):

@@ -7,8 +7,9 @@ to lie on the way that Bug2 would take. What they do about other bodies is what 
 import math
 from typing import Final
 
+from cosim.arrays import Floats
 from cosim.geometry.boundary import Boundary, unpacked_boundary
-from cosim.geometry.planning import Floats, Point
+from cosim.geometry.planning import Point
 from cosim.machine import Command
 from cosim.navigation.status import Status
 from cosim.navigation.visbug import target_of, visbug_step

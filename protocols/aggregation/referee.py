@@ -1,15 +1,10 @@
 """The truth about a search: who is dead. What counts else is what hosts know, which no body shows."""
 
-from typing import Any
-
-import numpy as np
-
+from cosim.arrays import Floats
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
 from protocols.aggregation.setup import Knowledge
-
-Metres = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class SearchReferee:
@@ -19,7 +14,7 @@ class SearchReferee:
         self._hosts = knowledge.hosts
         self._dead: set[Address] = set()
 
-    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Return whether no host lives any more: then nobody can be told anything."""
         return all(host in self._dead for host in range(self._hosts))
 

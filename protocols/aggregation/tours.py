@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 import scipy.optimize
 
-from cosim.geometry.planning import Floats, Point
+from cosim.arrays import Floats, Int64s
+from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
 from cosim.jit import njit
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.ground_posts import Ints
 
 CHANGE: Final = 2.0
 """To go to another room counts as so many camera's ranges more: a path leaves no room before it is done with it."""
@@ -84,7 +84,7 @@ def _units(ground: Ground) -> list[list[int]]:
     return [*rooms.values(), *alone]
 
 
-def _arcs(sizes: Ints, count: int) -> list[list[int]]:
+def _arcs(sizes: Int64s, count: int) -> list[list[int]]:
     """Cut a circle of *sizes* into *count* arcs whose largest is as small as possible; where it begins is tried out."""
     best: list[list[int]] = [[] for _ in range(count)]
     least = math.inf
@@ -99,7 +99,7 @@ def _arcs(sizes: Ints, count: int) -> list[list[int]]:
     return best
 
 
-def _cuts(sizes: Ints, count: int) -> list[int]:
+def _cuts(sizes: Int64s, count: int) -> list[int]:
     """Return where a row of *sizes* is cut into *count* parts so that the largest is smallest: the parts' ends."""
     total = np.concatenate(([0], np.cumsum(sizes)))
     low, high = max(int(sizes.max()), math.ceil(total[-1] / count)), int(total[-1])
@@ -113,7 +113,7 @@ def _cuts(sizes: Ints, count: int) -> list[int]:
     return [*ends, *[len(sizes)] * (count - len(ends))]
 
 
-def _filled(total: Ints, most: int) -> list[int]:
+def _filled(total: Int64s, most: int) -> list[int]:
     """Return the ends of parts that are each filled up to *most*."""
     ends, begin = [], 0
     while begin < len(total) - 1:
@@ -122,13 +122,13 @@ def _filled(total: Ints, most: int) -> list[int]:
     return ends
 
 
-def _length(ways: Floats, out: Floats, path: Ints) -> float:
+def _length(ways: Floats, out: Floats, path: Int64s) -> float:
     if not len(path):
         return 0.0
     return float(out[path[0]] + ways[path[:-1], path[1:]].sum())
 
 
-def _pieces(ways: Floats, rooms: Ints, path: Ints, out: Floats, count: int) -> list[Ints]:
+def _pieces(ways: Floats, rooms: Int64s, path: Int64s, out: Floats, count: int) -> list[Int64s]:
     """Cut a *path* into *count* pieces, the longest, with the way to it, as short as possible; rather between rooms."""
     nearest = np.minimum.reduce(out)
     steps = np.concatenate(([0.0], np.cumsum(ways[path[:-1], path[1:]])))
@@ -143,7 +143,7 @@ def _pieces(ways: Floats, rooms: Ints, path: Ints, out: Floats, count: int) -> l
 
 
 @njit(cache=True)
-def _nearest_first(ways: Floats, out: Floats) -> Ints:
+def _nearest_first(ways: Floats, out: Floats) -> Int64s:
     """Return all in the order of who always goes to the nearest next."""
     count = ways.shape[0]
     path = np.empty(count, np.int64)
@@ -160,7 +160,7 @@ def _nearest_first(ways: Floats, out: Floats) -> Ints:
 
 
 @njit(cache=True)
-def _improved(ways: Floats, out: Floats, path: Ints, near: Ints) -> Ints:
+def _improved(ways: Floats, out: Floats, path: Int64s, near: Int64s) -> Int64s:
     """Return an open path that no reversal of a piece (2-opt) and no move of up to three posts (Or-opt) shortens.
 
     Only such are tried as bring one of the *near* posts, shape (n, k), next to another.
@@ -185,7 +185,7 @@ def _improved(ways: Floats, out: Floats, path: Ints, near: Ints) -> Ints:
 
 
 @njit(cache=True)
-def _reversals(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
+def _reversals(legs: Floats, row: Int64s, places: Int64s, near: Int64s) -> bool:
     last = row.shape[0] - 2
     better = False
     for first in range(1, last + 1):
@@ -208,7 +208,7 @@ def _reversals(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
 
 
 @njit(cache=True)
-def _moves(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
+def _moves(legs: Floats, row: Int64s, places: Int64s, near: Int64s) -> bool:
     last = row.shape[0] - 2
     better = False
     for size in range(1, 4):
@@ -236,7 +236,7 @@ def _moves(legs: Floats, row: Ints, places: Ints, near: Ints) -> bool:
 
 
 @njit(cache=True)
-def _shift(row: Ints, places: Ints, i: int, j: int, gap: int, turned: bool) -> None:
+def _shift(row: Int64s, places: Int64s, i: int, j: int, gap: int, turned: bool) -> None:
     """Put the piece from place i to j behind the place *gap*, which is not in it; turned round if so told."""
     piece = row[i : j + 1][::-1].copy() if turned else row[i : j + 1].copy()
     if gap < i:

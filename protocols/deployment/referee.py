@@ -14,8 +14,8 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.segments import clearance, segment_grid
-from cosim.navigation.schemas import Floats
 from cosim.protocol import Death, Metric, Surroundings
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.standing import Begun, Board, stage_of

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cosim.geometry.planning import Bools, Floats
+from cosim.arrays import Bools, Floats
 
 
 def by_utility(costs: Floats, places: Floats, reach: float, weight: float) -> list[int | None]:

@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Bools, Bytes, Int32s, Singles
 from cosim.geometry.astar import astar, in_sight, lookouts, nearest, nearest_frontier
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Ints, Point, Singles
+from cosim.geometry.planning import Point
 from protocols.exploration.information import most_useful
 from protocols.exploration.parameters import EscapeParameters
 from protocols.exploration.terrain import Terrain
-from protocols.mapping.belief import Bytes
 
 _NEARER_CELLS: Final = 0.5
 """So much nearer than the sensors' range is a lookout to what it looks at: robots do not stand on centres of cells."""
@@ -97,7 +97,7 @@ class Escape:
         found = self._watch(ground._replace(clear=ground.clear | jambs(ground.clear)), start, goals, looked)
         return None if found is None else Way(entry[:-1] + found.tolist(), False, True)
 
-    def _direct(self, ground: Ground, start: Cell, goals: Bools) -> Ints | None:
+    def _direct(self, ground: Ground, start: Cell, goals: Bools) -> Int32s | None:
         """Return the way to the nearest of *goals*, or the most useful one; they are entered and not passed."""
         if not goals.any():
             return None
@@ -108,7 +108,7 @@ class Escape:
         cell = most_useful(evidence, ground.passable, ground.extra, start, goals, self._reach, weight, own.cost)
         return None if cell is None else astar(ground.passable, ground.extra, start, cell, own.cost)
 
-    def _watch(self, ground: Ground, start: Cell, goals: Bools, looked: Bools) -> Ints | None:
+    def _watch(self, ground: Ground, start: Cell, goals: Bools, looked: Bools) -> Int32s | None:
         """Return the way to the nearest place from which one of *goals* is in sight; nearest by the way's length."""
         watch = lookouts(ground.passable, ground.clear, goals, self._reach - _NEARER_CELLS) & ~looked
         return nearest(ground.passable, ground.extra, start, watch, self._own.cost) if watch.any() else None

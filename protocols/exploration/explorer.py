@@ -5,9 +5,10 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Drive, Event, LinkCommand, LinkEvent, Outgoing, Reception
-from cosim.navigation.schemas import Floats, beam_directions
+from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.exploration.counters import Records

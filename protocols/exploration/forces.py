@@ -8,11 +8,11 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bytes, Int32s
 from cosim.geometry.planning import in_view
 from cosim.jit import njit
 from cosim.navigation.frontier_fields import WORD, Vector, strength_of, sum_of_obstacles, words_within
-from protocols.mapping.belief import Bytes, Evidence
-from protocols.mapping.runs import Ints
+from protocols.mapping.belief import Evidence
 
 Forces: TypeAlias = tuple[float, float, float, float]
 
@@ -134,7 +134,7 @@ def seen_frontiers(
     through: bool,
     cell: int,
     reach: float,
-    found: Ints,
+    found: Int32s,
 ) -> int:
     """Return how many frontiers are in sight of *cell* within *reach* (cells), and list them in *found*, as it holds.
 
@@ -181,7 +181,7 @@ def any_left(frontier: Bytes, ignored: Bytes, vain: Bytes) -> bool:
 @njit(cache=True)
 def take_back(
     path: Bytes,
-    cells: Ints,
+    cells: Int32s,
     count: int,
     nx: int,
     left: float,

@@ -17,12 +17,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Bytes, Singles
 from cosim.geometry.astar import Reading, costs_from
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Point, Singles
+from cosim.geometry.planning import Point
 from cosim.jit import njit
 from cosim.navigation.frontier_fields import WORD, Evidence, Vector, strength_of, sum_of_frontiers, words_within
-from protocols.mapping.belief import Belief, Bytes
+from protocols.mapping.belief import Belief
 
 Sums = npt.NDArray[np.int32]
 

@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bytes, Int32s
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from protocols.exploration.forces import any_left, seen_frontiers, take_back
-from protocols.mapping.belief import Belief, Bytes
-from protocols.mapping.runs import Ints
+from protocols.mapping.belief import Belief
 
 _NOTHING: Final = np.empty(0, np.int32)
 
@@ -29,7 +29,7 @@ class Overlay:
         """Frontiers that end a path no more, since they have ended one, or were in sight when one was laid."""
         self.goal: Cell | None = None
         """The last cell of its path, also when it has been walked."""
-        self._cells: Ints = _NOTHING
+        self._cells: Int32s = _NOTHING
         self._left = 0
         self._goal_m: float | None = None
         self._found = np.empty((2 * int(reach) + 1) ** 2, np.int32)
@@ -83,19 +83,19 @@ class Overlay:
 
     # ------------------------------------------------------------ what is in sight
 
-    def new_in_sight(self, place_m: Point) -> Ints:
+    def new_in_sight(self, place_m: Point) -> Int32s:
         """Return the frontiers (n,) in line of sight within the sensors' range that are not noted, a view."""
         return self._seen(place_m, self.noted, False)
 
-    def in_sight(self, place_m: Point) -> Ints:
+    def in_sight(self, place_m: Point) -> Int32s:
         """Return those (n,) that draw it and are in sight there, if need be behind others of them, a view."""
         return self._seen(place_m, self.ignored, True)
 
-    def _seen(self, place_m: Point, without: Bytes, through: bool) -> Ints:
+    def _seen(self, place_m: Point, without: Bytes, through: bool) -> Int32s:
         belief = self._belief
         cell, grids = belief.frame.cell_at(place_m), (belief.frontier, without, belief.vain, belief.evidence)
         return self._found[: seen_frontiers(*grids, through, cell, self._reach, self._found)]
 
-    def note(self, cells: Ints) -> None:
+    def note(self, cells: Int32s) -> None:
         """Let *cells* end no path any more."""
         self.noted[np.divmod(cells, self._belief.frame.nx)] = 1

@@ -16,8 +16,8 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.machine import Event
-from cosim.navigation.schemas import Floats
 from cosim.navigation.slam import Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws

@@ -11,15 +11,15 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats
 from cosim.geometry.marking import Weights
 from cosim.geometry.segments import ray_casts, segment_grid
-from cosim.navigation.schemas import Floats, beam_directions
+from cosim.navigation.schemas import beam_directions
 from cosim.protocol import Death, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.exploration.setup import Knowledge
 from protocols.exploration.truth import coverable_cells, first_in_way_m
 from protocols.mapping.belief import Belief
-from protocols.mapping.runs import Bools
 
 LOOK_TICKS: Final = 2
 """So often the truth is looked at."""

@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats, Int32s
 from cosim.geometry.astar import astar
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Ints, Point
+from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
-from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
 from protocols.exploration.counters import Records
 from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
@@ -205,14 +205,14 @@ class Rival:
             self._give_up(cells, "no way is made there")
         self._choose(here)
 
-    def _beside(self, goal: Cell) -> Ints:
+    def _beside(self, goal: Cell) -> Int32s:
         """Return the cells of frontiers that are near to *goal*."""
         nx, groups = self.belief.frame.nx, self._targets.groups()
         cells = np.concatenate([np.array([goal], np.int32), *groups])
         away = np.hypot(cells % nx - goal % nx, cells // nx - goal // nx)
         return np.unique(cells[away <= _AHEAD_CELLS])
 
-    def _give_up(self, cells: Ints, why: str) -> None:
+    def _give_up(self, cells: Int32s, why: str) -> None:
         self._records.given_up += len(cells)
         self._events += [FrontierGivenUp(*self.belief.frame.centre_m(cell), why) for cell in cells]
 

@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from cosim.geometry.planning import Bools, Point
+from cosim.arrays import Bools, Bytes, Int32s
+from cosim.geometry.planning import Point
 from cosim.machine import Event
 from protocols.exploration.counters import Records
 from protocols.exploration.events import FrontierGivenUp
 from protocols.exploration.overlay import Overlay
-from protocols.mapping.belief import Belief, Bytes
-from protocols.mapping.runs import Ints
+from protocols.mapping.belief import Belief
 
 _ROUNDS: Final = 3
 """So often frontiers that were not reached are tried once more."""
@@ -110,7 +110,7 @@ class Settling:
         """Take up again what was ignored: the map has changed."""
         self._overlay.ignored[:] = 0
 
-    def _name(self, cells: Ints, why: str) -> None:
+    def _name(self, cells: Int32s, why: str) -> None:
         """Tell of frontiers that are given up, group by group, but of none twice."""
         frame = self._belief.frame
         rows, columns = np.divmod(cells, frame.nx)

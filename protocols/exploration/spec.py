@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.marking import CERTAIN, DOUBTFUL, Weights
 from cosim.geometry.segments import SegmentGrid, segment_grid, swept_clearance
 from cosim.machine import Address, Event
-from cosim.navigation.schemas import Floats
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
 from protocols.exploration.beacons import Tethered

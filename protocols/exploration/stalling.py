@@ -4,14 +4,12 @@ Or, beyond the paper, it has learnt nothing for long: drawn to a frontier that i
 """
 
 import math
-from typing import Any, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.jit import njit
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @njit(cache=True)

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.machine import Drive
-from cosim.navigation.schemas import Floats
 from protocols.exploration.parameters import SteeringParameters
 
 _HEADINGS: Final = 36

@@ -21,10 +21,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.astar import in_sight, nearest
 from cosim.geometry.frontiers import yamauchi_frontiers
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, Ints, Point
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from protocols.exploration.choosing import by_assignment, by_utility
 from protocols.exploration.parameters import RivalParameters
@@ -61,7 +62,7 @@ class Targets:
 
     # ------------------------------------------------------------ frontiers
 
-    def groups(self) -> list[Ints]:
+    def groups(self) -> list[Int32s]:
         """Return the cells of all frontiers, without what is there in vain."""
         frontiers = yamauchi_frontiers(self.belief.evidence, self._own.least_cells)
         groups = [frontier.cells[~self._vain.flat[frontier.cells]] for frontier in frontiers]
@@ -74,7 +75,7 @@ class Targets:
         around = self.belief.evidence[max(iy - 1, 0) : iy + 2, max(ix - 1, 0) : ix + 2]
         return bool(around.size and self.belief.evidence[iy, ix] < 0 and (around == 0).any()) and not self._vain[iy, ix]
 
-    def in_vain(self, here_m: Point, reach_m: float) -> Ints:
+    def in_vain(self, here_m: Point, reach_m: float) -> Int32s:
         """Leave out, for all, the frontier cells in sight of a place within *reach_m*; return them."""
         frame = self.belief.frame
         mask = np.zeros(self._vain.shape, np.bool_)
@@ -89,7 +90,7 @@ class Targets:
         self._vain |= seen
         return np.flatnonzero(seen).astype(np.int32)
 
-    def bar(self, me: Address, cells: Ints) -> None:
+    def bar(self, me: Address, cells: Int32s) -> None:
         """Leave out *cells* for one robot: it has not come to them."""
         self._barred.setdefault(me, np.zeros(self._vain.shape, np.bool_)).flat[cells] = True
 
@@ -113,7 +114,7 @@ class Targets:
         return self.goals.get(me)
 
     def way_to_nearest(
-        self, me: Address, here_m: Point, groups: list[Ints], bodies_m: Floats | None = None
+        self, me: Address, here_m: Point, groups: list[Int32s], bodies_m: Floats | None = None
     ) -> list[Cell] | None:
         """Return the cheapest way to a cell of *groups*; with *bodies_m* (n, 3), places and radii, round those."""
         terrain, radius_m = self.terrain, self.radii_m[me]
@@ -142,7 +143,7 @@ class Targets:
             covered |= off_x * off_x + off_y * off_y < (radius_m + other_m + 0.5 * size) ** 2
         return covered
 
-    def _costs(self, robot: Address, place_m: Point, cells: Ints) -> Floats:
+    def _costs(self, robot: Address, place_m: Point, cells: Int32s) -> Floats:
         """Return what it costs a robot to come to each of *cells*, inf where no way leads."""
         ends = np.zeros(self._vain.shape, np.bool_)
         ends.flat[cells] = True
@@ -151,12 +152,12 @@ class Targets:
             costs[self._barred[robot].flat[cells]] = math.inf
         return costs
 
-    def _by_cells(self, costs: Floats, cells: Ints) -> list[int | None]:
+    def _by_cells(self, costs: Floats, cells: Int32s) -> list[int | None]:
         nx = self.belief.frame.nx
         places = np.stack((cells % nx, cells // nx), axis=1).astype(np.float64)
         return by_utility(costs, places, self._range, self._own.cost_weight)
 
-    def _by_groups(self, costs: Floats, groups: list[Ints]) -> list[int | None]:
+    def _by_groups(self, costs: Floats, groups: list[Int32s]) -> list[int | None]:
         """Return for each robot a number of a cell: that of its group that it comes to most cheaply."""
         starts = np.cumsum([0] + [len(group) for group in groups])
         of_group = np.stack([costs[:, a:b].min(axis=1) for a, b in pairwise(starts.tolist())], axis=1)

@@ -4,9 +4,10 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats, Singles
 from cosim.geometry.astar import clearance_cost, costs_from, nearest, passable_cells
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, Point, Singles
+from cosim.geometry.planning import Point
 from protocols.exploration.parameters import EscapeParameters
 from protocols.mapping.belief import Belief
 

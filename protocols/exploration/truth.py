@@ -5,13 +5,12 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats
 from cosim.geometry.grids import TOUCH_M, CoverageGrid, coverage_grid, distances
 from cosim.geometry.planning import Point
 from cosim.geometry.segments import SegmentGrid, sees, segment_grid, swept_clearance
-from cosim.navigation.schemas import Floats
 from cosim.protocol import Surroundings
 from protocols.mapping.belief import Frame
-from protocols.mapping.runs import Bools
 
 _NEAR_CELLS: Final = 1.5
 """A robot enters the grid by the centres of cells that are no farther than this, if it fits all along the way."""

@@ -1,17 +1,15 @@
 """The truth about gathering: which robots' bodies stand together, since when, and how close."""
 
 import math
-from typing import Any
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.setup import Knowledge
-
-Metres = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
@@ -35,12 +33,12 @@ class GatheringReferee:
     def __init__(self, knowledge: Knowledge) -> None:
         self._grid = knowledge.grid
         self._dead: set[Address] = set()
-        self._places: Metres = np.empty((0, 2))
+        self._places: Floats = np.empty((0, 2))
         self._cells: list[Cell] = []
         self._together = 0
         self._gathered_at: Time | None = None
 
-    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Look who stands together; never end the run: the team itself finds its end."""
         grid = self._grid
         living = [robot for robot in range(len(x_m)) if robot not in self._dead]

@@ -8,13 +8,11 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Bools, Bytes, Floats, Int32s
 from cosim.geometry.grids import Cell
 from cosim.geometry.marking import EMPTY, OCCUPIED, Weights, mark_scan, merge_cells, most_changes
 from cosim.geometry.planning import Point
-from cosim.navigation.schemas import Floats
-from protocols.mapping.runs import Bools, Ints
 
-Bytes: TypeAlias = np.ndarray[Any, np.dtype[np.uint8]]
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 
 
@@ -69,7 +67,7 @@ class Belief:
         self._range_m = range_m
         self._changed = np.empty(most_changes(range_m, frame.cell_m), np.int32)
 
-    def mark(self, place_m: Point, ranges_m: Floats, directions: Floats, bodies: Floats) -> Ints:
+    def mark(self, place_m: Point, ranges_m: Floats, directions: Floats, bodies: Floats) -> Int32s:
         """Mark a scan; return the cells that have changed (a view that holds until the next scan)."""
         (left, low), cell_m = self.frame.origin_m, self.frame.cell_m
         count = mark_scan(
@@ -90,13 +88,13 @@ class Belief:
         self.version += count > 0
         return self._changed[:count]
 
-    def merge(self, cells: Ints, occupied: Bools, newer: Bools) -> None:
+    def merge(self, cells: Int32s, occupied: Bools, newer: Bools) -> None:
         """Take over what another has told of cells that are unknown here, and of others where it is *newer*."""
         told = np.where(occupied, OCCUPIED, EMPTY).astype(np.uint8)
         scratch = np.empty(len(cells), np.int32)
         weight = self._weights.hit
         self.version += merge_cells(self.evidence, self.frontier, cells, told, newer, weight, scratch, _DIAGONAL) > 0
 
-    def occupied(self, cells: Ints) -> Bools:
+    def occupied(self, cells: Int32s) -> Bools:
         """Return which of *cells* are occupied."""
         return self.evidence.reshape(-1)[cells] > 0

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Words
 from cosim.errors import LocalProtocolError, WireError
 from cosim.machine import Address
-from protocols.mapping.runs import Words
 from protocols.wire import CRC_BYTES, check
 
 MAGIC: Final = 0x45

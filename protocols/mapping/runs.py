@@ -5,22 +5,19 @@ occupied or empty (1 bit), and their number less one (9 bits). Unknown cells are
 """
 
 from collections.abc import Sequence
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bools, Int32s, Words
 from cosim.geometry.grids import Cell
-
-Words: TypeAlias = np.ndarray[Any, np.dtype[np.uint32]]
-Ints: TypeAlias = np.ndarray[Any, np.dtype[np.int32]]
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 MOST_CELLS: Final = 1 << 22
 LONGEST: Final = 1 << 9
 _OCCUPIED: Final = 1 << 9
 
 
-def to_runs(cells: Sequence[Cell] | Ints, occupied: Sequence[bool] | Bools) -> Words:
+def to_runs(cells: Sequence[Cell] | Int32s, occupied: Sequence[bool] | Bools) -> Words:
     """Return the runs (n,) of *cells*, in any order and without doubles, of which some are *occupied*.
 
     A run may go on from the end of a row to the beginning of the next.
@@ -42,7 +39,7 @@ def to_runs(cells: Sequence[Cell] | Ints, occupied: Sequence[bool] | Bools) -> W
     return words
 
 
-def from_runs(words: Words) -> tuple[Ints, Bools]:
+def from_runs(words: Words) -> tuple[Int32s, Bools]:
     """Return the cells (n,) that the runs name, and which of them are occupied (n,)."""
     wide = words.astype(np.int64)
     sizes = (wide & LONGEST - 1) + 1

@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from cosim.arrays import Bools, Int32s
 from cosim.errors import WireError
 from cosim.geometry.planning import Point
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, LinkEvent, Outgoing, Reception
@@ -40,7 +41,7 @@ from protocols.mapping.frames import (
     encode,
 )
 from protocols.mapping.ledger import Ledger
-from protocols.mapping.runs import Bools, Ints, fits, from_runs, to_runs
+from protocols.mapping.runs import fits, from_runs, to_runs
 from protocols.transport.star import MASTER, LinkParameters, Piconet
 from protocols.wire import BadBytes
 
@@ -77,7 +78,7 @@ class SharingParameters(Settings):
 class Told(NamedTuple):
     """What another has told of some cells, each array (n,)."""
 
-    cells: Ints
+    cells: Int32s
     occupied: Bools
     newer: Bools
     """Whether that counts for more than what the robot has known of the cell."""
@@ -164,7 +165,7 @@ class Sharing:
 
     # ------------------------------------------------------------ telling
 
-    def changed(self, cells: Ints, occupied: Collection[bool]) -> None:
+    def changed(self, cells: Int32s, occupied: Collection[bool]) -> None:
         """Note cells whose state the robot's own sensors have changed."""
         self._news.update(zip(cells.tolist(), occupied, strict=True))
         if self._versions is not None:

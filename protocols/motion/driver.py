@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Drive
 from cosim.navigation.dwa import (
@@ -21,7 +22,6 @@ from cosim.navigation.dwa import (
     walls_near,
 )
 from cosim.navigation.localization_motion import Pose
-from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.motion.floor import Aim, Floor

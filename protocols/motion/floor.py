@@ -9,20 +9,19 @@ their own; such a field is not kept.
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Bools, Floats, Singles
 from cosim.geometry.grids import Cell
-from cosim.geometry.planning import Bools, Floats, PlanningGrid, Point, nearest_free, wall_planning_grid, way_points
+from cosim.geometry.planning import PlanningGrid, Point, nearest_free, wall_planning_grid, way_points
 from cosim.geometry.polylines import length_m as polyline_m
 from cosim.geometry.segments import SegmentGrid, clearance, segment_grid, swept_clearance
 from cosim.geometry.value_iteration import ahead, cheapest_way, values
 from cosim.protocol import Surroundings
 from protocols.motion.parameters import DrivingParameters
-
-Singles: TypeAlias = np.ndarray[Any, np.dtype[np.float32]]
 
 _KEPT: Final = 64
 """So many fields are remembered, the latest asked for."""

@@ -6,10 +6,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.navigation.dwa import BODY_COLUMNS
-from cosim.navigation.schemas import Floats
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds, to_seconds
 from protocols.motion.floor import Blocker

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.setup import Knowledge
-
-Metres = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def cells_touched(grid: CoverageGrid, x_m: float, y_m: float, radius_m: float) -> list[Cell]:
@@ -47,7 +46,7 @@ class CoverageReferee:
         self._dead: set[Address] = set()
         self._bodies: set[Cell] = set()
 
-    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Count the cells that were entered since the last tick; never end the run: the team itself finds its end."""
         grid = self._grid
         columns = np.floor((x_m - grid.origin_m[0]) / grid.cell_m).astype(np.int64)

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.geometry.boundary import Boundary, packed_boundary
-from cosim.navigation.schemas import Floats, Vector
+from cosim.navigation.schemas import Vector
 from cosim.navigation.status import STATUSES, Status
 from cosim.navigation.steering import AvoidPast, Navigator, PotentialField, Steer
 from cosim.navigation.visbug import MEMORY, visbug_packed

@@ -1,16 +1,12 @@
 """The truth about the explorers: which targets they have reached, in order, and in how many motion steps."""
 
 import math
-from typing import Any
 
-import numpy as np
-
+from cosim.arrays import Floats
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
 from protocols.reflection.setup import Knowledge
-
-Metres = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class TargetReferee:
@@ -29,7 +25,7 @@ class TargetReferee:
         """Those who live and have targets left."""
         self._begun = False
 
-    def look(self, x_m: Metres, y_m: Metres, now: Time) -> bool:
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Count a motion step for every living explorer with open targets; return whether there is none."""
         for explorer in self._open.copy():
             self._steps[explorer] += self._begun

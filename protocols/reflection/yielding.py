@@ -7,13 +7,11 @@ door, it goes on along it, away from the seeker, until something does. It looks 
 """
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
-import numpy as np
-
+from cosim.arrays import Floats
 from cosim.jit import njit
 
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Point: TypeAlias = tuple[float, float]
 
 DIRECTIONS: Final = 16

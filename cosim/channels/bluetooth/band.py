@@ -11,19 +11,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import (
-    NONE,
-    NOT_TUNED,
-    OUT_OF_RANGE,
-    RECEIVED,
-    Floats,
-    Integers,
-    Medium,
-    heard_of,
-    judge,
-    put,
-)
+from cosim.channels.bluetooth.medium import NONE, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Medium, heard_of, judge, put
 from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.channels.bluetooth.polling import (
     DUE,
@@ -66,15 +56,15 @@ class Band(NamedTuple):
     """The medium and all piconets on it, row i being that of which device i is the master."""
 
     medium: Medium
-    piconets: Integers
+    piconets: Int64s
     """(n, PICONET_FIELDS)."""
-    links: Integers
+    links: Int64s
     """(n, FIELDS, 8)."""
     carriers_dbm: Floats
     """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
-    used: Integers
+    used: Int64s
     """(n, 79): the channels of adapted hop sets, ascending, even ones first."""
-    tallies: Integers
+    tallies: Int64s
     """(n, 2, 79): slot pairs that went well, and badly, by channel, where hop sets are adapted."""
 
 
@@ -234,7 +224,7 @@ def expose(band: Band, p: int) -> None:
 
 
 @njit(cache=True)
-def advance(band: Band, until: int, last_end: int, log: Integers) -> int:
+def advance(band: Band, until: int, last_end: int, log: Int64s) -> int:
     """Decide all slots that start before *until*, all idle, and end all frames of them that end by *last_end*.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.

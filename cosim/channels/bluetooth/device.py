@@ -10,13 +10,13 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.controller import Controller, Identity
 from cosim.channels.bluetooth.frames import FrameLog
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
-from cosim.channels.bluetooth.medium import Floats
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet

@@ -23,16 +23,15 @@ rate in a table.
 import math
 from collections.abc import Iterable
 from functools import cache
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from cosim.arrays import Floats
 from cosim.channels.bluetooth.packets import ACCESS_CODE_BITS, HEADER_BITS, ID_BITS, TOLERATED_BITS, PacketType
 from cosim.jit import njit
 from cosim.units import MS, SLOT
-
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 MODULATION_INDEX: Final = 0.32
 """Nominal; the specification allows 0.28 to 0.35."""

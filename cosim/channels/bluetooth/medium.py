@@ -11,10 +11,11 @@ it may have hit is judged.
 """
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
 from cosim.channels.bluetooth.hopping import train_phase_of
 from cosim.channels.bluetooth.packets import ACCESS_AIR, HEADER_AIR, ID_AIR
@@ -22,9 +23,6 @@ from cosim.channels.jamming import Jammer, jams
 from cosim.jit import njit
 from cosim.randomness import philox_words
 from cosim.units import TICK
-
-Integers: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
-Floats: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
 RING: Final = 8
 """Frames remembered for each device: it sends no more in the 5 ms in which any of them can matter."""
@@ -81,21 +79,21 @@ class Medium(NamedTuple):
     power_dbm: Floats
     """(n, n): what the second receives of the first; -inf where nothing."""
     power_mw: Floats
-    frames: Integers
+    frames: Int64s
     """(n, RING, 3): start, end (ns) and channel of the frames that each device sent last."""
-    cursor: Integers
+    cursor: Int64s
     """(n,): where each device's next frame goes."""
-    trains: Integers
+    trains: Int64s
     """(TRAINS, TRAIN_FIELDS)."""
-    train_channels: Integers
+    train_channels: Int64s
     """(TRAINS, 32): the channel of each X."""
-    jams: Integers
+    jams: Int64s
     """(jammers, JAM_FIELDS)."""
-    jam_channels: Integers
+    jam_channels: Int64s
     """(jammers, 79): the channels of each in the order of its sweep, J_COUNT of them."""
     jam_mw: Floats
     """(jammers, n): what each device receives of each jammer."""
-    numbers: Integers
+    numbers: Int64s
     """Mode of interference, number of trains, the two words of the key of bit errors."""
     noise_dbm: Floats
     """(1,): -inf without noise."""
@@ -121,7 +119,7 @@ def new_medium(size: int, mode: int, noise_dbm: float, key: tuple[int, int]) -> 
 
 
 @njit(cache=True)
-def put(frames: Integers, cursor: Integers, source: int, start: int, end: int, channel: int) -> None:
+def put(frames: Int64s, cursor: Int64s, source: int, start: int, end: int, channel: int) -> None:
     """Put a frame of *source* on the air, into the arrays of :class:`Medium`."""
     at = cursor[source]
     frames[source, at, 0], frames[source, at, 1], frames[source, at, 2] = start, end, channel
@@ -280,7 +278,7 @@ def set_powers(medium: Medium, power_dbm: Floats) -> None:
             medium.power_mw[one, other] = 10.0 ** (power / 10.0) if power > -np.inf else 0.0
 
 
-def jam_arrays(jammers: Sequence[Jammer]) -> tuple[Integers, Integers]:
+def jam_arrays(jammers: Sequence[Jammer]) -> tuple[Int64s, Int64s]:
     """Return *jammers* as the arrays ``jams`` and ``jam_channels`` of :class:`Medium`."""
     rows = np.zeros((len(jammers), JAM_FIELDS), dtype=np.int64)
     channels = np.zeros((len(jammers), 79), dtype=np.int64)

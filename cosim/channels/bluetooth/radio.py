@@ -12,21 +12,13 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
 from cosim.channels.bluetooth.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import basic_hop
-from cosim.channels.bluetooth.medium import (
-    BIT_ERRORS,
-    NOT_TUNED,
-    OUT_OF_RANGE,
-    RECEIVED,
-    T_DEVICE,
-    T_TO,
-    Floats,
-    Integers,
-)
+from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, T_DEVICE, T_TO
 from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, STAGE, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
 from cosim.machine import Address
@@ -144,7 +136,7 @@ class Air:
         self._running = 0
         self._master: Address | None = None
         """The only piconet that sends anything, while it is not known whether everything is received there."""
-        self._alone: tuple[Integers, Integers] | None = None
+        self._alone: tuple[Int64s, Int64s] | None = None
         """Arrays of the only piconet that sends anything, if its air is calm and everything is received there."""
         self._in_flight: deque[tuple[Address, Time, Time, int]] = deque(maxlen=mediums.RING)
         """Frames (source, start, end, channel) of a calm air: the medium needs them only when the calm ends."""
@@ -321,7 +313,7 @@ class Air:
 
     # ------------------------------------------------------------ trains of IDs
 
-    def open_train(self, row: Integers, channels: Integers, now: Time) -> None:
+    def open_train(self, row: Int64s, channels: Int64s, now: Time) -> None:
         """Have a device send IDs, one train at a time, until its end or :meth:`close_train`.
 
         *row* has the fields of ``medium.Medium.trains``, *channels* the channel of each X.

@@ -4,18 +4,16 @@ And the noise that they receive besides, within the 1 MHz of a channel.
 """
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Bools, Floats
 from cosim.channels.base import Positions
 from cosim.channels.bluetooth.errors import SENSITIVITY_BER, es_n0_db_at
-from cosim.channels.bluetooth.medium import Floats
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.jit import njit
-
-Bools = np.ndarray[Any, np.dtype[np.bool_]]
 
 POWER_DBM: Final = {1: 20.0, 2: 4.0, 3: 0.0}
 """The most that a device of power class 1, 2 or 3 transmits."""

@@ -18,9 +18,9 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from cosim.arrays import Int64s
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, train_phase
-from cosim.channels.bluetooth.medium import Integers
 from cosim.channels.bluetooth.packets import ID_AIR
 from cosim.jit import njit
 from cosim.kernel import DELIVER, Callback, Handle, Kernel
@@ -85,7 +85,7 @@ class IdTrain:
         """Return X at *tick*."""
         return train_phase(tick + self.estimate, self.train(tick))
 
-    def on_air(self, device: Address, since: Time) -> Integers:
+    def on_air(self, device: Address, since: Time) -> Int64s:
         """Return what ``Air.open_train`` must know of it: *device* sends it from the instant *since* to its end."""
         clock, switch = self.clock, 32 * self.repetitions
         koffset, end = KOFFSET[self.first_train], self.clock.time_of(self.end)

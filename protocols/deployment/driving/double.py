@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.navigation.dwa import HEADING, TURN, WAY
-from cosim.navigation.schemas import Floats
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Wheel
 from protocols.motion.floor import Floor

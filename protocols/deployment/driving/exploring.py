@@ -17,10 +17,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.marking import CERTAIN, DOUBTFUL
 from cosim.machine import Address, Drive, Event, Outgoing, Reception
-from cosim.navigation.schemas import Floats, beam_directions
+from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.units import S, Time, from_seconds

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cosim.geometry.planning import Bools, Floats
+from cosim.arrays import Bools, Floats
 from cosim.geometry.segments import segment_grid
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.tasks.plan import Place, Plan

@@ -11,7 +11,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cosim.geometry.planning import Floats, PlanningGrid
+from cosim.arrays import Floats
+from cosim.geometry.planning import PlanningGrid
 from cosim.geometry.value_iteration import values
 from cosim.jit import njit
 from protocols.deployment.tasks.plan import Place

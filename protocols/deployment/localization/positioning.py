@@ -14,11 +14,11 @@ from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.machine import Address, Event
 from cosim.navigation.localization import Localizer
 from cosim.navigation.localization_likelihood import KnownMap
 from cosim.navigation.localization_motion import Pose
-from cosim.navigation.schemas import Floats
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time, to_seconds

@@ -9,15 +9,14 @@ scan is of n beams, or are left out.
 """
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.jit import njit
-from cosim.navigation.schemas import Floats, beam_directions
+from cosim.navigation.schemas import beam_directions
 from cosim.observation import Sighting, View
-
-Bools: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 SAME_M: Final = 0.3
 """Two neighbouring beams whose ranges differ by less have met the same wall."""

@@ -10,8 +10,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from cosim.arrays import Int32s
 from cosim.errors import LocalProtocolError
-from cosim.geometry.grids import Cell, CoverageGrid, Ints
+from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.jit import njit
 
 Tour: TypeAlias = tuple[Cell, ...]
@@ -118,7 +119,7 @@ def _fits(reached: Costs, count: int, bound: int) -> bool:
     return False
 
 
-def assign(parts: Sequence[Tour], starts: Sequence[Cell], distances: Callable[[Cell], Ints]) -> tuple[Tour, ...]:
+def assign(parts: Sequence[Tour], starts: Sequence[Cell], distances: Callable[[Cell], Int32s]) -> tuple[Tour, ...]:
     """Give each robot at most one part, so that the drives from *starts* to the parts' first cells are least in sum.
 
     *distances* returns the steps from a cell to all cells, shape (cells,), -1 where there is no way. As few parts as

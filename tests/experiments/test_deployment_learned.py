@@ -1,0 +1,93 @@
+"""Deploying by a map just made: the experiment runs, and its claims hold, fail and stay open."""
+
+import csv
+import math
+from copy import deepcopy
+from itertools import product
+from typing import Any
+
+import pandas as pd
+import pytest
+import yaml
+
+from cosim.experiment import load_experiment
+from experiments.deployment_learned_map import figures
+from experiments.deployment_learned_map.learning import COLUMNS, measure
+from tests.checkout import EXPERIMENTS
+
+FOLDER = EXPERIMENTS / "deployment_learned_map"
+CLAIMS = [row["test"] for row in csv.DictReader((FOLDER / "published.csv").read_text(encoding="utf-8").splitlines())]
+NONE = pd.DataFrame()
+FLOOR_M2 = 6 * 8 + 21.8 * 2.4 + 2.4 * 68
+"""The laboratory, the corridor to the intersection, the corridors from there: floors/wean.yaml."""
+
+
+def parameters(**scenario: Any) -> dict[str, Any]:
+    given: dict[str, Any] = yaml.safe_load((FOLDER / "sweep.yaml").read_text(encoding="utf-8"))["parameters"]
+    plain = deepcopy(given)
+    plain["scenario"]["floorplan"]["map"] = str(FOLDER.parent / "floors" / "wean.yaml")
+    plain["scenario"] |= scenario
+    return plain
+
+
+def runs_of(right: bool, replicates: int) -> pd.DataFrame:
+    rows = []
+    for replicate in range(replicates):
+        for kind, explorers, network in product(("learned", "given"), figures.EXPLORERS, figures.NETWORKS):
+            lost = kind == "learned" and not right
+            row = {"map": kind, "explorers": explorers, "network": network, "replicate": replicate}
+            found = {"deployed": 0.0 if lost else 1.0, "returned_s": math.nan if lost else 100.0}
+            rows.append(row | found | {"collisions": 0.0, "wall_contacts": float(lost)})
+    return pd.DataFrame(rows)
+
+
+def answer(test: str, right: bool, replicates: int) -> tuple[str, bool | None]:
+    found: tuple[str, bool | None] = getattr(figures, test)(runs_of(right, replicates), NONE)
+    return found
+
+
+@pytest.mark.parametrize("test", CLAIMS)
+def test_a_claim_holds_and_fails_and_stays_open(test: str) -> None:
+    assert answer(test, True, 30)[1] is True
+    assert answer(test, False, 30)[1] is False
+    assert getattr(figures, test)(NONE, NONE) == ("-", None)
+    assert answer(test, True, 1)[1] is (True if test == "touches_nothing" else None)
+
+
+def test_one_number_of_explorers_with_which_it_fails_is_enough() -> None:
+    runs = runs_of(True, 30)
+    runs.loc[(runs["map"] == "learned") & (runs["explorers"] == 4), "deployed"] = 0.0
+    assert getattr(figures, "deploys_ideal")(runs, NONE)[1] is False  # noqa: B009
+    runs = runs_of(True, 30)
+    runs.loc[runs["map"] == "given", "deployed"] = 0.0
+    assert getattr(figures, "deploys_ideal")(runs, NONE)[1] is True  # noqa: B009
+
+
+def test_the_experiment_is_ready_to_run() -> None:
+    found = load_experiment(FOLDER / "sweep.yaml")
+    assert len(found.arms) == 2 * len(figures.EXPLORERS) * len(figures.NETWORKS)
+
+
+@pytest.mark.slow
+def test_a_team_explores_returns_and_deploys_by_its_map() -> None:
+    """Two robots will do, and the nearer places: it takes a while as it is."""
+    plain = parameters()
+    plain["scenario"]["team"]["size"] = 2
+    explore, back, deploy = plain["scenario"]["protocol"]["parameters"]["calls"]
+    explore["call"]["parameters"]["robots"] = back["call"]["parameters"]["robots"] = 2
+    deploy["call"]["places"] = ["C", "E"]
+    found = measure(plain, 1)
+    assert set(found) == {column.name for column in COLUMNS}
+    assert (found["plans_done"], found["refused"], found["deployed"], found["places_held"]) == (3.0, 0.0, 1.0, 1.0)
+    assert found["collisions"] == found["wall_contacts"] == found["orders_failed"] == 0.0
+    assert found["map_m2"] == pytest.approx(FLOOR_M2, rel=0.01)
+    assert found["map_alike"] == 1.0
+    assert found["explored_s"] > 58.0 / 0.3 * 0.9  # somebody has been near the end of the longest way
+
+
+@pytest.mark.slow
+def test_a_run_that_ends_before_the_deployment_counts_with_its_length() -> None:
+    found = measure(parameters(duration_s=30), 1)
+    assert found["deploy_s"] == 30.0
+    assert found["deployed"] == 0.0
+    assert all(math.isnan(found[name]) for name in ("explored_s", "returned_s", "map_m2", "map_alike"))

@@ -1,0 +1,262 @@
+"""The sweeps of paper 002's searches: they load, a small arm of each runs, and arms differ in what their names say."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim.experiment import Arm, find_function, load_experiment
+from cosim.geometry.planning import cost_to_go, wall_planning_grid
+from cosim.world.floorplan import FloorplanSettings, load_floorplan
+from experiments.aggregation_laboratory import placing
+from experiments.aggregation_scaling import floors, scaling
+from experiments.aggregation_search import alternatives, searching
+from experiments.reflection_tables.figures import claims
+from tests.checkout import EXPERIMENTS
+
+SWEEPS = sorted(EXPERIMENTS.glob("aggregation_*/*.yaml"))
+TINY = {
+    "aggregation_channels": (70, ["scenario.duration_s=70"]),  # jammed from 60 s on
+    "aggregation_laboratory": (20, ["scenario.duration_s=20"]),
+    "aggregation_scaling": (20, ["cap_s=20", "cap_s_per_m2=0"]),
+    "aggregation_search": (20, ["scenario.duration_s=20", "case=normal"]),
+}
+"""By experiment: seconds, and what makes its runs last so long."""
+
+
+def title(path: Path) -> str:
+    return f"{path.parent.name}-{path.stem}"
+
+
+def arm(name: str, *sets: str, sheet: str = "sweep") -> Arm:
+    """Return the only arm that *sets* leave of an experiment."""
+    (found,) = load_experiment(EXPERIMENTS / name / f"{sheet}.yaml", sets).arms
+    return found
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def test_there_are_four_experiments_with_a_sheet_of_alternatives_each():
+    assert [title(path) for path in SWEEPS] == [
+        f"{name}-{sheet}" for name in TINY for sheet in ("alternatives", "sweep")
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SWEEPS, ids=title)
+def test_every_arm_is_a_run_that_can_be_set_up_and_the_quick_sweep_is_smaller(path: Path):
+    whole, quick = load_experiment(path), load_experiment(path, quick=True)
+    assert len({one.configuration for one in whole.arms}) == len(whole.arms)  # no two arms are the same run
+    assert 1 < len(quick.arms) * quick.replicates < len(whole.arms) * whole.replicates
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SWEEPS, ids=title)
+def test_an_arm_runs_as_long_as_it_may_and_returns_its_columns(path: Path):
+    seconds, sets = TINY[path.parent.name]
+    one = load_experiment(path, [*sets, "strategy=srp"], quick=True).arms[-1]
+    found = find_function(str(one.run), str(path))(one.parameters, 3)
+    assert set(found) == {column.name for column in searching.COLUMNS}
+    assert found["simulated_s"] == seconds
+    assert found["search_time_min"] <= seconds / 60
+    assert (
+        0
+        < found["distance_m"]
+        <= seconds * sum(body["speed_mps"] * size for body, size in bodies(one.parameters["scenario"], one.labels))
+    )
+
+
+def bodies(scenario: dict[str, Any], labels: dict[str, Any]) -> list[tuple[dict[str, Any], int]]:
+    """Return body and number of each group; of scaling, where the number is an axis, that of the arm."""
+    numbers = [labels["sub_teams"], 2 * labels["sub_teams"]] if "sub_teams" in labels else None
+    groups = scenario["team"]["groups"]
+    return [(group["body"], numbers[at] if numbers else group["size"]) for at, group in enumerate(groups)]
+
+
+# ---------------------------------------------------------------- the laboratory
+
+
+def laboratory(seed: int, strategy: str = "srp", distribution: int = 2, **more: Any) -> Any:
+    one = arm("aggregation_laboratory", f"strategy={strategy}", f"distribution={distribution}")
+    return placing.Parameters.model_validate({**one.parameters, **more}).placed(seed)
+
+
+def test_each_run_of_the_laboratory_has_starts_of_its_own_and_all_its_arms_have_these():
+    named = placing.Parameters.model_validate(arm("aggregation_laboratory", "strategy=mi", "distribution=1").parameters)
+    first, second = laboratory(1).team.starts, laboratory(2).team.starts
+    assert first != second
+    assert laboratory(1, "mi", 4).team.starts == first
+    places = np.array(named.scenario.team.starts)
+    off = np.abs(np.array([laboratory(seed).team.starts for seed in range(20)]) - places)
+    assert 0.04 < off.max() <= named.placing_m == 0.05
+
+
+def test_all_robots_of_the_laboratory_are_in_contact_at_the_start():
+    for seed in range(20):
+        host, *searchers = laboratory(seed).team.starts
+        assert all(0.5 < math.dist(host, each) < 1.0 for each in searchers)  # no bodies overlap, radios reach 1 m
+
+
+def test_a_distribution_is_a_number_behind_the_name_of_the_places():
+    assert laboratory(1, distribution=3).protocol.parameters.target_place == "targets_3"
+    other = laboratory(1, distribution=3, choice={"protocol.parameters.target_place": "targets_b"})
+    assert other.protocol.parameters.target_place == "targets_b_3"
+
+
+# ---------------------------------------------------------------- scaling
+
+
+@pytest.mark.parametrize("side_m", floors.SIDES_M)
+def test_the_floors_are_those_that_are_written(side_m: int):
+    path = EXPERIMENTS / "floors" / f"rooms_{side_m}.yaml"
+    assert path.read_text(encoding="utf-8") == floors.text(side_m)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side_m", floors.SIDES_M)
+def test_all_rooms_of_a_floor_are_alike_and_can_be_reached(side_m: int):
+    plan = load_floorplan(FloorplanSettings(map=f"rooms_{side_m}.yaml"), EXPERIMENTS / "floors")
+    count = side_m // 25
+    corners = np.array(plan.places_m["room_corners"]).reshape(-1, 2, 2)
+    assert len(plan.places_m["rooms"]) == len({tuple(low) for low in corners[:, 0].tolist()}) == count * count
+    assert (corners[:, 1] - corners[:, 0] == 25.0).all()
+    grid = wall_planning_grid(plan.bounds_m, 0.25, 0.25, plan.walls_m, plan.forbidden)
+    start = plan.places_m["start"][0]
+    costs = cost_to_go(grid.free, [grid.cell_at(*start)])
+    assert np.isfinite([costs.flat[grid.cell_at(*room)] for room in plan.places_m["rooms"]]).all()
+    assert math.dist(start, (side_m / 2, side_m / 2)) < 25.0
+
+
+def test_a_floor_has_an_even_number_of_rooms_along_a_side():
+    for side_m in (75, 60):
+        with pytest.raises(ValueError, match="no even number"):
+            floors.floor(side_m)
+
+
+def scaled(**more: Any) -> Any:
+    one = arm("aggregation_scaling", "strategy=mrp", "side_m=150", "sub_teams=2")
+    return scaling.Parameters.model_validate({**one.parameters, **more}).chosen()
+
+
+def test_what_grows_with_the_area_is_that_of_aggregation_search_where_the_area_is():
+    found, usual = (
+        scaled(sub_teams=3),
+        searching.Parameters.model_validate(
+            arm("aggregation_search", "strategy=mrp", "case=normal").parameters
+        ).chosen(),
+    )
+    for name in ("reconvene_s", "sync_s", "lost_s", "hosts", "camera_m"):
+        assert getattr(found.protocol.parameters, name) == getattr(usual.protocol.parameters, name)
+    assert [group.size for group in found.team.groups] == [group.size for group in usual.team.groups]
+    assert found.channel == usual.channel
+
+
+def test_runs_get_longer_with_the_area():
+    runs = [scaled(side_m=side_m) for side_m in floors.SIDES_M]
+    assert all(a.duration_s < b.duration_s for a, b in pairwise(runs))
+    assert [run.protocol.parameters.reconvene_s for run in runs] == [30, 100, 225, 400]  # 0.02 s/m2, from 30 s on
+
+
+def test_what_is_chosen_grows_with_the_area_as_the_usual_does():
+    """Periods twice as long are so on every area, but never below 30 s; a host waits for slow searchers longer."""
+    for side_m in floors.SIDES_M:
+        usual, slow = (scaled(side_m=side_m, choice=choice) for choice in ({}, {"team.groups[1].body.speed_mps": 0.5}))
+        later = scaled(side_m=side_m, choice={"protocol.parameters.reconvene_s": 300})
+        reconvene_s, lost_s = 0.02 * side_m**2 / 2, 0.12 * side_m**2 / 2
+        assert usual.protocol.parameters.reconvene_s == pytest.approx(max(30.0, reconvene_s))
+        assert later.protocol.parameters.reconvene_s == pytest.approx(max(30.0, 2 * reconvene_s))
+        assert later.protocol.parameters.lost_s == pytest.approx(lost_s)
+        assert (usual.protocol.parameters.sync_s, slow.protocol.parameters.sync_s) == (side_m, 2 * side_m)
+        assert [body.speed_mps for body in slow.team.bodies] == [0.5] * 6  # two hosts, four searchers
+
+
+# ---------------------------------------------------------------- channels
+
+
+def network(name: str) -> Any:
+    one = arm("aggregation_channels", "strategy=mi", f"network={name}")
+    return searching.Parameters.model_validate(one.parameters).chosen()
+
+
+def test_networks_differ_in_their_radios_and_jammers_only():
+    ideal, adhoc, jammed = map(network, ("ideal", "adhoc", "jammed"))
+    assert [radio.kind for radio in ideal.channel.radios] == ["ideal", "ideal"]
+    assert [radio.range_m for radio in ideal.channel.radios] == [radio.range_m for radio in adhoc.channel.radios]
+    assert ideal.model_copy(update={"channel": adhoc.channel}) == adhoc
+    assert jammed.model_copy(update={"faults": ()}) == adhoc.model_copy(update={"faults": ()})
+    assert not adhoc.faults
+
+
+def test_jammers_reach_every_place_where_hosts_may_be_and_only_the_short_radio_after_a_minute():
+    jammers, channel = network("jammed").faults, network("jammed").channel
+    reach_m = channel.radios[0].range_m
+    places = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
+    middle = np.stack(np.meshgrid(np.arange(25.0, 125.5), np.arange(25.0, 125.5)), axis=-1).reshape(-1, 1, 2)
+    assert np.linalg.norm(middle - places, axis=-1).min(axis=1).max() <= reach_m
+    for jammer in jammers:
+        assert (jammer.radio, jammer.at_s, jammer.on_s, jammer.period_s) == (0, 60, 60, 180)
+        assert {2402 + k for k in jammer.channels} == set(range(2402, 2423))  # channel 1: 2412 MHz, 22 MHz wide
+    assert [radio.channel for radio in channel.radios] == [1, 13]
+
+
+# ---------------------------------------------------------------- alternatives
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_alternatives_are_of_the_runs_that_the_sweep_makes(name: str):
+    sheets = [load_experiment(EXPERIMENTS / name / f"{sheet}.yaml") for sheet in ("sweep", "alternatives")]
+    usual, other = (sheet.base for sheet in sheets)
+    assert usual["scenario"].pop("name") != other["scenario"].pop("name")
+    assert other.pop("choice") == {}
+    assert other == usual
+    known, chosen = ({axis.name: dict(axis.values) for axis in sheet.axes} for sheet in sheets)
+    assert set(chosen) == {"choice", *known}
+    for axis, values in known.items():
+        assert chosen[axis] == {label: values[label] for label in chosen[axis]}
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_no_choice_is_what_the_sweep_has(name: str):
+    """The first of each choice's arms, made with the choice and without it."""
+    arms = {
+        one.labels["choice"]: one for one in reversed(load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms)
+    }
+    model = {"aggregation_laboratory": placing, "aggregation_scaling": scaling}.get(name, searching).Parameters
+    assert len(arms) >= 2
+    for one in arms.values():
+        assert (
+            model.model_validate(one.parameters).chosen()
+            != model.model_validate(one.parameters | {"choice": {}}).chosen()
+        )
+
+
+@pytest.mark.parametrize("name", ["aggregation_channels", "aggregation_scaling"])
+def test_alternatives_have_the_arms_of_every_claim(name: str):
+    stream, arms = np.random.default_rng(1), load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms
+    metrics = ["search_time_min", "completed", "distance_m", "distance_after_m", "payload_bytes", "frames", "energy_j"]
+    runs = pd.DataFrame(
+        {**one.labels, "replicate": at, **dict.fromkeys(metrics, stream.integers(1, 3))}
+        for one in arms
+        for at in range(2)
+    ).assign(completed=1.0)
+    found = alternatives.verdicts(runs, name)
+    assert list(found.index) == [claim.id for claim in claims(name)]
+    assert "no data" not in set(found.to_numpy().ravel())
+
+
+def test_claims_are_judged_for_each_choice_alone():
+    minutes = {("open", "srp"): 9, ("open", "mrp"): 8, ("open", "mi"): 7, ("nested", "srp"): 6}
+    minutes |= {("nested", "mrp"): 5, ("nested", "mi"): 7}
+    runs = pd.DataFrame(
+        {"choice": choice, "strategy": strategy, "case": "normal", "replicate": at, "search_time_min": value + at / 10}
+        for (choice, strategy), value in minutes.items()
+        for at in range(5)
+    )
+    found = alternatives.verdicts(runs, "aggregation_search")
+    assert found.loc["fastest_normal"].to_dict() == {"open": "holds", "nested": "fails"}
+    assert "fastest_failed" not in found.index  # no such runs
