@@ -51,7 +51,7 @@ class Exchange:
 
     finished = False
 
-    def __init__(self, parameters: Settings, knowledge: None, me: Address, stream: Any, start: Time) -> None:
+    def __init__(self, parameters: Settings, setup: None, me: Address, stream: Any, start: Time) -> None:
         self.linked = 0
         self.received = 0
         """Payloads, those included that come back to their author."""
@@ -146,7 +146,7 @@ SPEC = ProtocolSpec(
     place=place,
     prepare=lambda parameters, surroundings: None,
     make=Exchange,
-    referee=lambda parameters, knowledge, surroundings: Nobody(),
+    referee=lambda parameters, setup, surroundings: Nobody(),
     metrics=(Metric("received", "1", "payloads that machines have received"),),
     measure=lambda machines: {"received": float(sum(machine.received for machine in machines))},
     events=(),

@@ -143,14 +143,14 @@ class ProtocolSpec:
     ``anywhere`` will do for many.
     """
     prepare: Callable[[Any, Surroundings], Any]
-    """(parameters, surroundings) -> knowledge: what all machines of a run know beforehand; computed once a run.
+    """(parameters, surroundings) -> setup: what all machines of a run know beforehand; computed once a run.
 
     Raises UserError when the protocol cannot run there.
     """
     make: Callable[[Any, Any, Address, Any, Time], Machine]
-    """(parameters, knowledge, own address, random stream, start time) -> a machine."""
+    """(parameters, setup, own address, random stream, start time) -> a machine."""
     referee: Callable[[Any, Any, Surroundings], Referee]
-    """(parameters, knowledge, surroundings) -> the judge of one run."""
+    """(parameters, setup, surroundings) -> the judge of one run."""
     metrics: tuple[Metric, ...]
     """The columns that ``measure`` and the referee fill."""
     measure: Callable[[Sequence[Any]], dict[str, float]]

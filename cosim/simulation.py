@@ -97,13 +97,13 @@ class Simulation:
         streams = Streams(seed)
         parameters = scenario.protocol.parameters
         surroundings = self._surroundings(parameters, streams)
-        knowledge = self.spec.prepare(parameters, surroundings)
+        setup = self.spec.prepare(parameters, surroundings)
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
         self.senses = self._senses(surroundings, streams)
         self.channel = _channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
-        self.referee: Referee = self.spec.referee(parameters, knowledge, surroundings)
+        self.referee: Referee = self.spec.referee(parameters, setup, surroundings)
         self.machines: list[Machine] = [
-            self.spec.make(parameters, knowledge, robot, streams("machine", robot), self.kernel.now)
+            self.spec.make(parameters, setup, robot, streams("machine", robot), self.kernel.now)
             for robot in range(scenario.team.size)
         ]
         self._cable: list[Said] = []
@@ -117,7 +117,7 @@ class Simulation:
 
         def boot(robot: Address, boots: int, now: Time) -> Machine:
             stream = streams("machine", robot, "boot", boots)
-            before, machine = self.machines[robot], self.spec.make(parameters, knowledge, robot, stream, now)
+            before, machine = self.machines[robot], self.spec.make(parameters, setup, robot, stream, now)
             if self.spec.succeed is not None:
                 self.spec.succeed(before, machine, self.kernel.now)
             self.machines[robot] = machine

@@ -49,8 +49,8 @@ class Drawn:
 class Walker:
     """Goes to its goal when it is told to, calls out at every observation, and notes what it sees and hears."""
 
-    def __init__(self, parameters: Parameters, knowledge: Any, me: Address, stream: np.random.Generator, start: Time):
-        self.parameters, self.knowledge, self.me = parameters, knowledge, me
+    def __init__(self, parameters: Parameters, setup: Any, me: Address, stream: np.random.Generator, start: Time):
+        self.parameters, self.setup, self.me = parameters, setup, me
         self.seen: list[tuple[Time, Observation]] = []
         self.heard: list[tuple[Time, bytes]] = []
         self.order: Time | None = None if parameters.order_s is None else start + round(parameters.order_s * S)
@@ -101,7 +101,7 @@ class Walker:
 class Judge:
     """Ends the run when the parameters say so."""
 
-    def __init__(self, parameters: Parameters, knowledge: Surroundings, surroundings: Surroundings) -> None:
+    def __init__(self, parameters: Parameters, setup: Surroundings, surroundings: Surroundings) -> None:
         self.over_s = parameters.over_s
         self.looks: list[Time] = []
 
@@ -215,7 +215,7 @@ def test_starts_that_do_not_fit_are_those_of_who_gave_them(
 
 
 def test_a_protocol_is_told_where_a_body_fits_also_beside_thin_walls():
-    told: Surroundings = Simulation(scenario(), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    told: Surroundings = Simulation(scenario(), 1).machines[0].setup  # type: ignore[attr-defined]
     assert told.fits((1.0, 4.2), 0.2)
     assert not told.fits((1.0, 4.1), 0.2)
     assert not told.forbidden(np.array([(1.0, 4.1)]))[0]
@@ -382,7 +382,7 @@ def test_every_robot_of_a_mixed_team_has_the_body_of_its_group():
 
 
 def test_a_protocol_is_told_of_every_body_of_a_mixed_team_and_of_the_extremes():
-    told: Surroundings = Simulation(mixed(), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    told: Surroundings = Simulation(mixed(), 1).machines[0].setup  # type: ignore[attr-defined]
     assert (told.radius_m, told.speed_mps, told.acceleration_mps2) == (0.4, 0.2, 3.0)
     assert told.radii_m == (0.2, 0.4, 0.4)
     assert told.speeds_mps == (0.5, 0.2, 0.2)
@@ -392,7 +392,7 @@ def test_a_protocol_is_told_of_every_body_of_a_mixed_team_and_of_the_extremes():
 def test_a_protocol_is_told_what_the_range_scanners_are_like():
     plain = mixed().model_dump()
     plain["team"]["senses"] |= {"beams": 90, "beam_range_m": 3.5}
-    told: Surroundings = Simulation(Scenario.model_validate(plain), 1).machines[0].knowledge  # type: ignore[attr-defined]
+    told: Surroundings = Simulation(Scenario.model_validate(plain), 1).machines[0].setup  # type: ignore[attr-defined]
     assert (told.scan_range_m, told.beams) == (3.5, 90)
 
 

@@ -105,7 +105,7 @@ class Watch:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._truth = Truth(_explorers(simulation)[0].knowledge.frame, _surroundings(simulation))
+        self._truth = Truth(_explorers(simulation)[0].setup.frame, _surroundings(simulation))
         self.times_s: list[float] = []
         self.pose_errors_m: list[float] = []
         self.map_times_s: list[float] = []
@@ -139,19 +139,19 @@ def _explorers(simulation: Simulation) -> list[Explorer]:
 
 def _surroundings(simulation: Simulation) -> Surroundings:
     """Return what decides which cells can be seen."""
-    knowledge, floor = _explorers(simulation)[0].knowledge, simulation.floorplan
+    setup, floor = _explorers(simulation)[0].setup, simulation.floorplan
     return Surroundings(
-        starts_m=knowledge.starts_m,
-        radius_m=max(knowledge.radii_m),
-        speed_mps=min(knowledge.speeds_mps),
+        starts_m=setup.starts_m,
+        radius_m=max(setup.radii_m),
+        speed_mps=min(setup.speeds_mps),
         acceleration_mps2=math.nan,
-        tick=knowledge.tick,
+        tick=setup.tick,
         walls_m=floor.walls_m,
         bounds_m=floor.bounds_m,
         forbidden=floor.forbidden,
-        radii_m=knowledge.radii_m,
-        scan_range_m=knowledge.range_m,
-        beams=knowledge.beams,
+        radii_m=setup.radii_m,
+        scan_range_m=setup.range_m,
+        beams=setup.beams,
     )
 
 

@@ -20,11 +20,11 @@ HEAR_J: Final = (56e-6, 0.5e-6)
 
 
 @dataclass(slots=True)
-class Records:
+class Counters:
     """Counts of one life of a robot. Instants are told by ticks, which all robots have in common: see ``told``."""
 
     tick: Time
-    before: "Records | None" = None
+    before: "Counters | None" = None
     """Those of the robot's life before a reboot."""
     frames: int = 0
     payload_bytes: int = 0
@@ -62,14 +62,14 @@ class Records:
         self.ahead = now - self.last_tick
         self.ways_m.append((self.ways_m[-1] if self.ways_m else 0.0) + way_m)
 
-    def follow(self, before: "Records", now: Time) -> None:
+    def follow(self, before: "Counters", now: Time) -> None:
         """Be those of the robot's next life, which begins with the first tick not before *now*, the true time."""
         self.before = before
         self.begun = self.last_tick = -(-now // self.tick) * self.tick
 
-    def lives(self) -> "Iterator[Records]":
+    def lives(self) -> "Iterator[Counters]":
         """Yield these records, and those of the lives before."""
-        life: Records | None = self
+        life: Counters | None = self
         while life is not None:
             yield life
             life = life.before

@@ -12,7 +12,7 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.aggregation.counters import Records
+from protocols.aggregation.counters import Counters
 from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.driving import Driver
 from protocols.aggregation.events import AllKnown, HostSuspected, HostTrusted, TargetKnown
@@ -34,7 +34,7 @@ from protocols.aggregation.messages import (
 )
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 from protocols.aggregation.speech import SHORT, Speech
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam
@@ -51,7 +51,7 @@ class Host:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         strategy: Strategy,
         work: Work,
@@ -62,19 +62,19 @@ class Host:
     ) -> None:
         """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
         self.me = me
-        self.records = Records(knowledge.tick)
+        self.counters = Counters(setup.tick)
         self.findings = Findings()
         self.over = False
         self.parameters = parameters
-        self.knowledge = knowledge
-        self._posts = len(knowledge.ground.posts_m)
+        self.setup = setup
+        self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
         self._events: list[Event] = []
         self._commands: list[Command] = []
-        self._speech = Speech(me, self.records, self._events)
-        others = [host for host in range(knowledge.hosts) if host != me]
+        self._speech = Speech(me, self.counters, self._events)
+        others = [host for host in range(setup.hosts) if host != me]
         self.neighbours = Neighbours(others, self._period, self._watching, start)
-        self._here: Point = knowledge.starts_m[me]
+        self._here: Point = setup.starts_m[me]
         self._itinerary = Itinerary(parameters, me, strategy, self.neighbours, self._events, self._here, start)
         self.team = SubTeam(
             parameters, work, self.findings, self._speech, self._events, self.neighbours, self._itinerary
@@ -88,7 +88,7 @@ class Host:
         """The version of the plans that are being told."""
         self._lies_anywhere = booted
         if not booted:
-            tours = self.team.begin(knowledge.searchers_of(me), parameters.strategy == "random", start)
+            tours = self.team.begin(setup.searchers_of(me), parameters.strategy == "random", start)
             self._itinerary.depart(self._here, tours, start + from_seconds(parameters.muster_s))
 
     # ------------------------------------------------------------ the contract of machines
@@ -104,9 +104,9 @@ class Host:
         if heard is None:
             return
         sender, message = heard
-        if sender < self.knowledge.hosts:
+        if sender < self.setup.hosts:
             self._hear_host(sender, message, now)
-        elif sender < self.knowledge.size:
+        elif sender < self.setup.size:
             self._hear_searcher(sender, message, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
@@ -115,7 +115,7 @@ class Host:
     def observe(self, observation: Observation, now: Time) -> None:
         """Move on, and see whether it is time to meet."""
         here = observation.x_m, observation.y_m
-        self.records.moved(math.dist(here, self._here) if self.records.ways_m else 0.0, now)
+        self.counters.moved(math.dist(here, self._here) if self.counters.ways_m else 0.0, now)
         self._here = here
         if self._lies_anywhere:  # booted again: only now it knows where it is
             self._lies_anywhere = False
@@ -130,7 +130,7 @@ class Host:
         """Send a heartbeat if it is time; note who has been silent for too long."""
         silent = self.neighbours.fall_silent(now)
         for host in silent:
-            self.records.failures.append((host, self.records.told(now)))
+            self.counters.failures.append((host, self.counters.told(now)))
             self._events.append(HostSuspected(host))
         if silent:
             self._news_left = REPEATS
@@ -186,7 +186,7 @@ class Host:
         if self._plans_left:
             self._plans_left -= 1
             self._speech.say(self._plans())
-        if self.knowledge.hosts > 1:
+        if self.setup.hosts > 1:
             if self.parameters.long_radio != SHORT:  # robots with one radio have said it already
                 self._speech.say(beat, radio=self.parameters.long_radio)
             if self._news_left:
@@ -225,7 +225,7 @@ class Host:
             case Report():
                 ours = self.team.report(searcher, message, now)
                 new = self._learn(searcher, message.targets, message.visited, now)  # whosever member it is
-                self.records.reported += new if ours else 0
+                self.counters.reported += new if ours else 0
             case Join():
                 self.team.join(searcher, message, self.over, now)
             case Leave(epoch=epoch):
@@ -269,7 +269,7 @@ class Host:
 
     def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
         """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""
-        wanted = len(self.knowledge.targets_m)
+        wanted = len(self.setup.targets_m)
         new = self.findings.add(finding for finding in targets if finding.number < wanted)
         grown = self.findings.visit(post for post in posts_in(visited) if post < self._posts)
         if new or grown:
@@ -277,6 +277,6 @@ class Host:
         self._events += [TargetKnown(finding.number, source) for finding in new]
         if not self.over and len(self.findings.targets) == wanted:
             self.over = True
-            self.records.known_at = self.records.told(now)
+            self.counters.known_at = self.counters.told(now)
             self._events.append(AllKnown(wanted))
         return len(new)

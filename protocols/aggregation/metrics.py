@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 from cosim.protocol import Metric
 from cosim.units import Time, to_seconds
-from protocols.aggregation.counters import Records
+from protocols.aggregation.counters import Counters
 from protocols.aggregation.host import Host
 from protocols.aggregation.searcher import Searcher
 
@@ -43,33 +43,33 @@ METRICS = (
 
 def measure(machines: Team) -> dict[str, float]:
     """Return what the machines have counted."""
-    end = max(machine.records.last_tick for machine in machines)
-    living = [machine for machine in machines if machine.records.last_tick == end]
+    end = max(machine.counters.last_tick for machine in machines)
+    living = [machine for machine in machines if machine.counters.last_tick == end]
     hosts = [machine for machine in living if isinstance(machine, Host)]
     searchers = [machine for machine in living if isinstance(machine, Searcher)]
-    known = [host.records.known_at for host in hosts]
-    stopped = [searcher.records.stopped_at for searcher in searchers]
+    known = [host.counters.known_at for host in hosts]
+    stopped = [searcher.counters.stopped_at for searcher in searchers]
     task_end = _last(known, end)
-    records = [life for machine in machines for life in machine.records.lives()]
-    way_m = sum(record.ways_m[-1] for record in records if record.ways_m)
+    counters = [life for machine in machines for life in machine.counters.lives()]
+    way_m = sum(record.ways_m[-1] for record in counters if record.ways_m)
     joules_a_metre = machines[0].parameters.motion_j_per_m
-    radio_j = sum(record.radio_j for record in records)
-    posts = len(machines[0].knowledge.ground.posts_m)
+    radio_j = sum(record.radio_j for record in counters)
+    posts = len(machines[0].setup.ground.posts_m)
     visited = set().union(*(host.findings.visited for host in hosts))
     return {
         "search_time_min": to_seconds(task_end) / 60.0,
         "first_known_min": to_seconds(min((at for at in known if at is not None), default=end)) / 60.0,
         "completed": float(bool(hosts) and None not in known),
         "stop_time_min": to_seconds(_last(stopped, end)) / 60.0,
-        "distance_after_m": sum(_way_after(record, task_end) for record in records),
-        "frames": float(sum(record.frames for record in records)),
-        "payload_bytes": float(sum(record.payload_bytes for record in records)),
+        "distance_after_m": sum(_way_after(record, task_end) for record in counters),
+        "frames": float(sum(record.frames for record in counters)),
+        "payload_bytes": float(sum(record.payload_bytes for record in counters)),
         "motion_j": joules_a_metre * way_m,
         "radio_j": radio_j,
         "energy_j": joules_a_metre * way_m + radio_j,
-        "joins": float(sum(len(record.joins) for record in records)),
-        "contacts": float(sum(record.contacts for record in records)),
-        "targets_reported": float(sum(record.reported for record in records)),
+        "joins": float(sum(len(record.joins) for record in counters)),
+        "contacts": float(sum(record.contacts for record in counters)),
+        "targets_reported": float(sum(record.reported for record in counters)),
         "share_visited": len(visited) / posts if posts else math.nan,
         "rejoin_time_s": _rejoin_time_s(machines, end),
         **_suspicions(machines, end),
@@ -81,7 +81,7 @@ def _last(instants: Sequence[Time | None], end: Time) -> Time:
     return max((end if at is None else at for at in instants), default=end)
 
 
-def _way_after(record: Records, task_end: Time) -> float:
+def _way_after(record: Counters, task_end: Time) -> float:
     """Return how far a robot has gone, in one of its lives, since the first tick after *task_end*."""
     ways_m = record.ways_m
     if not ways_m:
@@ -95,8 +95,8 @@ def _rejoin_time_s(machines: Team, end: Time) -> float:
     delays = []
     for machine in machines:
         if isinstance(machine, Searcher):
-            death = machines[machine.knowledge.host_of(machine.me)].records.last_tick
-            joins = [at for life in machine.records.lives() for at in life.joins]
+            death = machines[machine.setup.host_of(machine.me)].counters.last_tick
+            joins = [at for life in machine.counters.lives() for at in life.joins]
             after = [at - death for at in joins if death < end and at >= death]
             delays += [to_seconds(min(after))] if after else []
     return sum(delays) / len(delays) if delays else math.nan
@@ -107,8 +107,8 @@ def _suspicions(machines: Team, end: Time) -> dict[str, float]:
     delays: list[float] = []
     wrong = {Host: 0, Searcher: 0}
     for machine in machines:
-        for host, at in (failure for life in machine.records.lives() for failure in life.failures):
-            watched = machines[host].records
+        for host, at in (failure for life in machine.counters.lives() for failure in life.failures):
+            watched = machines[host].counters
             if any(life.begun <= at < life.last_tick + life.tick for life in watched.lives()):
                 wrong[type(machine)] += 1
             elif watched.last_tick < end and at >= watched.last_tick and isinstance(machine, Host):

@@ -4,14 +4,14 @@ from cosim.arrays import Floats
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 
 
 class SearchReferee:
     """Lets a run go on until all living robots have stopped, or its time is over."""
 
-    def __init__(self, knowledge: Knowledge) -> None:
-        self._hosts = knowledge.hosts
+    def __init__(self, setup: Setup) -> None:
+        self._hosts = setup.hosts
         self._dead: set[Address] = set()
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:

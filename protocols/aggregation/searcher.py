@@ -15,7 +15,7 @@ from cosim.geometry.planning import Point
 from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.aggregation.counters import Records
+from protocols.aggregation.counters import Counters
 from protocols.aggregation.errands import Errand, Turn, next_errand
 from protocols.aggregation.events import ErrandChanged, HostFailed, Joined, TargetFound
 from protocols.aggregation.findings import Camera, Findings
@@ -37,7 +37,7 @@ from protocols.aggregation.messages import (
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.pursuit import Pursuit
 from protocols.aggregation.reports import Reports
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 from protocols.aggregation.speech import Speech
 from protocols.aggregation.touring import Legs
 
@@ -49,29 +49,29 @@ class Searcher:
     """The machine of a searcher. It lives on observations and on what it hears, and has no deadlines."""
 
     def __init__(
-        self, parameters: Parameters, knowledge: Knowledge, me: Address, legs: Legs, start: Time, booted: bool
+        self, parameters: Parameters, setup: Setup, me: Address, legs: Legs, start: Time, booted: bool
     ) -> None:
         """Begin in the sub-team that everybody knows, or, having *booted* again, in none."""
         self.me = me
-        self.records = Records(knowledge.tick)
+        self.counters = Counters(setup.tick)
         self.findings = Findings()
         self.parameters = parameters
-        self.knowledge = knowledge
+        self.setup = setup
         self.errand = Errand.WAIT
-        self.membership = Membership(None if booted else knowledge.host_of(me), 0)
+        self.membership = Membership(None if booted else setup.host_of(me), 0)
         self._events: list[Event] = []
         self._commands: list[Command] = []
-        self._speech = Speech(me, self.records, self._events)
-        self._reports = Reports(self.findings, len(knowledge.ground.posts_m))
-        self._camera = Camera(knowledge.targets_m, parameters.camera_m)
+        self._speech = Speech(me, self.counters, self._events)
+        self._reports = Reports(self.findings, len(setup.ground.posts_m))
+        self._camera = Camera(setup.targets_m, parameters.camera_m)
         self._legs = legs
-        self._posts = len(knowledge.ground.posts_m)
-        self._hosts = knowledge.hosts
-        self._pursuit = Pursuit(parameters, self.membership, legs, knowledge.speeds_mps[me])
+        self._posts = len(setup.ground.posts_m)
+        self._hosts = setup.hosts
+        self._pursuit = Pursuit(parameters, self.membership, legs, setup.speeds_mps[me])
         self._fresh = from_seconds(parameters.fresh_s)
         self._lost = from_seconds(parameters.lost_s)
         self._muster = start + from_seconds(parameters.muster_s)
-        self._timeout = from_seconds(parameters.timeout_s_per_m2 * knowledge.area_m2 / max(len(knowledge.targets_m), 1))
+        self._timeout = from_seconds(parameters.timeout_s_per_m2 * setup.area_m2 / max(len(setup.targets_m), 1))
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._assignment = 0
         self._heard = start
@@ -112,7 +112,7 @@ class Searcher:
         """Take what only the own host may say."""
         match message:
             case Heartbeat():
-                self.records.contacts += now - self._heard > self._fresh
+                self.counters.contacts += now - self._heard > self._fresh
                 self._heard = now
                 if self._life.anew(message):
                     self._tell_anew()
@@ -132,7 +132,7 @@ class Searcher:
     def observe(self, observation: Observation, now: Time) -> None:
         """Look around, decide, and walk."""
         here = observation.x_m, observation.y_m
-        self.records.moved(0.0 if self._here is None else math.dist(here, self._here), now)
+        self.counters.moved(0.0 if self._here is None else math.dist(here, self._here), now)
         self._here = here
         for finding in self.findings.add(self._camera.look(observation, self.findings)):
             self._events.append(TargetFound(*finding))
@@ -196,7 +196,7 @@ class Searcher:
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
             return
-        self.records.joins.append(self.records.told(now))
+        self.counters.joins.append(self.counters.told(now))
         self._events.append(Joined(host, epoch))
         self._heard, self._life = now, Life(from_seconds(self.parameters.heartbeat_s))
         self._tell_anew()
@@ -214,7 +214,7 @@ class Searcher:
         self._speech.say(Stopped(), host)
         if not self._over:
             self._over = True
-            self.records.stopped_at = self.records.told(now)
+            self.counters.stopped_at = self.counters.told(now)
             self._follow(Turn.OVER, now)
 
     # ------------------------------------------------------------ deciding
@@ -275,7 +275,7 @@ class Searcher:
     def _follow(self, turn: Turn, now: Time) -> None:
         """Change the errand, and begin what it demands."""
         if turn is Turn.FAILED and self._pursuit.host is not None:
-            self.records.failures.append((self._pursuit.host, self.records.told(now)))
+            self.counters.failures.append((self._pursuit.host, self.counters.told(now)))
             self._events.append(HostFailed(self._pursuit.host))
         before, self.errand = self.errand, next_errand(self.errand, turn)
         if self.errand is not before or turn is Turn.FAILED:

@@ -16,7 +16,7 @@ Tours: TypeAlias = tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Setup:
     """The same for all machines of a run. Lengths in metres."""
 
     size: int

@@ -21,7 +21,7 @@ from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.pedestrian import Pedestrian
 from protocols.aggregation.referee import SearchReferee
 from protocols.aggregation.searcher import Searcher
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.stroller import Stroller
 from protocols.aggregation.touring import Legs
@@ -89,7 +89,7 @@ def _ground(parameters: Parameters, surroundings: Surroundings) -> Ground:
         raise UserError(f"protocol.parameters.cell_m: {error}") from None
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Draw the targets, and divide the floor; raise UserError for a team or a floor that cannot be searched."""
     size = len(surroundings.starts_m)
     _check_team(parameters, size)
@@ -97,7 +97,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     floor = _ground(parameters, surroundings)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     starts = surroundings.starts_m
-    return Knowledge(
+    return Setup(
         size=size,
         hosts=parameters.hosts,
         tick=surroundings.tick,
@@ -160,36 +160,32 @@ def _rooms(surroundings: Surroundings) -> Sequence[tuple[float, float, float, fl
     return rooms or [surroundings.bounds_m]
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Machine:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Machine:
     """Return the machine of robot *me*; one that is made after the start has booted again."""
     booted = start > 0
     at_random = parameters.strategy == "random"
-    body = knowledge.ground, knowledge.radii_m[me], knowledge.speeds_mps[me], knowledge.tick, parameters.walking
-    if me >= knowledge.hosts:
+    body = setup.ground, setup.radii_m[me], setup.speeds_mps[me], setup.tick, parameters.walking
+    if me >= setup.hosts:
         human = me in parameters.humans
         feet = Pedestrian(*body) if human else Walker(*body)
-        length_m = math.dist if human else knowledge.ground.length_m  # who has no planner knows only the straight line
-        stroll = Stroller(knowledge.ground, parameters.walking, knowledge.tick, stream)
-        legs = Legs(knowledge.ground, feet, stroll, length_m, stream, at_random)
-        return Searcher(parameters.of(me), knowledge, me, legs, start, booted)
-    rallies = [Strategy(parameters, knowledge, host).rally_m for host in range(knowledge.hosts)]
-    work = Work(knowledge, me, rallies, at_random)
+        length_m = math.dist if human else setup.ground.length_m  # who has no planner knows only the straight line
+        stroll = Stroller(setup.ground, parameters.walking, setup.tick, stream)
+        legs = Legs(setup.ground, feet, stroll, length_m, stream, at_random)
+        return Searcher(parameters.of(me), setup, me, legs, start, booted)
+    rallies = [Strategy(parameters, setup, host).rally_m for host in range(setup.hosts)]
+    work = Work(setup, me, rallies, at_random)
     phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))
-    return Host(
-        parameters, knowledge, me, Strategy(parameters, knowledge, me), work, Walker(*body), phase, start, booted
-    )
+    return Host(parameters, setup, me, Strategy(parameters, setup, me), work, Walker(*body), phase, start, booted)
 
 
 def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:
     """Keep the counts of a machine for the metrics when another takes its place."""
-    after.records.follow(before.records, now)
+    after.counters.follow(before.counters, now)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> SearchReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> SearchReferee:
     """Return the judge of the search."""
-    return SearchReferee(knowledge)
+    return SearchReferee(setup)
 
 
 SPEC = ProtocolSpec(

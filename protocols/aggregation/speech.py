@@ -4,7 +4,7 @@ from typing import Final
 
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Event, LinkCommand, Outgoing, Reception
-from protocols.aggregation.counters import BROADCAST_J, HEAR_J, RECEIVE_J, SEND_J, Records
+from protocols.aggregation.counters import BROADCAST_J, HEAR_J, RECEIVE_J, SEND_J, Counters
 from protocols.aggregation.frames import decode, encode
 from protocols.aggregation.messages import Message
 from protocols.wire import BadBytes
@@ -16,23 +16,23 @@ SHORT: Final = 0
 class Speech:
     """What one robot sends and receives."""
 
-    def __init__(self, me: Address, records: Records, events: list[Event]) -> None:
+    def __init__(self, me: Address, counters: Counters, events: list[Event]) -> None:
         self.me = me
         self.outbox: list[Outgoing | LinkCommand] = []
-        self._records = records
+        self._counters = counters
         self._events = events
 
     def say(self, message: Message, destination: Address = BROADCAST, radio: int = SHORT) -> None:
         """Send *message* to one robot, or to all in reach."""
         data = encode(self.me, message)
-        self._records.frames += 1
-        self._records.payload_bytes += len(data)
-        self._records.spend(BROADCAST_J if destination == BROADCAST else SEND_J, len(data))
+        self._counters.frames += 1
+        self._counters.payload_bytes += len(data)
+        self._counters.spend(BROADCAST_J if destination == BROADCAST else SEND_J, len(data))
         self.outbox.append(Outgoing(destination, data, None, radio))
 
     def hear(self, data: bytes, reception: Reception) -> tuple[Address, Message] | None:
         """Return who has sent what; None, and an event, for bytes that are no message or the robot's own."""
-        self._records.spend(HEAR_J if reception.broadcast else RECEIVE_J, len(data))
+        self._counters.spend(HEAR_J if reception.broadcast else RECEIVE_J, len(data))
         try:
             sender, message = decode(data)
         except WireError:

@@ -19,7 +19,7 @@ from cosim.machine import Address
 from cosim.units import Time
 from protocols.aggregation.course import Course
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 
 REACH_SHARE: Final = 0.95
 """Of half the long range: so much nearer to the start hosts stay, as positions are not exact."""
@@ -32,19 +32,19 @@ WAY_POINTS: Final = 255
 class Strategy:
     """The ways of one host."""
 
-    def __init__(self, parameters: Parameters, knowledge: Knowledge, host: Address) -> None:
+    def __init__(self, parameters: Parameters, setup: Setup, host: Address) -> None:
         self._parameters = parameters
-        self._knowledge = knowledge
-        self._ground = knowledge.ground
-        self._start_m = knowledge.starts_m[host]
-        starts = knowledge.starts_m[: knowledge.hosts]
+        self._setup = setup
+        self._ground = setup.ground
+        self._start_m = setup.starts_m[host]
+        starts = setup.starts_m[: setup.hosts]
         self._centre_m = middle(starts)
         self._strays = host in parameters.strays
         self._reach_m = math.inf
-        if knowledge.hosts > 1 and not self._strays:
+        if setup.hosts > 1 and not self._strays:
             self._reach_m = REACH_SHARE * parameters.long_m / 2.0
-        self._speed_mps = min(parameters.host_speed_mps, knowledge.speeds_mps[host])
-        self._region = [self._ground.posts_m[post] for post in sorted(knowledge.regions[host])]
+        self._speed_mps = min(parameters.host_speed_mps, setup.speeds_mps[host])
+        self._region = [self._ground.posts_m[post] for post in sorted(setup.regions[host])]
 
     def return_to_reach(self) -> None:
         """Keep within reach of the others from now on."""
@@ -61,7 +61,7 @@ class Strategy:
     @property
     def far_m(self) -> Point:
         """Where the host's way ends: the floor's exit, or the farthest post of its region; in reach of the others."""
-        exit_m = self._knowledge.exit_m
+        exit_m = self._setup.exit_m
         if self._parameters.way_out == "exit" and exit_m is not None:
             return self._standing(exit_m)
         farthest = max(self._region, key=lambda post: math.dist(post, self._centre_m), default=self._start_m)
@@ -101,7 +101,7 @@ class Strategy:
         walks = [[here_m, *(self._ground.posts_m[post] for post in tour)] for tour in tours if tour]
         if not walks:
             return self.to(self.rally_m, here_m, now)
-        pace = min(self._knowledge.speeds_mps[self._knowledge.hosts :], default=self._speed_mps)
+        pace = min(self._setup.speeds_mps[self._setup.hosts :], default=self._speed_mps)
         takes_s = max(map(length_m, walks)) / pace
         way = [here_m]
         for part in range(1, SAMPLES + 1):

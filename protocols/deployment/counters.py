@@ -6,7 +6,7 @@ from cosim.units import Time
 
 
 @dataclass(slots=True)
-class Records:
+class Counters:
     """Counts of one robot, and, as far as it was host, of the plays that it has had played."""
 
     plans: int = 0
@@ -41,7 +41,7 @@ class Records:
     blocked: int = 0
     """Ticks in which a wall or a body held it up."""
 
-    def carry(self, before: "Records") -> None:
+    def carry(self, before: "Counters") -> None:
         """Count on from where those of the robot's former life, *before* it booted again, have come to."""
         for each in fields(self):
             setattr(self, each.name, getattr(before, each.name) + getattr(self, each.name))

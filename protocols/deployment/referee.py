@@ -72,9 +72,9 @@ class Judged(Protocol):
 class DeploymentReferee:
     """Watches bodies, and reads the board beside them. It ends no run: the machines know when the play is over."""
 
-    def __init__(self, parameters: Any, knowledge: Judged, surroundings: Surroundings) -> None:
+    def __init__(self, parameters: Any, setup: Judged, surroundings: Surroundings) -> None:
         size = len(surroundings.starts_m)
-        self._board = knowledge.board
+        self._board = setup.board
         self._radii_m = np.array(surroundings.radii_m or (surroundings.radius_m,) * size)
         self._tick_s = to_seconds(surroundings.tick)
         self._contacts = Contacts(self._radii_m, surroundings.walls_m)

@@ -20,7 +20,7 @@ from cosim.machine import (
 )
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.learned import floor_of
@@ -32,7 +32,7 @@ from protocols.deployment.operator.calls import Calls
 from protocols.deployment.operator.console import Console
 from protocols.deployment.operator.planning import Planning
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.orders import Whereabouts
 from protocols.deployment.team.host import Host
 from protocols.mapping import frames
@@ -46,30 +46,30 @@ MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
 class Runner:
     """One robot's machine."""
 
-    def __init__(self, parameters: Parameters, knowledge: Knowledge, me: Address, start: Time) -> None:
+    def __init__(self, parameters: Parameters, setup: Setup, me: Address, start: Time) -> None:
         self.me = me
-        self.records = Records()
-        floor = floor_of(knowledge.floors[me], parameters.map == "learned")
-        if floor is not knowledge.floors[me]:
-            knowledge = replace(knowledge, floor=floor, floors=(floor,) * knowledge.size)
-        self._knowledge = knowledge
+        self.counters = Counters()
+        floor = floor_of(setup.floors[me], parameters.map == "learned")
+        if floor is not setup.floors[me]:
+            setup = replace(setup, floor=floor, floors=(floor,) * setup.size)
+        self._setup = setup
         self._events: list[Event] = []
         self._commands: list[Command] = []
         self._start = start
         self._period = from_seconds(parameters.news_s)
-        self._next_news = start + self._period * me // knowledge.size
-        body = knowledge.crew.bodies[me]
+        self._next_news = start + self._period * me // setup.size
+        body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
-        self.courier = Courier(me, knowledge.size, parameters.carried, start)
-        known = knowledge.ground, me, self.courier.news_octets, floor
+        self.courier = Courier(me, setup.size, parameters.carried, start)
+        known = setup.ground, me, self.courier.news_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
-        mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, knowledge.tick)
-        self.member = Member(parameters.member, knowledge, me, mover, self.records, note)
-        self.host = Host(parameters, knowledge, me, self.member.others, self, note, self.records, start)
-        planning = Planning(parameters, knowledge, self.member, self.exploring, self._silent, self._heard)
-        self.console = Console(planning, knowledge, self.host, self.member, self._heard, self._silent, note)
-        self.calls = Calls(parameters, planning, self.host, note, self.records, start)
+        mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, setup.tick)
+        self.member = Member(parameters.member, setup, me, mover, self.counters, note)
+        self.host = Host(parameters, setup, me, self.member.others, self, note, self.counters, start)
+        planning = Planning(parameters, setup, self.member, self.exploring, self._silent, self._heard)
+        self.console = Console(planning, setup, self.host, self.member, self._heard, self._silent, note)
+        self.calls = Calls(parameters, planning, self.host, note, self.counters, start)
         self._changes = 0
         """How often the host has changed, as far as the member was told."""
 
@@ -152,8 +152,8 @@ class Runner:
 
     def rehearsal(self) -> list[dict[str, Any]]:
         """Return what an operator may say so that the team drives all over the floor, or explores one that is new."""
-        places = self._knowledge.far_m()
-        explore = {"play": "explore", "parameters": {"robots": self._knowledge.size}}
+        places = self._setup.far_m()
+        explore = {"play": "explore", "parameters": {"robots": self._setup.size}}
         call = {"play": "deploy", "places": places} if places else explore
         return [{"request": 0, "say": "call", "call": call, "execute": True}]
 
@@ -162,8 +162,8 @@ class Runner:
     def post(self, destination: Address, letter: Letter, now: Time) -> None:
         """Send a letter reliably."""
         payload = messages.encode(letter)
-        self.records.letters += 1
-        self.records.letter_bytes += len(payload)
+        self.counters.letters += 1
+        self.counters.letter_bytes += len(payload)
         self.courier.post(destination, payload, now)
 
     def forget(self, other: Address, now: Time) -> None:
@@ -187,8 +187,8 @@ class Runner:
             self.host.advance(now)
         self._report(now)
         self.console.tell(now)
-        self.records.returned += len(self.courier.returned())
-        self.records.frames, self.records.frame_bytes = self.courier.counts.frames, self.courier.counts.octets
+        self.counters.returned += len(self.courier.returned())
+        self.counters.frames, self.counters.frame_bytes = self.courier.counts.frames, self.courier.counts.octets
 
     def _report(self, now: Time) -> None:
         for report in self.member.reports():
@@ -203,7 +203,7 @@ class Runner:
                 self._events.append(BadBytes(source, len(payload)))
         for source, payload in self.courier.letters():
             try:
-                letter = messages.decode(payload, self._knowledge.size)
+                letter = messages.decode(payload, self._setup.size)
             except WireError:
                 self._events.append(BadBytes(source, len(payload)))
                 continue
@@ -217,7 +217,7 @@ class Runner:
             return
         if topic != status.TOPIC:
             raise WireError(f"news of topic {topic}")
-        news = status.decode(payload, self._knowledge.size)
+        news = status.decode(payload, self._setup.size)
         self.member.others.tell(source, news, now)
         self.host.hear(source, news, now)
 

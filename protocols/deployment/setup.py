@@ -28,7 +28,7 @@ _LINES: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class Setup:
     """The floor, the team and the plays of a run; and a board for the judge, which no machine reads."""
 
     size: int
@@ -68,7 +68,7 @@ class Knowledge:
         return tuple(places[: self.size])
 
 
-def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
     size = len(surroundings.starts_m)
     _check_robots(parameters, size)
@@ -80,7 +80,7 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Knowledg
     ground = ground_of(parameters.exploring, surroundings)
     if parameters.map == "learned" and ground.why_not:
         raise UserError(f"protocol.parameters.map: learned, but {ground.why_not}")
-    return Knowledge(
+    return Setup(
         size=size,
         tick=surroundings.tick,
         floor=floor,

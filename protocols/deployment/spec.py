@@ -16,7 +16,7 @@ from protocols.deployment.localization.runner import LocatedRunner
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
-from protocols.deployment.setup import Knowledge, knowledge_of
+from protocols.deployment.setup import Setup, knowledge_of
 from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
@@ -75,7 +75,7 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
     raise UserError(f"team.starts: found places for {len(starts)} of {size} robots near {base}; give starts")
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Return what all robots know; raise UserError for a team that the parameters do not fit."""
     size = len(surroundings.starts_m)
     if parameters.courier.links is not None and size > MOST_ROBOTS:
@@ -85,11 +85,9 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     return knowledge_of(parameters, surroundings)
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> LocatedRunner:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> LocatedRunner:
     """Return the machine of robot *me*; it draws nothing but what localisation needs, and the noise of a sonar."""
-    return LocatedRunner(parameters, knowledge, me, start, stream)
+    return LocatedRunner(parameters, setup, me, start, stream)
 
 
 def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
@@ -99,39 +97,39 @@ def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
     """
     after.positioning.resume(before.positioning.shift)
     after.calls.start = before.calls.start
-    after.records.carry(before.records)
+    after.counters.carry(before.counters)
     after.courier.counts.frames += before.courier.counts.frames
     after.courier.counts.octets += before.courier.counts.octets
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> DeploymentReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> DeploymentReferee:
     """Return the judge of the truth."""
-    return DeploymentReferee(parameters, knowledge, surroundings)
+    return DeploymentReferee(parameters, setup, surroundings)
 
 
 def measure(machines: Sequence[Runner]) -> dict[str, float]:
     """Return what the machines have counted."""
-    records = [machine.records for machine in machines]
-    announced = [end for each in records for end in each.ended]  # again by a successor, or after a reboot
+    counters = [machine.counters for machine in machines]
+    announced = [end for each in counters for end in each.ended]  # again by a successor, or after a reboot
     ends = {number: (result, at) for number, result, at in sorted(announced, key=lambda end: end[2], reverse=True)}
     return {
         "plans_ended": float(len(ends)),
         "plans_done": float(sum(result == "done" for result, _ in ends.values())),
         "played_s": to_seconds(max(at for _, at in ends.values())) if ends else math.nan,
-        "refused": float(sum(each.refused for each in records)),
-        "orders": float(sum(each.ordered for each in records)),
-        "orders_failed": float(sum(each.failed for each in records)),
-        "breaches": float(sum(each.breaches for each in records)),
-        "asides": float(sum(each.asides for each in records)),
-        "robots_lost": float(sum(each.lost for each in records)),
-        "successions": float(sum(each.successions for each in records)),
-        "letters": float(sum(each.letters for each in records)),
-        "letter_bytes": float(sum(each.letter_bytes for each in records)),
-        "letters_returned": float(sum(each.returned for each in records)),
-        "frames": float(sum(each.frames for each in records)),
-        "frame_bytes": float(sum(each.frame_bytes for each in records)),
-        "pictures": float(sum(each.pictures for each in records)),
-        "blocked_ticks": float(sum(each.blocked for each in records)),
+        "refused": float(sum(each.refused for each in counters)),
+        "orders": float(sum(each.ordered for each in counters)),
+        "orders_failed": float(sum(each.failed for each in counters)),
+        "breaches": float(sum(each.breaches for each in counters)),
+        "asides": float(sum(each.asides for each in counters)),
+        "robots_lost": float(sum(each.lost for each in counters)),
+        "successions": float(sum(each.successions for each in counters)),
+        "letters": float(sum(each.letters for each in counters)),
+        "letter_bytes": float(sum(each.letter_bytes for each in counters)),
+        "letters_returned": float(sum(each.returned for each in counters)),
+        "frames": float(sum(each.frames for each in counters)),
+        "frame_bytes": float(sum(each.frame_bytes for each in counters)),
+        "pictures": float(sum(each.pictures for each in counters)),
+        "blocked_ticks": float(sum(each.blocked for each in counters)),
     }
 
 

@@ -25,7 +25,7 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import Vector
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.escaping import Escape
 from protocols.exploration.events import Explored, PathLaid, PathLeft, Stalled
 from protocols.exploration.forces import Forces, attract, forces
@@ -54,7 +54,7 @@ class Behaviour:
         self,
         parameters: Parameters,
         terrain: Terrain,
-        records: Records,
+        counters: Counters,
         events: list[Event],
         radius_m: float,
         range_m: float,
@@ -66,12 +66,12 @@ class Behaviour:
         self.pull: Vector = 0.0, 0.0
         """What else attracts it, as a force."""
         self._schemas = parameters.schemas
-        self._records = records
+        self._counters = counters
         self._events = events
         self._overlay = Overlay(belief, range_m / belief.frame.cell_m)
         escape = parameters.escape
         self._escape = Escape(escape, terrain, radius_m, range_m) if escape.enabled else None
-        self._settling = Settling(belief, self._overlay, records, events)
+        self._settling = Settling(belief, self._overlay, counters, events)
         patience = math.inf if escape.patience_s is None else escape.patience_s * S / tick
         self._period = round(escape.period_s * S / tick)
         self._stalling = Stalling(self._period, escape.box_m, patience)
@@ -135,7 +135,7 @@ class Behaviour:
         x, y = fx + ox + robots[0] + self.pull[0], fy + oy + robots[1] + self.pull[1]
         if x * x + y * y <= _NOTHING * _NOTHING:
             return None
-        self._records.drawn(fx * fx + fy * fy, ox * ox + oy * oy, robots[0] * robots[0] + robots[1] * robots[1])
+        self._counters.drawn(fx * fx + fy * fy, ox * ox + oy * oy, robots[0] * robots[0] + robots[1] * robots[1])
         return math.atan2(y, x)
 
     def _fields(self, here: Point, alone: bool) -> Forces:
@@ -216,7 +216,7 @@ class Behaviour:
 
     def _stall(self, why: str, here: Point) -> None:
         """Lay a path to the nearest frontier (step 8), or find that nothing is left."""
-        self._records.stalls += 1
+        self._counters.stalls += 1
         self._events.append(Stalled(why))
         if self._escape is None:
             self._caught = True

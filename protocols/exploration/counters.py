@@ -7,7 +7,7 @@ from protocols.mapping.sharing import SharingCounters
 
 
 @dataclass(slots=True)
-class Records(SharingCounters):
+class Counters(SharingCounters):
     """Counts of one robot."""
 
     steps: int = 0

@@ -11,10 +11,10 @@ from cosim.machine import Address, Command, Drive, Event, LinkCommand, LinkEvent
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.positioning import Given, Positioning, turned
-from protocols.exploration.setup import Knowledge
+from protocols.exploration.setup import Setup
 from protocols.exploration.steering import Steering, without_lone
 from protocols.mapping.belief import Belief
 from protocols.mapping.sharing import Sharing
@@ -46,26 +46,26 @@ class Explorer:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         belief: Belief,
         leader: Leader,
         sharing: Sharing | None,
-        records: Records,
+        counters: Counters,
         events: list[Event],
         positioning: Positioning | None = None,
     ) -> None:
         """Explore with the map *belief*; tell others of it by *sharing*, if each has its own."""
         self.me = me
         self.belief = belief
-        self.records = records
-        self.knowledge = knowledge
+        self.counters = counters
+        self.setup = setup
         self._leader = leader
         self._sharing = sharing
         self._events = events
         self._false_returns = parameters.false_returns
-        self._beams = beam_directions(knowledge.beams)
-        self._steering = Steering(parameters.steering, self._beams, knowledge.radii_m[me], knowledge.speeds_mps[me])
+        self._beams = beam_directions(setup.beams)
+        self._steering = Steering(parameters.steering, self._beams, setup.radii_m[me], setup.speeds_mps[me])
         self._commands: list[Command] = []
         self._here: Point | None = None
         self._positioning = Given() if positioning is None else positioning
@@ -157,7 +157,7 @@ class Explorer:
         self._pace += share
         self._gained |= gained
         if self._pace < 1.0 - _ROUNDING:
-            self.records.waited += share == 0.0
+            self.counters.waited += share == 0.0
             return self._heading
         self._pace -= 1.0
         self._heading = self._leader.lead(found, self._gained)
@@ -166,16 +166,16 @@ class Explorer:
 
     def _bodies(self, observation: Observation, now: Time) -> Floats:
         """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
-        knowledge, visible = self.knowledge, observation.visible
-        if knowledge.shared is not None:
-            knowledge.places_m[self.me] = observation.x_m, observation.y_m
-        if knowledge.size == 1:
+        setup, visible = self.setup, observation.visible
+        if setup.shared is not None:
+            setup.places_m[self.me] = observation.x_m, observation.y_m
+        if setup.size == 1:
             return _NOBODY
-        bodies = [(x, y, knowledge.radii_m[other]) for other, x, y in observation.sightings]
-        if knowledge.shared is not None:
-            for other, (x, y) in knowledge.places_m.items():
+        bodies = [(x, y, setup.radii_m[other]) for other, x, y in observation.sightings]
+        if setup.shared is not None:
+            for other, (x, y) in setup.places_m.items():
                 if other != self.me and other not in visible:
-                    bodies.append((x, y, self._reach_m(other, knowledge.tick / S)))
+                    bodies.append((x, y, self._reach_m(other, setup.tick / S)))
         elif self._sharing is not None:
             for other, (x, y), age_s in self._sharing.places(now):
                 if other != self.me and other not in visible:
@@ -184,15 +184,15 @@ class Explorer:
 
     def _reach_m(self, other: Address, age_s: float) -> float:
         """Return how far from where it was *age_s* ago the body of another may reach."""
-        return self.knowledge.radii_m[other] + age_s * self.knowledge.speeds_mps[other]
+        return self.setup.radii_m[other] + age_s * self.setup.speeds_mps[other]
 
     def _count(self, observation: Observation) -> None:
-        records, here = self.records, (observation.x_m, observation.y_m)
-        records.ticks += 1
-        records.way_m += 0.0 if self._here is None else math.dist(here, self._here)
-        records.blocked += observation.blocked
+        counters, here = self.counters, (observation.x_m, observation.y_m)
+        counters.ticks += 1
+        counters.way_m += 0.0 if self._here is None else math.dist(here, self._here)
+        counters.blocked += observation.blocked
         if self._leader.underway:
-            records.escape_steps += 1
+            counters.escape_steps += 1
         else:
-            records.steps += 1
+            counters.steps += 1
         self._here = here

@@ -17,7 +17,7 @@ from cosim.geometry.segments import ray_casts, segment_grid
 from cosim.navigation.schemas import beam_directions
 from cosim.protocol import Death, Surroundings
 from cosim.units import Time, to_seconds
-from protocols.exploration.setup import Knowledge
+from protocols.exploration.setup import Setup
 from protocols.exploration.truth import coverable_cells, first_in_way_m
 from protocols.mapping.belief import Belief
 
@@ -33,17 +33,17 @@ _ROUNDING: Final = 1e-9
 class CoverageReferee:
     """Watches what each robot's beams pass. It ends no run: robots find out for themselves that all is done."""
 
-    def __init__(self, knowledge: Knowledge, surroundings: Surroundings) -> None:
+    def __init__(self, setup: Setup, surroundings: Surroundings) -> None:
         self._surroundings = surroundings
-        self._frame = knowledge.frame
-        self._range_m = knowledge.range_m
-        self._radii_m = np.array(knowledge.radii_m)
+        self._frame = setup.frame
+        self._range_m = setup.range_m
+        self._radii_m = np.array(setup.radii_m)
         self._walls = segment_grid(surroundings.walls_m)
-        self._beams = beam_directions(knowledge.beams)
-        self._angles = 2.0 * math.pi * np.arange(knowledge.beams) / knowledge.beams
-        self._maps = [Belief(knowledge.frame, _PASSED, knowledge.range_m) for _ in range(knowledge.size)]
-        cells = knowledge.frame.nx * knowledge.frame.ny
-        self._covered = np.zeros((knowledge.size, cells), np.bool_)
+        self._beams = beam_directions(setup.beams)
+        self._angles = 2.0 * math.pi * np.arange(setup.beams) / setup.beams
+        self._maps = [Belief(setup.frame, _PASSED, setup.range_m) for _ in range(setup.size)]
+        cells = setup.frame.nx * setup.frame.ny
+        self._covered = np.zeros((setup.size, cells), np.bool_)
         """What each robot has covered."""
         self._since = np.full(cells, -1, np.int64)
         """When a robot covered a cell first."""

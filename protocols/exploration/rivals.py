@@ -20,7 +20,7 @@ from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.observation import Observation
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.targets import Targets
 
@@ -44,7 +44,7 @@ class Rival:
     def __init__(
         self,
         targets: Targets,
-        records: Records,
+        counters: Counters,
         events: list[Event],
         me: Address,
         plan_ticks: int,
@@ -54,7 +54,7 @@ class Rival:
         self.belief = targets.belief
         self.underway = False
         self._targets = targets
-        self._records = records
+        self._counters = counters
         self._events = events
         self._me = me
         self._every = plan_ticks
@@ -213,7 +213,7 @@ class Rival:
         return np.unique(cells[away <= _AHEAD_CELLS])
 
     def _give_up(self, cells: Int32s, why: str) -> None:
-        self._records.given_up += len(cells)
+        self._counters.given_up += len(cells)
         self._events += [FrontierGivenUp(*self.belief.frame.centre_m(cell), why) for cell in cells]
 
     def _finish(self) -> None:

@@ -9,7 +9,7 @@ from scipy import ndimage
 from cosim.arrays import Bools, Bytes, Int32s
 from cosim.geometry.planning import Point
 from cosim.machine import Event
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import FrontierGivenUp
 from protocols.exploration.overlay import Overlay
 from protocols.mapping.belief import Belief
@@ -26,10 +26,10 @@ _TOUCHING: Final = np.ones((3, 3), np.int8)
 class Settling:
     """What one robot has found out of the frontiers that are left, in the map and in its own *overlay*."""
 
-    def __init__(self, belief: Belief, overlay: Overlay, records: Records, events: list[Event]) -> None:
+    def __init__(self, belief: Belief, overlay: Overlay, counters: Counters, events: list[Event]) -> None:
         self._belief = belief
         self._overlay = overlay
-        self._records = records
+        self._counters = counters
         self._events = events
         self.tried: Bytes = np.zeros_like(belief.frontier)
         """Frontiers that paths have led to: they are only looked at from now on."""
@@ -119,7 +119,7 @@ class Settling:
         if not len(rows):
             return
         self.named[rows, columns] = 1
-        self._records.given_up += len(rows)
+        self._counters.given_up += len(rows)
         mask = np.zeros((frame.ny, frame.nx), np.bool_)
         mask[rows, columns] = True
         groups, count = ndimage.label(mask, structure=_TOUCHING)

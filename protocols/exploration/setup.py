@@ -11,7 +11,7 @@ from protocols.mapping.belief import Belief, Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class Setup:
     """The team, the frame of its maps, and, if the scenario says so, the one map that all have."""
 
     size: int

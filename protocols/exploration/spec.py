@@ -15,7 +15,7 @@ from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
 from protocols.exploration.beacons import Tethered
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.escaping import Escape
 from protocols.exploration.events import EVENTS
 from protocols.exploration.explorer import Explorer, Leader
@@ -24,7 +24,7 @@ from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
 from protocols.exploration.positioning import Filtered, Positioning
 from protocols.exploration.referee import CoverageReferee
 from protocols.exploration.rivals import Rival
-from protocols.exploration.setup import Knowledge
+from protocols.exploration.setup import Setup
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief, frame_of
@@ -89,7 +89,7 @@ def _clear(surroundings: Surroundings, walls: SegmentGrid, places: Floats) -> bo
     return bool((swept_clearance(walls, first, places, ROOM * radius_m) > WAY * radius_m).all())
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Return what all robots know; raise UserError for a floor that is too large, or for ranges that do not fit."""
     _check_ranges(parameters.schemas, surroundings.scan_range_m)
     x_min, y_min, x_max, y_max = surroundings.bounds_m
@@ -105,7 +105,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
     terrain = None if shared is None else Terrain(shared, parameters.escape)
     places_m = dict(enumerate(surroundings.starts_m)) if shares else {}
     radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
-    return Knowledge(
+    return Setup(
         size=size,
         tick=surroundings.tick,
         frame=frame,
@@ -147,88 +147,86 @@ def _weights(parameters: Parameters) -> Weights:
     return DOUBTFUL if parameters.counted else CERTAIN
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Explorer:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Explorer:
     """Return the machine of robot *me*."""
-    records, events = Records(), list[Event]()
-    sharing, belief = None, knowledge.shared
+    counters, events = Counters(), list[Event]()
+    sharing, belief = None, setup.shared
     if belief is None:
-        own, cells = parameters.sharing, knowledge.frame.nx * knowledge.frame.ny
+        own, cells = parameters.sharing, setup.frame.nx * setup.frame.ny
         certain = not parameters.counted
         period = from_seconds(own.period_s)
-        piconet = None if own.links is None else piconet_of(me, knowledge.size, own.links)
-        sharing = Sharing(me, knowledge.size, cells, period, own.octets, own.again, records, start, certain, piconet)
-        belief = Belief(knowledge.frame, _weights(parameters), knowledge.range_m)
-    leader = _leader(parameters, knowledge, me, belief, sharing, records, events, start)
-    positioning = _positioning(parameters, knowledge, stream, events)
-    return Explorer(parameters, knowledge, me, belief, leader, sharing, records, events, positioning)
+        piconet = None if own.links is None else piconet_of(me, setup.size, own.links)
+        sharing = Sharing(me, setup.size, cells, period, own.octets, own.again, counters, start, certain, piconet)
+        belief = Belief(setup.frame, _weights(parameters), setup.range_m)
+    leader = _leader(parameters, setup, me, belief, sharing, counters, events, start)
+    positioning = _positioning(parameters, setup, stream, events)
+    return Explorer(parameters, setup, me, belief, leader, sharing, counters, events, positioning)
 
 
 def _positioning(
-    parameters: Parameters, knowledge: Knowledge, stream: np.random.Generator, events: list[Event]
+    parameters: Parameters, setup: Setup, stream: np.random.Generator, events: list[Event]
 ) -> Positioning | None:
     """Return a robot's filter; None if it takes what it is told for its place."""
     own = parameters.positioning
     if own.kind == "given":
         return None
-    return Filtered(own, knowledge.frame, knowledge.range_m, knowledge.radii_m, knowledge.tick, stream, events.append)
+    return Filtered(own, setup.frame, setup.range_m, setup.radii_m, setup.tick, stream, events.append)
 
 
 def _leader(
     parameters: Parameters,
-    knowledge: Knowledge,
+    setup: Setup,
     me: Address,
     belief: Belief,
     sharing: Sharing | None,
-    records: Records,
+    counters: Counters,
     events: list[Event],
     start: Time,
 ) -> Leader:
-    radius_m, tick = knowledge.radii_m[me], knowledge.tick
-    terrain = knowledge.terrain or Terrain(belief, parameters.escape)
-    places_m = knowledge.places_m if sharing is None else sharing.places_m
+    radius_m, tick = setup.radii_m[me], setup.tick
+    terrain = setup.terrain or Terrain(belief, parameters.escape)
+    places_m = setup.places_m if sharing is None else sharing.places_m
     if parameters.algorithm == "schemas":
-        behaviour = Behaviour(parameters, terrain, records, events, radius_m, knowledge.range_m, tick)
+        behaviour = Behaviour(parameters, terrain, counters, events, radius_m, setup.range_m, tick)
         if parameters.beacons.pattern == "free":
             return behaviour
-        escape = Escape(parameters.escape, terrain, radius_m, knowledge.range_m)
-        own, reading, size = parameters.beacons, parameters.escape.cost, knowledge.size
+        escape = Escape(parameters.escape, terrain, radius_m, setup.range_m)
+        own, reading, size = parameters.beacons, parameters.escape.cost, setup.size
         return Tethered(own, behaviour, belief, me, size, escape, reading, places_m, start, tick)
-    targets = knowledge.targets or _targets(parameters, terrain, knowledge.radii_m, knowledge.range_m, places_m)
+    targets = setup.targets or _targets(parameters, terrain, setup.radii_m, setup.range_m, places_m)
     assert targets is not None
     spans_s = parameters.rivals.plan_s, parameters.rivals.patience_s
     plan, patience = (max(1, round(from_seconds(span_s) / tick)) for span_s in spans_s)
-    return Rival(targets, records, events, me, plan, patience)
+    return Rival(targets, counters, events, me, plan, patience)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> CoverageReferee:
     """Return the judge of the coverage."""
-    return CoverageReferee(knowledge, surroundings)
+    return CoverageReferee(setup, surroundings)
 
 
 def measure(machines: Sequence[Explorer]) -> dict[str, float]:
     """Return what the machines have counted."""
-    records = [machine.records for machine in machines]
-    steps = sum(each.steps + each.escape_steps for each in records)
+    counters = [machine.counters for machine in machines]
+    steps = sum(each.steps + each.escape_steps for each in counters)
     return {
-        "way_m": sum(each.way_m for each in records),
-        "stalls": float(sum(each.stalls for each in records)),
-        "escape_share": sum(each.escape_steps for each in records) / steps if steps else 0.0,
-        **_schema_shares(records),
-        "blocked_ticks": float(sum(each.blocked for each in records)),
-        "given_up": float(sum(each.given_up for each in records)),
-        "waited_share": sum(each.waited for each in records) / max(sum(each.ticks for each in records), 1),
-        "frames": float(sum(each.frames for each in records)),
-        "payload_bytes": float(sum(each.payload_bytes for each in records)),
+        "way_m": sum(each.way_m for each in counters),
+        "stalls": float(sum(each.stalls for each in counters)),
+        "escape_share": sum(each.escape_steps for each in counters) / steps if steps else 0.0,
+        **_schema_shares(counters),
+        "blocked_ticks": float(sum(each.blocked for each in counters)),
+        "given_up": float(sum(each.given_up for each in counters)),
+        "waited_share": sum(each.waited for each in counters) / max(sum(each.ticks for each in counters), 1),
+        "frames": float(sum(each.frames for each in counters)),
+        "payload_bytes": float(sum(each.payload_bytes for each in counters)),
     }
 
 
-def _schema_shares(records: Sequence[Records]) -> dict[str, float]:
+def _schema_shares(counters: Sequence[Counters]) -> dict[str, float]:
     counts = {
-        "share_frontier": sum(each.by_frontiers for each in records),
-        "share_obstacle": sum(each.by_obstacles for each in records),
-        "share_robot": sum(each.by_robots for each in records),
+        "share_frontier": sum(each.by_frontiers for each in counters),
+        "share_obstacle": sum(each.by_obstacles for each in counters),
+        "share_robot": sum(each.by_robots for each in counters),
     }
     steps = sum(counts.values())
     return {name: count / steps if steps else math.nan for name, count in counts.items()}

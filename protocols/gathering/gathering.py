@@ -29,7 +29,7 @@ from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import STEPS, Evaluation, Verdicts, judge
 from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict
-from protocols.pseudonet.setup import Knowledge, View
+from protocols.pseudonet.setup import Setup, View
 
 
 def choose_place(view: View) -> Cell:
@@ -39,7 +39,7 @@ def choose_place(view: View) -> Cell:
     """
 
     def cost(member: Address) -> tuple[int, int, Address]:
-        away = view.knowledge.distances(view.cells[member], view.obstacles)
+        away = view.setup.distances(view.cells[member], view.obstacles)
         ways = [int(away[view.cells[other]]) for other in view.members]
         return sum(way < 0 for way in ways), sum(way for way in ways if way > 0), member
 
@@ -48,7 +48,7 @@ def choose_place(view: View) -> Cell:
 
 def settled(view: View, place: Cell) -> set[Address]:
     """Return the members that cannot come nearer to *place* any more."""
-    away = view.knowledge.distances(place, view.obstacles)
+    away = view.setup.distances(place, view.obstacles)
     found: set[Address] = set()
     cells: set[Cell] = set()
     for member in sorted(view.members, key=lambda member: int(away[view.cells[member]])):
@@ -61,8 +61,8 @@ def settled(view: View, place: Cell) -> set[Address]:
 
 def nearer(view: View, cell: Cell, place: Cell) -> list[Cell]:
     """Return the cells, a step from *cell*, from which the way to *place* is a step shorter."""
-    away = view.knowledge.distances(place, view.obstacles)
-    return [beyond for beyond in view.knowledge.steps[cell] if beyond >= 0 and 0 <= away[beyond] < away[cell]]
+    away = view.setup.distances(place, view.obstacles)
+    return [beyond for beyond in view.setup.steps[cell] if beyond >= 0 and 0 <= away[beyond] < away[cell]]
 
 
 class Gathering:
@@ -107,7 +107,7 @@ class Gathering:
     def _left(self, view: View, action: Action) -> int:
         """Return how far it is to the place, in cells, along the axis of *action*."""
         assert self.place is not None
-        here, there = view.knowledge.place(view.cells[view.me]), view.knowledge.place(self.place)
+        here, there = view.setup.place(view.cells[view.me]), view.setup.place(self.place)
         axis = 1 if action in (Action.NORTH, Action.SOUTH) else 0
         return abs(there[axis] - here[axis])
 
@@ -115,9 +115,9 @@ class Gathering:
 class GatheringCoordination(Coordination):
     """The coordination room of a team that gathers: nothing is ever covered, and the task is done when all settle."""
 
-    def __init__(self, knowledge: Knowledge, me: Address, rounds: int) -> None:
+    def __init__(self, setup: Setup, me: Address, rounds: int) -> None:
         self._gathering = Gathering()
-        super().__init__(knowledge, me, self._gathering, None, rounds)
+        super().__init__(setup, me, self._gathering, None, rounds)
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
         """Take where everybody stands."""

@@ -9,7 +9,7 @@ from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time, to_seconds
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 
 
 def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
@@ -30,8 +30,8 @@ def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
 class GatheringReferee:
     """Watches where the living are; sees poses and deaths only, never what machines believe."""
 
-    def __init__(self, knowledge: Knowledge) -> None:
-        self._grid = knowledge.grid
+    def __init__(self, setup: Setup) -> None:
+        self._grid = setup.grid
         self._dead: set[Address] = set()
         self._places: Floats = np.empty((0, 2))
         self._cells: list[Cell] = []

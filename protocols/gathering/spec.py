@@ -16,7 +16,7 @@ from protocols.pseudonet import spec as pseudonet
 from protocols.pseudonet.events import EVENTS
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.parameters import TeamParameters
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 
 OF_COVERAGE: Final = {"coverage", "time_to_cover_s", "overlap_ratio"}
 """Metrics of Pseudonet that say nothing of a team that gathers."""
@@ -33,17 +33,15 @@ class Parameters(TeamParameters):
     """Parameters of gathering, in which a team comes together round its most central robot."""
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Pseudonet:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Pseudonet:
     """Return the machine of robot *me*: Pseudonet's, with another coordination room."""
-    coordination = GatheringCoordination(knowledge, me, parameters.rounds)
-    return Pseudonet(parameters, knowledge, me, coordination, parameters.step_limit, start)
+    coordination = GatheringCoordination(setup, me, parameters.rounds)
+    return Pseudonet(parameters, setup, me, coordination, parameters.step_limit, start)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> GatheringReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> GatheringReferee:
     """Return the judge of gathering."""
-    return GatheringReferee(knowledge)
+    return GatheringReferee(setup)
 
 
 SPEC = ProtocolSpec(

@@ -18,7 +18,7 @@ from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
-from protocols.pseudonet.counters import Records
+from protocols.pseudonet.counters import Counters
 from protocols.pseudonet.events import (
     BadBytes,
     Finished,
@@ -35,7 +35,7 @@ from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.phases import TABLE, Input, Phase
 from protocols.pseudonet.reconciliation import Reconciliation
 from protocols.pseudonet.relay import Relay
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.speech import Speech
 from protocols.pseudonet.steering import Progress, Steering
 from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
@@ -47,7 +47,7 @@ class Application:
     def __init__(
         self,
         parameters: TeamParameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         coordination: Coordination,
         step_limit: int | None,
@@ -64,18 +64,18 @@ class Application:
         """When the next exchange is to begin, for the master."""
         self.rest_until: Time | None = None
         """When a step is over in which the master stays where it is."""
-        self.records = Records(start)
+        self.counters = Counters(start)
         self.journal = Journal(parameters.trace_calls)
-        self.messaging = Messaging(me, knowledge)
+        self.messaging = Messaging(me, setup)
         self.coordination = coordination
-        self.steering = Steering(knowledge)
-        reconciliation = Reconciliation(knowledge, parameters.map_bytes)
+        self.steering = Steering(setup)
+        reconciliation = Reconciliation(setup, parameters.map_bytes)
         self._speech = Speech(self.messaging, self.coordination, reconciliation, self.steering)
         self.broadcast = broadcast
         self._alone = alone
-        self._knowledge = knowledge
+        self._setup = setup
         self._step_limit = step_limit
-        self._times = knowledge.timing
+        self._times = setup.timing
 
     @property
     def placed(self) -> bool:
@@ -100,7 +100,7 @@ class Application:
             return
         if self.broadcast.find_master() is not None:
             self.journal.note(TeamLost(len(self.broadcast.members)))
-            self.records.broken(now)
+            self.counters.broken(now)
         self.begin_at = None
         self.rest_until = None
         self._input(Input.BROKEN, now)
@@ -158,13 +158,13 @@ class Application:
             return
         for gone in sorted(set(self.coordination.view.members) - set(members)):
             self.journal.note(RobotDropped(gone))
-        self.records.team(now)
+        self.counters.team(now)
         self.journal.note(TeamFormed(len(members), self.broadcast.piconets))
         self.coordination.team_changed(members)
         self._input(Input.TEAM, now)
 
     def _exchanged(self, messages: Mapping[Address, Message], now: Time) -> None:
-        self.records.exchanged(now)
+        self.counters.exchanged(now)
         self._input(Input.EXCHANGED, now)
         if self.phase is Phase.DECISION:
             self._decide(messages, now)
@@ -204,7 +204,7 @@ class Application:
 
     def _evaluate(self) -> None:
         self.journal.call(0, "application", "move_next_step", f"step {self.steps + 1}")
-        self.journal.call(1, "coordination", "localize", self._knowledge.place(self._cell()))
+        self.journal.call(1, "coordination", "localize", self._setup.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
         self.journal.call(1, "coordination", "evaluate_actions", evaluation)
         self._speech.say(Stance.PROPOSE)
@@ -213,7 +213,7 @@ class Application:
         """The decision phase: what follows from everybody's messages, computed alike by every robot."""
         self.coordination.take_positions(messages)
         if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
-            self.records.busy()
+            self.counters.busy()
             self._talk_on(now, self._times.retry)
         elif self.coordination.plan_due and not self._speech.reconciled(messages):
             self._talk_on(now)
@@ -251,11 +251,11 @@ class Application:
 
     def _agreed(self, messages: Mapping[Address, Message], now: Time) -> None:
         self.steps += 1
-        self.records.agreed(now)
+        self.counters.agreed(now)
         before = self._cell()
         cell = self.coordination.commit(messages)
         action = self.coordination.evaluation.action
-        self.journal.note(Stepped(self.steps, action.name.lower(), *self._knowledge.place(cell)))
+        self.journal.note(Stepped(self.steps, action.name.lower(), *self._setup.place(cell)))
         if self._step_limit is not None and self.steps >= self._step_limit:
             self._input(Input.DONE, now)
             return
@@ -286,7 +286,7 @@ class Application:
         self.journal.call(3, "broadcast", "find_master", self.broadcast.find_master())
         if self.broadcast.leads():
             self.journal.call(3, "broadcast", "broadcast_to_robots", f"exchange {message.exchange}")
-            self.records.began(now)
+            self.counters.began(now)
         else:
             self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
         self.broadcast.load(message, now)

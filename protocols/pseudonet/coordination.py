@@ -19,7 +19,7 @@ from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import STEPS, UNJUDGED, Algorithm, Evaluation, Verdicts
 from protocols.pseudonet.messages import Action, Kind, Message, Reply, Verdict
 from protocols.pseudonet.messaging import Stance
-from protocols.pseudonet.setup import Knowledge, View
+from protocols.pseudonet.setup import Setup, View
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +83,8 @@ def helper(asker: Address, messages: Mapping[Address, Message]) -> Address | Non
 class Coordination:
     """One robot's picture of the team and its coverage algorithm."""
 
-    def __init__(
-        self, knowledge: Knowledge, me: Address, algorithm: Algorithm, stop_at: int | None, rounds: int = 0
-    ) -> None:
-        self.view = View(knowledge, me)
+    def __init__(self, setup: Setup, me: Address, algorithm: Algorithm, stop_at: int | None, rounds: int = 0) -> None:
+        self.view = View(setup, me)
         self.evaluation = Evaluation(Action.STAY, UNJUDGED)
         self.own_cells = 0
         self.dormant = False
@@ -98,11 +96,11 @@ class Coordination:
         self._stopped: set[Address] = set()
         self._algorithm = algorithm
         self._stop_at = stop_at
-        self._knowledge = knowledge
+        self._setup = setup
 
     def localize(self, x_m: float, y_m: float) -> Cell:
         """Return the cell that the robot stands in (Fig. 12)."""
-        return self._knowledge.grid.cell_at(x_m, y_m)
+        return self._setup.grid.cell_at(x_m, y_m)
 
     def evaluate_actions(self) -> Evaluation:
         """Scan the action space (Fig. 12): choose the next action, anew or after the present one was given up."""
@@ -127,13 +125,13 @@ class Coordination:
 
     def stuck(self, cell: Cell) -> None:
         """Take notice that I stand in *cell*, in its middle or not, and cannot go on to where I meant to go."""
-        if cell in self._knowledge.cells:
+        if cell in self._setup.cells:
             self.view.cells[self.view.me] = cell
 
     def turned_back(self) -> None:
         """Take notice that my last action cannot be carried out: I am on the way back."""
         self.obstructed = self.evaluation.action
-        back = self._knowledge.steps[self.view.cells[self.view.me]][(self.obstructed + 2) % 4]
+        back = self._setup.steps[self.view.cells[self.view.me]][(self.obstructed + 2) % 4]
         self.view.cells[self.view.me] = back
 
     def obstruction(self) -> Verdicts:
@@ -154,7 +152,7 @@ class Coordination:
 
     def try_again(self) -> bool:
         """Forget what stood in the way of cells that are left, and return True; not more often than *rounds* a team."""
-        left = len(self._knowledge.cells) > len(self.view.covered)
+        left = len(self._setup.cells) > len(self.view.covered)
         if not (self.view.obstacles and left and self._rounds_left) or self._all_stopped():
             return False
         self._rounds_left -= 1
@@ -176,8 +174,8 @@ class Coordination:
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
         """Take where everybody stands; a cell is covered once its robot has reported from it at rest."""
         for robot, message in messages.items():
-            cell = self._knowledge.cell(message.x, message.y)
-            if cell is None or cell not in self._knowledge.cells:
+            cell = self._setup.cell(message.x, message.y)
+            if cell is None or cell not in self._setup.cells:
                 continue  # nobody can be there: a peer's fault, not ours
             if robot != self.view.me:  # I know better: I may have turned back since
                 self.view.cells[robot] = cell
@@ -193,7 +191,7 @@ class Coordination:
     def _go_around(self, robot: Address, cell: Cell, message: Message) -> None:
         """Take the cells that a robot could not enter, though there is no wall on the plan, for obstacles."""
         for step, verdict in zip(STEPS, message.verdicts, strict=True):
-            beyond = self._knowledge.steps[cell][step]
+            beyond = self._setup.steps[cell][step]
             if verdict == Verdict.WALL and beyond >= 0:
                 self.plan_due = self.plan_due or beyond not in self.view.obstacles
                 self.view.obstacles |= {beyond}
@@ -222,8 +220,8 @@ class Coordination:
 
     def directed(self, message: Message) -> None:
         """Take an answer that names a cell."""
-        cell = self._knowledge.cell(*message.target)
-        if message.reply == Reply.DIRECT and cell in self._knowledge.cells and cell is not None:
+        cell = self._setup.cell(*message.target)
+        if message.reply == Reply.DIRECT and cell in self._setup.cells and cell is not None:
             self._algorithm.directed(cell)
 
     def direction_for(self, asker: Address, messages: Mapping[Address, Message]) -> Cell | None:

@@ -3,7 +3,7 @@
 from cosim.units import Time
 
 
-class Records:
+class Counters:
     """Counts and sums; only the master's exchanges have a known beginning, so only it fills the latter two."""
 
     def __init__(self, start: Time) -> None:

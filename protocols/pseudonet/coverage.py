@@ -14,7 +14,7 @@ from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time, to_seconds
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 
 
 def cells_touched(grid: CoverageGrid, x_m: float, y_m: float, radius_m: float) -> list[Cell]:
@@ -34,12 +34,12 @@ def cells_touched(grid: CoverageGrid, x_m: float, y_m: float, radius_m: float) -
 class CoverageReferee:
     """Counts the cells that robots' centres enter; sees poses and deaths only, never what machines believe."""
 
-    def __init__(self, knowledge: Knowledge) -> None:
-        self._grid = knowledge.grid
+    def __init__(self, setup: Setup) -> None:
+        self._grid = setup.grid
         self._visits = np.zeros(self._grid.nx * self._grid.ny, dtype=np.int64)
         self._counts = self._grid.reachable.copy()
         """Cells that are to be covered."""
-        self._target = len(knowledge.cells)
+        self._target = len(setup.cells)
         self._covered = 0
         self._last: Any = None
         self._complete_at: Time | None = None

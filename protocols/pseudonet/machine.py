@@ -12,7 +12,7 @@ from protocols.pseudonet.coordination import Coordination
 from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.scatternet import Scatternet
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.upcalls import Upcall
 from protocols.pseudonet.wide import Assignment, Welcome
 
@@ -28,32 +28,28 @@ class Pseudonet:
     def __init__(
         self,
         parameters: TeamParameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         coordination: Coordination,
         step_limit: int | None,
         start: Time,
     ) -> None:
         self.me = me
-        times = knowledge.timing
+        times = setup.timing
         links: dict[Address, Role] = {}
         self.scatternet: Scatternet | None = None
         self.bluetooth: Bluetooth
         room: Broadcast | Relay
-        if knowledge.size <= parameters.piconet_size:
+        if setup.size <= parameters.piconet_size:
             waits = (times.poll_timeout, times.repair)
             room = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._tell)
-            self.bluetooth = Bluetooth(
-                me, knowledge.size, links, times, parameters, partial(_assemble, room), self._taken
-            )
+            self.bluetooth = Bluetooth(me, setup.size, links, times, parameters, partial(_assemble, room), self._taken)
         else:
             room = Relay(me, (2 * times.repair, times.silence), links, self._tell, self._instruct)
-            self.scatternet = Scatternet(me, knowledge.size, links, times, parameters, room, self._taken)
+            self.scatternet = Scatternet(me, setup.size, links, times, parameters, room, self._taken)
             self.bluetooth = self.scatternet
-        self.application = Application(
-            parameters, knowledge, me, coordination, step_limit, start, room, self._left_alone
-        )
-        self._silence = knowledge.timing.silence
+        self.application = Application(parameters, setup, me, coordination, step_limit, start, room, self._left_alone)
+        self._silence = setup.timing.silence
         self._team: tuple[Address, ...] | None = None
         """The team that the Bluetooth room knows of."""
         self._start: Time | None = start

@@ -7,7 +7,7 @@ from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.pseudonet.algorithms.base import UNJUDGED, Evaluation, Verdicts
 from protocols.pseudonet.messages import MESSAGE_KINDS, Action, Kind, Message, Reply
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 
 
 class Stance(Enum):
@@ -28,10 +28,10 @@ class Stance(Enum):
 class Messaging:
     """One robot's messages."""
 
-    def __init__(self, me: Address, knowledge: Knowledge) -> None:
+    def __init__(self, me: Address, setup: Setup) -> None:
         self.sent: dict[Kind, int] = dict.fromkeys(MESSAGE_KINDS, 0)
         self._me = me
-        self._knowledge = knowledge
+        self._setup = setup
 
     def speak(self, stance: Stance, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
         """Return what *stance* says about *evaluation*.
@@ -74,7 +74,7 @@ class Messaging:
             UNJUDGED,
             addressee=to,
             reply=Reply.DIRECT,
-            target=self._knowledge.place(target),
+            target=self._setup.place(target),
         )
 
     def _form(
@@ -87,5 +87,5 @@ class Messaging:
         **more: Any,
     ) -> Message:
         self.sent[kind] += 1
-        x, y = self._knowledge.place(cell)
+        x, y = self._setup.place(cell)
         return Message(self._me, kind, exchange, x, y, action, verdicts, **more)

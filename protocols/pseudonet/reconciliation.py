@@ -13,7 +13,7 @@ from zlib import crc32
 
 from cosim.machine import Address
 from protocols.pseudonet.messages import Kind, Message
-from protocols.pseudonet.setup import Knowledge, View
+from protocols.pseudonet.setup import Setup, View
 
 
 class Equality(Enum):
@@ -27,10 +27,10 @@ class Equality(Enum):
 class Reconciliation:
     """One robot's part in making the team's maps equal."""
 
-    def __init__(self, knowledge: Knowledge, map_bytes: int) -> None:
+    def __init__(self, setup: Setup, map_bytes: int) -> None:
         self.chunk = 0
         """The piece of the map that comes next."""
-        self._cells = sorted(knowledge.cells)
+        self._cells = sorted(setup.cells)
         self._bytes = map_bytes
         self._chunks = max(1, -(-len(self._cells) // (8 * map_bytes)))
 

@@ -1,7 +1,7 @@
 """What every robot of a Pseudonet team knows before it starts, and what it gathers while it covers the floor.
 
 The paper's robots know the number of cells and the grid a priori (section IV.A); where the others are, what is covered
-and who is still in the team they learn from messages. ``Knowledge`` is the first, shared by all machines of a run
+and who is still in the team they learn from messages. ``Setup`` is the first, shared by all machines of a run
 because it never changes; ``View`` is the second, one a robot.
 """
 
@@ -23,7 +23,7 @@ CACHED = 64
 T = TypeVar("T")
 
 
-class Knowledge:
+class Setup:
     """The grid and the team's size, with the distances to a cell computed once for all who ask."""
 
     def __init__(self, grid: CoverageGrid, size: int, timing: Timing) -> None:
@@ -82,7 +82,7 @@ class Knowledge:
 class View:
     """What one robot knows of the team now."""
 
-    knowledge: Knowledge
+    setup: Setup
     me: Address
     members: tuple[Address, ...] = ()
     cells: dict[Address, Cell] = field(default_factory=dict)
@@ -97,7 +97,7 @@ class View:
     def target(self, robot: Address, action: Action) -> Cell:
         """Return where *action* takes *robot*; -1 if it cannot be taken."""
         cell = self.cells[robot]
-        return cell if action == Action.STAY else self.knowledge.steps[cell][action]
+        return cell if action == Action.STAY else self.setup.steps[cell][action]
 
     def others(self) -> list[Cell]:
         """Return the cells of all other members."""
@@ -113,20 +113,20 @@ class View:
 
     def remaining(self) -> set[Cell]:
         """Return the cells that are not covered and that some member can still reach."""
-        left = self.knowledge.cells - self.covered
+        left = self.setup.cells - self.covered
         if not self.obstacles:
             return set(left)
-        ways = [self.knowledge.distances(self.cells[member], self.obstacles) for member in self.members]
+        ways = [self.setup.distances(self.cells[member], self.obstacles) for member in self.members]
         return {cell for cell in left - self.obstacles if any(way[cell] >= 0 for way in ways)}
 
     def complete(self) -> bool:
         """Return whether everything that can be covered is."""
         if not self.obstacles:
-            return len(self.covered) == len(self.knowledge.cells)  # nobody ever stands on another cell
+            return len(self.covered) == len(self.setup.cells)  # nobody ever stands on another cell
         return not self.remaining()
 
     def nearest_uncovered(self, origin: Cell) -> Cell | None:
         """Return the uncovered cell that is the fewest steps away from *origin*; the lowest number breaks ties."""
-        away = self.knowledge.distances(origin, self.obstacles)
+        away = self.setup.distances(origin, self.obstacles)
         cells = [cell for cell in self.remaining() if away[cell] >= 0]
         return min(cells, key=lambda cell: (int(away[cell]), cell)) if cells else None

@@ -22,7 +22,7 @@ from protocols.pseudonet.messages import MESSAGE_KINDS
 from protocols.pseudonet.parameters import Parameters, TeamParameters, timing
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
 from protocols.pseudonet.wide import ROBOTS
 
@@ -95,7 +95,7 @@ def place(
     return [grid.centre_m(int(cell)) for cell in stream.choice(cells, size=size, replace=False)]
 
 
-def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Setup:
     """Lay the grid over the floor; raise UserError where a robot stands in no free cell, or two in one."""
     grid = _grid(parameters, surroundings, surroundings.starts_m)
     taken: dict[int, int] = {}
@@ -113,20 +113,18 @@ def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Knowledge
             f"protocol.parameters.piconet_size: {parameters.piconet_size} makes {count} piconets of {size} robots, "
             f"expected at most {MOST_MASTERS}"
         )
-    return Knowledge(grid, size, timing(parameters, surroundings))
+    return Setup(grid, size, timing(parameters, surroundings))
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Pseudonet:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Pseudonet:
     """Return the machine of robot *me*."""
-    share = math.ceil(len(knowledge.cells) / knowledge.size)
+    share = math.ceil(len(setup.cells) / setup.size)
     step_limit = parameters.step_limit
     if step_limit is None and parameters.algorithm not in PLANNERS:
         step_limit = FREE_STEPS * share
-    stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(knowledge.cells))
-    coordination = Coordination(knowledge, me, algorithm(parameters, stream), stop_at, parameters.rounds)
-    return Pseudonet(parameters, knowledge, me, coordination, step_limit, start)
+    stop_at = None if parameters.algorithm in PLANNERS else math.ceil(parameters.stop_ratio * len(setup.cells))
+    coordination = Coordination(setup, me, algorithm(parameters, stream), stop_at, parameters.rounds)
+    return Pseudonet(parameters, setup, me, coordination, step_limit, start)
 
 
 def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
@@ -141,33 +139,33 @@ def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
 def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
     """Return what the machines have counted."""
     rooms = [machine.application for machine in machines]
-    records = [room.records for room in rooms]
-    led = sum(record.led for record in records)
-    setups = [record.setup for record in records if record.setup is not None]
-    resumed = sum(record.resumed for record in records)
+    counters = [room.counters for room in rooms]
+    led = sum(record.led for record in counters)
+    setups = [record.setup for record in counters if record.setup is not None]
+    resumed = sum(record.resumed for record in counters)
     finished = [room for room in rooms if room.finished] or rooms
     sums = {
         f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms))
         for kind in MESSAGE_KINDS
     }
     return sums | {
-        "cells": float(len(rooms[0].coordination.view.knowledge.cells)),
+        "cells": float(len(rooms[0].coordination.view.setup.cells)),
         "steps": float(max(room.steps for room in rooms)),
-        "exchanges": float(max(record.exchanges for record in records)),
-        "exchange_s": to_seconds(sum(record.exchange_time for record in records)) / led if led else math.nan,
-        "radio_wait_s": to_seconds(sum(record.radio_wait for record in records)),
+        "exchanges": float(max(record.exchanges for record in counters)),
+        "exchange_s": to_seconds(sum(record.exchange_time for record in counters)) / led if led else math.nan,
+        "radio_wait_s": to_seconds(sum(record.radio_wait for record in counters)),
         "setup_s": to_seconds(sum(setups)) / len(setups) if setups else math.nan,
-        "reform_s": to_seconds(sum(record.reform_time for record in records)) / resumed if resumed else math.nan,
-        "teams_lost": float(sum(record.breaks for record in records)),
+        "reform_s": to_seconds(sum(record.reform_time for record in counters)) / resumed if resumed else math.nan,
+        "teams_lost": float(sum(record.breaks for record in counters)),
         "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
         "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
         "robots_dropped": float(len(machines) - max(len(room.broadcast.members) for room in finished)),
     }
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> CoverageReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> CoverageReferee:
     """Return the judge of coverage."""
-    return CoverageReferee(knowledge)
+    return CoverageReferee(setup)
 
 
 SPEC = ProtocolSpec(

@@ -6,7 +6,7 @@ from typing import Final
 from cosim.geometry.grids import Cell
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 
 ARRIVAL_TOLERANCE_M: Final = 1e-6
 PATIENCE_TICKS: Final = 30
@@ -27,9 +27,9 @@ class Progress(Enum):
 class Steering:
     """One robot's drive to its next cell."""
 
-    def __init__(self, knowledge: Knowledge) -> None:
+    def __init__(self, setup: Setup) -> None:
         self.motion: list[Command] = []
-        self._grid = knowledge.grid
+        self._grid = setup.grid
         self._goal: tuple[float, float] | None = None
         self._cell: Cell = -1
         self._origin: Cell = -1

@@ -3,7 +3,7 @@
 from cosim.units import Time
 
 
-class Records:
+class Counters:
     """Counts of one robot, from the start on."""
 
     def __init__(self) -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from cosim.machine import Address, Event
-from protocols.reflection.counters import Records
+from protocols.reflection.counters import Counters
 from protocols.reflection.events import TroubleChanged
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.setup import Point
@@ -14,10 +14,10 @@ from protocols.reflection.trouble import Progress, Trouble
 class Distress:
     """One robot's trouble on its way, and its helper."""
 
-    def __init__(self, parameters: Parameters, step_m: float, events: list[Event], records: Records) -> None:
+    def __init__(self, parameters: Parameters, step_m: float, events: list[Event], counters: Counters) -> None:
         self._parameters = parameters
         self._events = events
-        self._records = records
+        self._counters = counters
         self._progress = Progress(parameters.progress, parameters.progress_window, parameters.progress_share, step_m)
         self._helper: Address | None = None
         self.trouble = Trouble(parameters.trouble_limit, parameters.trouble_rule)
@@ -49,5 +49,5 @@ class Distress:
         """Count a motion step towards *place*; who *keeps_up* with its helper is getting on."""
         progress = self._progress.judge(*here, place) or keeps_up
         if self.trouble.step(progress):
-            self._records.troubles += self.trouble.active
+            self._counters.troubles += self.trouble.active
             self._events.append(TroubleChanged(self.trouble.active, self.trouble.weight))

@@ -5,13 +5,13 @@ import math
 from cosim.machine import Address, Event
 from cosim.units import MS, Time, from_seconds
 from protocols.reflection.bearings import Point, from_peer, turn_between
-from protocols.reflection.counters import Records
+from protocols.reflection.counters import Counters
 from protocols.reflection.events import BadBytes
 from protocols.reflection.frames import CLOCK_MS, Frame
 from protocols.reflection.goals import NEW, GoalBook, goal_number
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.promises import Ways
-from protocols.reflection.setup import Knowledge
+from protocols.reflection.setup import Setup
 
 
 class Hearing:
@@ -20,24 +20,24 @@ class Hearing:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         book: GoalBook,
         ways: Ways,
         events: list[Event],
-        records: Records,
+        counters: Counters,
         start: Time,
     ) -> None:
-        """Report bad numbers in *events*, and count advice in *records*."""
+        """Report bad numbers in *events*, and count advice in *counters*."""
         self.me = book.me
         self._book = book
         self._ways = ways
         self._events = events
-        self._records = records
+        self._counters = counters
         self._start = start
-        self._size = knowledge.size
+        self._size = setup.size
         self._stale = from_seconds(parameters.stale_s)
-        self._objects_m = knowledge.tasks[self.me].objects_m if parameters.goals == "object" else None
-        self._metres_per_ms = tuple(step_m * MS / knowledge.tick for step_m in knowledge.steps_m)
+        self._objects_m = setup.tasks[self.me].objects_m if parameters.goals == "object" else None
+        self._metres_per_ms = tuple(step_m * MS / setup.tick for step_m in setup.steps_m)
         self._here: Point = (0.0, 0.0)
         self._looked_ms = 0
 
@@ -95,7 +95,7 @@ class Hearing:
             same_goal = identifier == known or (known and (identifier - 1) // team == (known - 1) // team)
             if owner == me:
                 late = (arrival_ms - frame.stamp_ms) % CLOCK_MS * MS > self._stale
-                self._records.count_advice(not same_goal, late)
+                self._counters.count_advice(not same_goal, late)
             way = of[owner]
             if same_goal and not (way is not None and way.direct):  # no promise is shorter than what is in sight
                 seen = now - (arrival_ms - seen_ms) % CLOCK_MS * MS

@@ -24,7 +24,7 @@ from cosim.navigation.steering import Navigator
 from cosim.observation import Observation, Sighting
 from cosim.units import Time, from_seconds
 from protocols.reflection.bearings import Point
-from protocols.reflection.counters import Records
+from protocols.reflection.counters import Counters
 from protocols.reflection.events import BadBytes, Displaced
 from protocols.reflection.frames import IN_TROUBLE, OBJECTS, Frame, decode
 from protocols.reflection.goals import GoalBook
@@ -33,7 +33,7 @@ from protocols.reflection.parameters import Parameters
 from protocols.reflection.patrolling import Courtesy, Patrol
 from protocols.reflection.promises import Ways
 from protocols.reflection.seeking import Seeker
-from protocols.reflection.setup import Knowledge
+from protocols.reflection.setup import Setup
 from protocols.reflection.straight import Straight
 from protocols.reflection.telling import compose
 from protocols.transport.meeting import Meeting
@@ -49,17 +49,17 @@ class Reflection:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         navigator: Navigator,
         start: Time,
     ) -> None:
         """Have *navigator* be the algorithm A of a robot with goals, and the way back of a lost helper."""
-        task = knowledge.tasks[me]
+        task = setup.tasks[me]
         self.me = me
-        self.records = Records()
-        self.book = GoalBook(me, knowledge.size)
-        self.ways = Ways(me, knowledge.size, from_seconds(parameters.promise_life_s))
+        self.counters = Counters()
+        self.book = GoalBook(me, setup.size)
+        self.ways = Ways(me, setup.size, from_seconds(parameters.promise_life_s))
         self._start = start
         self._events: list[Event] = []
         self._outbox: list[Outgoing | LinkCommand] = []
@@ -72,25 +72,23 @@ class Reflection:
         self._share_states = parameters.states_shared
         self._speaks = self._share_goals or self._share_states
         self._period = 0 if parameters.period_s is None else from_seconds(parameters.period_s)
-        self._jump_m = JUMP_STEPS * knowledge.steps_m[me]
+        self._jump_m = JUMP_STEPS * setup.steps_m[me]
         self._here: Point | None = None
         self._seen: tuple[Sighting, ...] = ()
         self._sightings: dict[Address, Point] = {}
         self._states: dict[Address, bool] = {}
         self._next_frame = start
-        self._hearing = Hearing(parameters, knowledge, self.book, self.ways, self._events, self.records, start)
-        step_m = knowledge.steps_m[me]
-        straight = Straight(knowledge.radius_m, step_m, from_seconds(parameters.patience_s), start)
+        self._hearing = Hearing(parameters, setup, self.book, self.ways, self._events, self.counters, start)
+        step_m = setup.steps_m[me]
+        straight = Straight(setup.radius_m, step_m, from_seconds(parameters.patience_s), start)
         self.patrol = (
             Patrol(task.patrol_m, parameters.patrol == "shuttle", step_m, straight, navigator)
             if task.patrol_m
             else None
         )
-        self._courtesy = Courtesy(
-            self.book, self.ways, knowledge.radius_m, from_seconds(parameters.hold_s), self._events
-        )
+        self._courtesy = Courtesy(self.book, self.ways, setup.radius_m, from_seconds(parameters.hold_s), self._events)
         self.seeker = (
-            Seeker(parameters, knowledge, self.book, self.ways, navigator, straight, self._events, self.records, start)
+            Seeker(parameters, setup, self.book, self.ways, navigator, straight, self._events, self.counters, start)
             if task.goals_m
             else None
         )
@@ -209,7 +207,7 @@ class Reflection:
         """Count what comes from a robot that is not in sight: nothing can be done with it."""
         for owner, _, _, _ in frame.pledges:
             if owner == self.me:
-                self.records.unseen_advice += 1
+                self.counters.unseen_advice += 1
 
     # ------------------------------------------------------------ what comes out
 
@@ -233,9 +231,9 @@ class Reflection:
         flags = (IN_TROUBLE if in_trouble else 0) | (OBJECTS if self._objects else 0)
         goals = (self.book, self.ways) if self._share_goals else None
         payload = compose(flags, here, self._sightings, goals, self._start, now)
-        records = self.records
-        records.frames += 1
-        records.payload_bytes += len(payload)
+        counters = self.counters
+        counters.frames += 1
+        counters.payload_bytes += len(payload)
         if self._meeting is None:
             self._outbox.append(_new(Outgoing, (BROADCAST, payload, None, 0)))
         else:

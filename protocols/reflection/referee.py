@@ -6,7 +6,7 @@ from cosim.arrays import Floats
 from cosim.machine import Address
 from cosim.protocol import Death
 from cosim.units import Time
-from protocols.reflection.setup import Knowledge
+from protocols.reflection.setup import Setup
 
 
 class TargetReferee:
@@ -16,8 +16,8 @@ class TargetReferee:
     so do all after it: such a run ends when the machines have finished.
     """
 
-    def __init__(self, knowledge: Knowledge, epsilon_m: float) -> None:
-        self._targets_m = knowledge.targets_m
+    def __init__(self, setup: Setup, epsilon_m: float) -> None:
+        self._targets_m = setup.targets_m
         self._epsilon_m = epsilon_m
         self._next = [0] * len(self._targets_m)
         self._steps = [0] * len(self._targets_m)

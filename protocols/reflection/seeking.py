@@ -14,7 +14,7 @@ from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.reflection.counters import Records
+from protocols.reflection.counters import Counters
 from protocols.reflection.distress import Distress
 from protocols.reflection.events import (
     GhostReached,
@@ -28,7 +28,7 @@ from protocols.reflection.goals import GoalBook
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.patrolling import Standoff
 from protocols.reflection.promises import Way, Ways
-from protocols.reflection.setup import Knowledge, Point
+from protocols.reflection.setup import Point, Setup
 from protocols.reflection.straight import AHEAD_STEPS, Straight
 from protocols.reflection.trouble import Trouble
 from protocols.reflection.walking import LoopWalk
@@ -62,23 +62,23 @@ class Seeker:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         book: GoalBook,
         ways: Ways,
         navigator: Navigator,
         straight: Straight,
         events: list[Event],
-        records: Records,
+        counters: Counters,
         start: Time,
     ) -> None:
-        """Take the first of the goals; *events* is where to report, *records* where to count."""
+        """Take the first of the goals; *events* is where to report, *counters* where to count."""
         self.me = book.me
         self.finished = False
         self.target = ALGORITHM
         self._parameters = parameters
-        self._follow_m = FOLLOW_CONTACTS * 2.0 * knowledge.radius_m
-        self._step_m = knowledge.steps_m[self.me]
-        self._goals_m = knowledge.tasks[self.me].goals_m
+        self._follow_m = FOLLOW_CONTACTS * 2.0 * setup.radius_m
+        self._step_m = setup.steps_m[self.me]
+        self._goals_m = setup.tasks[self.me].goals_m
         self._objects = parameters.goals == "object"
         self._epsilon_m = parameters.epsilon_m
         self._book = book
@@ -86,10 +86,10 @@ class Seeker:
         self._navigator = navigator
         self._straight = straight
         self._events = events
-        self._records = records
+        self._counters = counters
         self._states_shared = parameters.states_shared
-        self._distress = Distress(parameters, self._step_m, events, records)
-        self._standoff = Standoff(self.me, knowledge.radius_m, from_seconds(parameters.patience_s))
+        self._distress = Distress(parameters, self._step_m, events, counters)
+        self._standoff = Standoff(self.me, setup.radius_m, from_seconds(parameters.patience_s))
         self._detour = from_seconds(parameters.detour_s)
         self._give_up = from_seconds(parameters.give_up_s)
         self._walk = (
@@ -128,7 +128,7 @@ class Seeker:
             return
         goal_x, goal_y = self._goals_m[self._number - 1]
         if math.hypot(goal_x - x_m, goal_y - y_m) < self._epsilon_m and (not self._objects or self._sees_goal()):
-            self._records.reached += 1
+            self._counters.reached += 1
             self._events.append(GoalReached(self._number))
             self._next(now)
         elif now - self._since >= self._give_up:
@@ -136,7 +136,7 @@ class Seeker:
 
     def give_up(self, reason: str, now: Time) -> None:
         """Do without the present goal."""
-        self._records.given_up += 1
+        self._counters.given_up += 1
         self._events.append(GoalGivenUp(self._number, reason))
         self._next(now)
 
@@ -149,11 +149,11 @@ class Seeker:
 
     def promised(self, now: Time) -> None:
         """Take notice that the best way to the own goal is now a new promise."""
-        self._records.promises += 1
+        self._counters.promises += 1
         if not self._reflected:
             self._reflected = True
-            self._records.reflected += 1
-            self._records.waited += now - self._since
+            self._counters.reflected += 1
+            self._counters.waited += now - self._since
 
     def choose(
         self,
@@ -166,7 +166,7 @@ class Seeker:
         here = observation.x_m, observation.y_m
         aside = self._standoff.aside(observation, sightings, now) if sightings else None
         if aside is not None:
-            self._records.steps[ALGORITHM] += 1
+            self._counters.steps[ALGORITHM] += 1
             self._going = aside
             return aside
         way: Way | None
@@ -178,7 +178,7 @@ class Seeker:
         self._place = place
         if target is not self.target or way is not self._followed:
             self._turn_to(target, way, here, now)
-        self._records.steps[target] += 1
+        self._counters.steps[target] += 1
         if target is ALGORITHM:
             going = self._by_algorithm(observation, sightings, place, now)
         elif target is HELPER:
@@ -239,7 +239,7 @@ class Seeker:
             return None
         if math.hypot(way.x_m - here[0], way.y_m - here[1]) > AT_M:
             return way
-        self._records.ghosts += 1
+        self._counters.ghosts += 1
         self._events.append(GhostReached(way.via))
         self._ways.useless(way, self._parameters.renewal)
         return None

@@ -24,7 +24,7 @@ class Task(NamedTuple):
     """What VisBug walks along, in the robot's own frame and grown by its radius; of it, it uses only what it sees."""
 
 
-class Knowledge(NamedTuple):
+class Setup(NamedTuple):
     """What is known of a run before it begins."""
 
     size: int

@@ -16,7 +16,7 @@ from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.referee import TargetReferee
 from protocols.reflection.seeking import Target
-from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
+from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame
 from protocols.reflection.targets import targets
 
 TEAM_LIMIT = 256
@@ -115,7 +115,7 @@ def patrol_of(parameters: Parameters, robot: Address) -> tuple[Point, ...]:
     return parameters.patrols[(robot - parameters.explorers) % len(parameters.patrols)]
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
+def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Draw the targets, and tell every robot its task in its own frame; raise UserError for a task that is none."""
     parameters = located(parameters, surroundings)
     size = len(surroundings.starts_m)
@@ -134,7 +134,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Knowledge:
         by_loops = parameters.algorithm == "visbug" and robot < len(own)
         loops = _loops(surroundings, robot, frame, steps_m[robot]) if by_loops else None
         tasks.append(Task(own[robot] if robot < len(own) else (), patrol, objects, loops))
-    return Knowledge(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted)
+    return Setup(size, surroundings.tick, steps_m, surroundings.radius_m, tuple(tasks), wanted)
 
 
 def _loops(surroundings: Surroundings, robot: Address, frame: Pose, step_m: float) -> Boundary:
@@ -147,44 +147,42 @@ def _loops(surroundings: Surroundings, robot: Address, frame: Pose, step_m: floa
     return boundary(obstacles, enclosures)
 
 
-def make(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, start: Time
-) -> Reflection:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Reflection:
     """Return the machine of robot *me*."""
-    seeks = bool(knowledge.tasks[me].goals_m)
-    navigator = algorithm(parameters, knowledge.tasks[me].loops, stream) if seeks else way_back(parameters, stream)
-    return Reflection(parameters, knowledge, me, navigator, start)
+    seeks = bool(setup.tasks[me].goals_m)
+    navigator = algorithm(parameters, setup.tasks[me].loops, stream) if seeks else way_back(parameters, stream)
+    return Reflection(parameters, setup, me, navigator, start)
 
 
-def referee(parameters: Parameters, knowledge: Knowledge, surroundings: Surroundings) -> TargetReferee:
+def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> TargetReferee:
     """Return the judge of the explorers."""
-    return TargetReferee(knowledge, parameters.epsilon_m)
+    return TargetReferee(setup, parameters.epsilon_m)
 
 
 def measure(machines: Sequence[Reflection]) -> dict[str, float]:
     """Return what the machines have counted."""
-    records = [machine.records for machine in machines]
-    advice = sum(record.advice for record in records)
-    reflected = sum(record.reflected for record in records)
-    waited = sum(record.waited for record in records)
+    counters = [machine.counters for machine in machines]
+    advice = sum(record.advice for record in counters)
+    reflected = sum(record.reflected for record in counters)
+    waited = sum(record.waited for record in counters)
     steps = {
-        f"steps_to_{target.name.lower()}": float(sum(record.steps[target] for record in records)) for target in Target
+        f"steps_to_{target.name.lower()}": float(sum(record.steps[target] for record in counters)) for target in Target
     }
     return steps | {
-        "goals_reached": float(sum(record.reached for record in records)),
-        "targets_given_up": float(sum(record.given_up for record in records)),
-        "frames": float(sum(record.frames for record in records)),
-        "payload_bytes": float(sum(record.payload_bytes for record in records)),
-        "promises_taken": float(sum(record.promises for record in records)),
-        "ghosts_reached": float(sum(record.ghosts for record in records)),
-        "troubles": float(sum(record.troubles for record in records)),
+        "goals_reached": float(sum(record.reached for record in counters)),
+        "targets_given_up": float(sum(record.given_up for record in counters)),
+        "frames": float(sum(record.frames for record in counters)),
+        "payload_bytes": float(sum(record.payload_bytes for record in counters)),
+        "promises_taken": float(sum(record.promises for record in counters)),
+        "ghosts_reached": float(sum(record.ghosts for record in counters)),
+        "troubles": float(sum(record.troubles for record in counters)),
         "targets_reflected": float(reflected),
         "first_useful_reflection_s": to_seconds(waited) / reflected if reflected else math.nan,
         "advice": float(advice),
-        "advice_unseen": float(sum(record.unseen_advice for record in records)),
-        "stale_advice": sum(record.stale for record in records) / advice if advice else math.nan,
-        "advice_outdated": sum(record.outdated for record in records) / advice if advice else math.nan,
-        "advice_late": sum(record.late for record in records) / advice if advice else math.nan,
+        "advice_unseen": float(sum(record.unseen_advice for record in counters)),
+        "stale_advice": sum(record.stale for record in counters) / advice if advice else math.nan,
+        "advice_outdated": sum(record.outdated for record in counters) / advice if advice else math.nan,
+        "advice_late": sum(record.late for record in counters) / advice if advice else math.nan,
     }
 
 

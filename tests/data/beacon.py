@@ -28,7 +28,7 @@ class Called:
 class Beacon:
     """Calls out every period and counts what it hears."""
 
-    def __init__(self, parameters, knowledge, me, stream, start):
+    def __init__(self, parameters, setup, me, stream, start):
         self.parameters, self.me, self.start = parameters, me, start
         self.called = self.heard = 0
         self.offset = int(stream.integers(1, 1000))
@@ -93,7 +93,7 @@ SPEC = ProtocolSpec(
     place=lambda parameters, surroundings, size, stream: [(1.0 + robot, 1.0) for robot in range(size)],
     prepare=prepare,
     make=Beacon,
-    referee=lambda parameters, knowledge, surroundings: Witness(),
+    referee=lambda parameters, setup, surroundings: Witness(),
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "time that the judge watched")),
     measure=lambda machines: {"heard": float(sum(machine.heard for machine in machines))},
     events=(Called,),

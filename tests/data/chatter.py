@@ -22,8 +22,8 @@ class Chatter:
 
     finished = False
 
-    def __init__(self, parameters, knowledge, me, stream, start):
-        self.period, self.size = parameters.period_ms * MS, knowledge
+    def __init__(self, parameters, setup, me, stream, start):
+        self.period, self.size = parameters.period_ms * MS, setup
         self.peers, self.sent, self.heard = [], 0, 0
         self.deadline = start
         self._outbox = [Inquire(20 * S, self.size - 1)] if me == 0 else []
@@ -68,7 +68,7 @@ SPEC = ProtocolSpec(
     place=lambda parameters, surroundings, size, stream: [(1.0 + robot, 1.0) for robot in range(size)],
     prepare=lambda parameters, surroundings: len(surroundings.starts_m),
     make=Chatter,
-    referee=lambda parameters, knowledge, surroundings: Witness(),
+    referee=lambda parameters, setup, surroundings: Witness(),
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "time that the judge watched")),
     measure=lambda machines: {"heard": float(sum(machine.heard for machine in machines))},
     events=(),

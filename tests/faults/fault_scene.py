@@ -35,9 +35,9 @@ class Parameters(Settings):
 class Driver:
     """Is told to go at an instant, calls out at every tick, and notes what it takes."""
 
-    def __init__(self, parameters: Parameters, knowledge: Surroundings, me: Address, stream: Any, start: Time):
+    def __init__(self, parameters: Parameters, setup: Surroundings, me: Address, stream: Any, start: Time):
         self.parameters, self.me = parameters, me
-        x, y = knowledge.starts_m[me]
+        x, y = setup.starts_m[me]
         back = parameters.meet and me % 2
         x, y = (0.0, 0.0) if parameters.own else (x, y)
         self.goal = GoTo(x - parameters.far_m if back else x + parameters.far_m, y)
@@ -91,7 +91,7 @@ class Driver:
 class Coroner:
     """Writes down what it sees and whose death it is told of."""
 
-    def __init__(self, parameters: Parameters, knowledge: Surroundings, surroundings: Surroundings) -> None:
+    def __init__(self, parameters: Parameters, setup: Surroundings, surroundings: Surroundings) -> None:
         self.seen: list[tuple[Time, np.ndarray[Any, Any]]] = []
         self.deaths: list[tuple[int, Death]] = []
         """(looks before it, death)"""
@@ -136,7 +136,7 @@ class Uninformed:
 
 SEEING = replace(SPEC, needs_sight=True)
 VIEWING = replace(SPEC, needs_view=True)
-OLD = replace(SPEC, referee=lambda parameters, knowledge, surroundings: Uninformed())  # type: ignore[arg-type,return-value]
+OLD = replace(SPEC, referee=lambda parameters, setup, surroundings: Uninformed())  # type: ignore[arg-type,return-value]
 
 
 def scenario(

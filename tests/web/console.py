@@ -40,7 +40,7 @@ class Answered:
 class Console:
     """Calls out every second, marks where it is, and echoes its operator; ``{"go": [x, y]}`` makes it drive there."""
 
-    def __init__(self, parameters: Parameters, knowledge: Any, me: Address, stream: np.random.Generator, start: Time):
+    def __init__(self, parameters: Parameters, setup: Any, me: Address, stream: np.random.Generator, start: Time):
         self.parameters, self.me, self.start = parameters, me, start
         self.called = 0
         self.heard: list[tuple[Time, bytes, Reception]] = []
@@ -114,7 +114,7 @@ SPEC = ProtocolSpec(
     place=lambda parameters, surroundings, size, stream: [(2.0 + 2 * robot, 2.0) for robot in range(size)],
     prepare=lambda parameters, surroundings: None,
     make=Console,
-    referee=lambda parameters, knowledge, surroundings: Witness(),
+    referee=lambda parameters, setup, surroundings: Witness(),
     metrics=(Metric("heard", "1", "payloads heard"), Metric("watched_s", "s", "simulated time")),
     measure=lambda machines: {"heard": float(sum(len(machine.heard) for machine in machines))},
     events=(Marked, Answered),

@@ -32,12 +32,12 @@ from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Place, Plan
 from protocols.exploration import spec as exploration
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.explorer import Explorer, Leader
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.rivals import Rival
-from protocols.exploration.setup import Knowledge
+from protocols.exploration.setup import Setup
 from protocols.exploration.steering import Steering
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
@@ -76,7 +76,7 @@ class Ground(NamedTuple):
     """What all who explore know beforehand; or why nobody can."""
 
     parameters: Parameters
-    known: Knowledge | None
+    known: Setup | None
     why_not: str = ""
 
 
@@ -185,15 +185,15 @@ class _Led(Explorer):
     def __init__(
         self,
         parameters: Parameters,
-        known: Knowledge,
+        known: Setup,
         me: Address,
         belief: Belief,
         leader: Leader,
         sharing: Sharing,
-        records: Records,
+        counters: Counters,
         events: list[Event],
     ) -> None:
-        super().__init__(parameters, known, me, belief, leader, sharing, records, events)
+        super().__init__(parameters, known, me, belief, leader, sharing, counters, events)
         self.sharing = sharing
         self._steering = self._compass = _Compass()
 
@@ -360,32 +360,32 @@ class Exploring:
         return self._explorer
 
 
-def _led(parameters: Parameters, known: Knowledge, me: Address, octets: int, now: Time) -> _Led:
+def _led(parameters: Parameters, known: Setup, me: Address, octets: int, now: Time) -> _Led:
     """Return an explorer with a map of its own, which begins *now* to tell of it in frames of *octets* at most."""
     own, weights = parameters.sharing, DOUBTFUL if parameters.counted else CERTAIN
-    records, events = Records(), list[Event]()
+    counters, events = Counters(), list[Event]()
     cells, period = known.frame.nx * known.frame.ny, from_seconds(own.period_s)
     most = min(own.octets, octets)
-    sharing = Sharing(me, known.size, cells, period, most, own.again, records, now, not parameters.counted)
+    sharing = Sharing(me, known.size, cells, period, most, own.again, counters, now, not parameters.counted)
     belief = Belief(known.frame, weights, known.range_m)
-    leader = _leader(parameters, known, me, belief, sharing, records, events)
-    return _Led(parameters, known, me, belief, leader, sharing, records, events)
+    leader = _leader(parameters, known, me, belief, sharing, counters, events)
+    return _Led(parameters, known, me, belief, leader, sharing, counters, events)
 
 
 def _leader(
     parameters: Parameters,
-    known: Knowledge,
+    known: Setup,
     me: Address,
     belief: Belief,
     sharing: Sharing,
-    records: Records,
+    counters: Counters,
     events: list[Event],
 ) -> Leader:
     """Return what decides where a robot goes that has its own map."""
     terrain, radius_m = Terrain(belief, parameters.escape), known.radii_m[me]
     if parameters.algorithm == "schemas":
-        return Behaviour(parameters, terrain, records, events, radius_m, known.range_m, known.tick)
+        return Behaviour(parameters, terrain, counters, events, radius_m, known.range_m, known.tick)
     rivals = parameters.rivals
     targets = Targets(parameters.algorithm, rivals, terrain, known.radii_m, known.range_m, sharing.places_m)
     plan, patience = (max(1, round(from_seconds(span) / known.tick)) for span in (rivals.plan_s, rivals.patience_s))
-    return Rival(targets, records, events, me, plan, patience)
+    return Rival(targets, counters, events, me, plan, patience)

@@ -25,7 +25,7 @@ from cosim.units import S, Time, to_seconds
 from protocols.deployment.localization.parameters import PositioningParameters
 from protocols.deployment.localization.scan import Scan, Sensor
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.motion.frames import Located, Shift
 
 _TELL_S: Final = 1.0
@@ -155,19 +155,19 @@ class Localised:
 
 
 def positioning_of(
-    parameters: Parameters, knowledge: Knowledge, me: Address, stream: np.random.Generator, tell: Tell
+    parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, tell: Tell
 ) -> Positioning:
     """Return what tells robot *me* where it is; it draws from *stream*, if at all."""
     own, ring = parameters.positioning, parameters.sonar
-    body, frame = knowledge.crew.bodies[me], knowledge.frames[me]
-    sensor = Sensor(knowledge.beams)
+    body, frame = setup.crew.bodies[me], setup.frames[me]
+    sensor = Sensor(setup.beams)
     if body.sensor == "sonar":
-        sensor = Sensor(knowledge.beams, max(1, round(knowledge.beams / ring.beams)), ring.range_m, ring.noise_m)
+        sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
     if own.kind == "given":
         return Given(sensor, frame, stream)
-    known = knowledge.charts.known(knowledge.floors[me].parameters.cell_m, body.radius_m)
-    radii_m = tuple(each.radius_m for each in knowledge.crew.bodies)
-    return Localised(own, known, sensor, knowledge.scan_range_m, frame, radii_m, knowledge.tick, stream, tell)
+    known = setup.charts.known(setup.floors[me].parameters.cell_m, body.radius_m)
+    radii_m = tuple(each.radius_m for each in setup.crew.bodies)
+    return Localised(own, known, sensor, setup.scan_range_m, frame, radii_m, setup.tick, stream, tell)
 
 
 def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observation:

@@ -11,7 +11,7 @@ from typing import Final
 from cosim.machine import Address, Drive, Event
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.member.aside import Aloof, Asking
 from protocols.deployment.member.camera import Camera
@@ -20,7 +20,7 @@ from protocols.deployment.member.others import Others
 from protocols.deployment.messages.messages import Aside
 from protocols.deployment.messages.status import FAST_MPS
 from protocols.deployment.parameters import MemberParameters
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.events import SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
@@ -36,22 +36,22 @@ class Member:
     def __init__(
         self,
         parameters: MemberParameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         mover: ExploringMover,
-        records: Records,
+        counters: Counters,
         note: Callable[[Event], None],
     ) -> None:
         self.me = me
-        self.others = Others(me, knowledge.crew.bodies, knowledge.starts_m)
-        self.here: Place = knowledge.starts_m[me]
+        self.others = Others(me, setup.crew.bodies, setup.starts_m)
+        self.here: Place = setup.starts_m[me]
         self.heading_rad = 0.0
         self.speed_mps = 0.0
-        self.camera = Camera(parameters, knowledge.crew.bodies[me].camera)
+        self.camera = Camera(parameters, setup.crew.bodies[me].camera)
         self._parameters = parameters
-        self._knowledge = knowledge
+        self._setup = setup
         self._mover = mover
-        self._records = records
+        self._counters = counters
         self._note = note
         self._order: Order | None = None
         self._over = True
@@ -60,11 +60,11 @@ class Member:
         """Since when it waits for the robot that it is to set off behind."""
         self._rests = True
         """Whether it has not moved in the last tick."""
-        self._approach = Approach(knowledge.floor, knowledge.crew.bodies[me].radius_m)
+        self._approach = Approach(setup.floor, setup.crew.bodies[me].radius_m)
         self._aloof = Aloof(parameters, mover)
-        radii_m = [body.radius_m for body in knowledge.crew.bodies]
-        self._asking = Asking(parameters, knowledge.floors[me], me, radii_m[me], mover)
-        self._crowd = Crowd(knowledge.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
+        radii_m = [body.radius_m for body in setup.crew.bodies]
+        self._asking = Asking(parameters, setup.floors[me], me, radii_m[me], mover)
+        self._crowd = Crowd(setup.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
         self._reports: list[Report] = []
         self._requests: list[tuple[Address, Aside]] = []
 
@@ -112,7 +112,7 @@ class Member:
             return
         self._end_silently()
         self._order, self._over = order, False
-        self._records.obeyed += 1
+        self._counters.obeyed += 1
         goal = self._goal_m(order)
         self._note(TaskStarted(order.plan, order.serial, order.task, order.errand.act, *self.here, *goal))
         self._begin(order, now)
@@ -129,8 +129,8 @@ class Member:
         """Go on; return what to drive now if that is anything new."""
         gone_m = math.dist(self.here, (observation.x_m, observation.y_m))
         self._rests = gone_m < STILL_M
-        self._records.way_m += gone_m
-        self._records.blocked += observation.blocked
+        self._counters.way_m += gone_m
+        self._counters.blocked += observation.blocked
         self.here = observation.x_m, observation.y_m
         self.heading_rad, self.speed_mps = observation.heading_rad, observation.speed_mps
         met = self.others.look(observation, now)
@@ -200,7 +200,7 @@ class Member:
         if self._waits_since is None or go.behind is None:
             return
         ahead = go.behind
-        floor, radius_m = self._knowledge.floor, self._knowledge.crew.radius_m(self.me)
+        floor, radius_m = self._setup.floor, self._setup.crew.radius_m(self.me)
         mine_m = floor.length_m(radius_m, self.here, go.place_m)
         its_m = floor.length_m(radius_m, self.others.place_m(ahead), go.place_m)
         waited = now - self._waits_since
@@ -217,7 +217,7 @@ class Member:
         turn = self.camera.turn(self._order.errand.heading_rad, observation)
         if turn is None:
             self._note(self.camera.taken(self._order.task, observation))
-            self._records.pictures += 1
+            self._counters.pictures += 1
             self._end(Result.DONE, "", now)
         elif not self.camera.stuck(now):
             return turn
@@ -230,10 +230,10 @@ class Member:
         order = self._order
         if not self._over and order is not None and isinstance(order.errand, Go):
             waits = self._waits_since is not None
-            self._knowledge.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+            self._setup.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
 
     def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
-        self._records.asides += 1
+        self._counters.asides += 1
         self._note(SteppedAside(passing, *self.here))
         self._aloof.withdraw(passing, post_m, way, now, ordered)
 
@@ -267,8 +267,8 @@ class Member:
         assert order is not None
         self._over = True
         self._waits_since = None
-        self._records.failed += result is Result.FAILED
-        self._knowledge.board.ends(self.me)
+        self._counters.failed += result is Result.FAILED
+        self._setup.board.ends(self.me)
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
         self._reports.append(
             Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
@@ -279,4 +279,4 @@ class Member:
         self._waits_since = None
         self._aloof.forget()
         if not self._over:
-            self._knowledge.board.ends(self.me)
+            self._setup.board.ends(self.me)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from cosim.errors import UserError
 from cosim.machine import Event
 from cosim.units import Time, from_seconds
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.operator.planning import Planning
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.tasks import events
@@ -27,7 +27,7 @@ class Calls:
         planning: Planning,
         host: Host,
         note: Callable[[Event], None],
-        records: Records,
+        counters: Counters,
         start: Time,
     ) -> None:
         self._calls = [(from_seconds(each.at_s), each.call) for each in parameters.calls]
@@ -37,7 +37,7 @@ class Calls:
         self._planning = planning
         self._host = host
         self._note = note
-        self._records = records
+        self._counters = counters
         self._ready = start + from_seconds(parameters.listen_s)
         self._dealt = 0
         self._switched = 0
@@ -89,5 +89,5 @@ class Calls:
             self._refused(call.play, "; ".join(plan.conflicts), "; ".join(plan.mend))
 
     def _refused(self, play: str, why: str, mend: str) -> None:
-        self._records.refused += 1
+        self._counters.refused += 1
         self._note(events.PlanRefused(play, why, mend))

@@ -36,7 +36,7 @@ from protocols.deployment.operator.messages import (
 )
 from protocols.deployment.operator.planning import Planning
 from protocols.deployment.planning.binding import MissingParametersError
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks import events
 from protocols.deployment.tasks.facts import Switched, Terminated
 from protocols.deployment.tasks.orders import Result
@@ -58,7 +58,7 @@ class Console:
     def __init__(
         self,
         planning: Planning,
-        knowledge: Knowledge,
+        setup: Setup,
         host: Host,
         member: Member,
         heard: Callable[[Address], Time],
@@ -68,7 +68,7 @@ class Console:
         self.attended = False
         """Whether an operator has ever said anything."""
         self._planning = planning
-        self._knowledge = knowledge
+        self._setup = setup
         self._host = host
         self._member = member
         self._heard, self._silent = heard, silent
@@ -111,7 +111,7 @@ class Console:
     def _answer(self, asked: Asked, now: Time) -> dict[str, Any] | None:
         match asked:
             case Plays():
-                return {"say": "plays", "tree": self._knowledge.playbook.tree()}
+                return {"say": "plays", "tree": self._setup.playbook.tree()}
             case Map():
                 return self._map()
             case Route(robot=robot, to=to):
@@ -179,7 +179,7 @@ class Console:
     # ------------------------------------------------------------ what is known
 
     def _map(self) -> dict[str, Any]:
-        known = self._knowledge
+        known = self._setup
         bodies = [
             {"robot": robot, "radius_m": body.radius_m, "speed_mps": body.speed_mps, "camera": body.camera}
             | {"sensor": body.sensor}
@@ -195,13 +195,13 @@ class Console:
         }
 
     def _route(self, robot: Address, to: tuple[float, float]) -> dict[str, Any]:
-        if robot >= self._knowledge.size:
+        if robot >= self._setup.size:
             return _stranger(robot)
-        radius_m = self._knowledge.crew.bodies[robot].radius_m
-        way = self._knowledge.floor.way(radius_m, self._place_m(robot), to)
+        radius_m = self._setup.crew.bodies[robot].radius_m
+        way = self._setup.floor.way(radius_m, self._place_m(robot), to)
         if way is None:
             return {"say": "route", "robot": robot, "way": None, "length_m": None}
-        length_m = self._knowledge.floor.length_m(radius_m, self._place_m(robot), to)
+        length_m = self._setup.floor.length_m(radius_m, self._place_m(robot), to)
         return {"say": "route", "robot": robot, "way": [list(place) for place in way], "length_m": length_m}
 
     def _place_m(self, robot: Address) -> tuple[float, float]:
@@ -219,9 +219,9 @@ class Console:
     # ------------------------------------------------------------ pictures
 
     def _show(self, robot: Address, request: int, now: Time) -> dict[str, Any] | None:
-        if robot >= self._knowledge.size:
+        if robot >= self._setup.size:
             return _stranger(robot)
-        if not self._knowledge.crew.bodies[robot].camera:
+        if not self._setup.crew.bodies[robot].camera:
             return {"say": "error", "why": f"robot {robot} has no camera"}
         self._looks += 1
         self._pictures[self._looks] = request, robot, now

@@ -9,7 +9,7 @@ from protocols.deployment.driving.learned import explained
 from protocols.deployment.member.member import Member
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.planner import Call, Planner, Refusal
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.crew import Body
 from protocols.deployment.tasks.plan import Place, Plan
 
@@ -20,22 +20,22 @@ class Planning:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         member: Member,
         exploring: Exploring,
         silent: Callable[[Address, Time], bool],
         heard: Callable[[Address], Time],
     ) -> None:
         """Take what the host knows: *silent*, whether another is taken for lost; *heard*, when it was heard last."""
-        homes_m = dict(enumerate(knowledge.starts_m))
-        places = knowledge.named_m, homes_m
-        asked = knowledge.playbook, knowledge.crew, knowledge.floor, parameters.planner
+        homes_m = dict(enumerate(setup.starts_m))
+        places = setup.named_m, homes_m
+        asked = setup.playbook, setup.crew, setup.floor, parameters.planner
         self._planner = Planner(*asked, *places, executing=parameters.executing, exploring=self._explored_s)
         least_share = parameters.planner.timing.least_share
-        ground, named_m = knowledge.ground, knowledge.named_m
-        self._outlook = Outlook(parameters.exploring, ground, knowledge.floor, named_m, least_share)
+        ground, named_m = setup.ground, setup.named_m
+        self._outlook = Outlook(parameters.exploring, ground, setup.floor, named_m, least_share)
         self._exploring = exploring
-        self._knowledge = knowledge
+        self._setup = setup
         self._member = member
         self._silent = silent
         self._heard = heard
@@ -44,7 +44,7 @@ class Planning:
         """Return where the robots are that live, as far as is known."""
         own = self._member
         starts = {own.me: own.here}
-        for robot in range(self._knowledge.size):
+        for robot in range(self._setup.size):
             if robot != own.me and not self._silent(robot, now):
                 starts[robot] = own.others.place_m(robot)
         return dict(sorted(starts.items()))
@@ -52,10 +52,10 @@ class Planning:
     def plan(self, call: Call, number: int, now: Time) -> Plan | Refusal:
         """Return a plan of that number for *call*, or why there is none; raise UserError for a call that is wrong."""
         starts_m = self.starts_m(now)
-        lost = [robot for robot in range(self._knowledge.size) if robot not in starts_m]
+        lost = [robot for robot in range(self._setup.size) if robot not in starts_m]
         unheard_s = {robot: to_seconds(now - self._heard(robot)) for robot in lost}
-        found = explained(self._planner.call(call, starts_m, number, unheard_s), self._knowledge.floor)
-        return explorable(found, self._knowledge.ground, self._knowledge.crew)
+        found = explained(self._planner.call(call, starts_m, number, unheard_s), self._setup.floor)
+        return explorable(found, self._setup.ground, self._setup.crew)
 
     def expected_s(self, plan: Plan, now: Time) -> float:
         """Return when *plan* would be expected to have ended, s after it began; infinite if nothing can be said."""

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from cosim.machine import Address, Event
 from cosim.units import Time
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.messages.messages import Facts, Letter, Ordered
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks import events
@@ -39,7 +39,7 @@ class Dispatch:
         mail: Mail,
         gossip: Gossip,
         note: Callable[[Event], None],
-        records: Records,
+        counters: Counters,
         start: Time,
     ) -> None:
         self.mine: list[Order] = []
@@ -57,7 +57,7 @@ class Dispatch:
         self._central = central
         self._mail = mail
         self._note = note
-        self._records = records
+        self._counters = counters
 
     def hear(self, source: Address, news: News, leads: bool, now: Time) -> None:
         """Take what another's *news* say of what hosts have said; *leads*: this robot is host."""
@@ -88,13 +88,13 @@ class Dispatch:
             return
         breaches = play.breaches(self._since)
         for why in breaches:
-            self._records.breaches += 1
+            self._counters.breaches += 1
             self._note(events.Breached(play.number, why))
         self.breaches += breaches
         result = play.end
         if result is not None and self.announced < play.number:
             self.announced = play.number
-            self._records.ended.append((play.number, result, now))
+            self._counters.ended.append((play.number, result, now))
             self._note(events.PlanEnded(play.number, result))
             self.ends.append((play.number, result))
 
@@ -107,7 +107,7 @@ class Dispatch:
             self._mail.post(host, Facts(plan=play.number, facts=(done,)), now)
 
     def _pass_on(self, order: Order, term: int, now: Time) -> None:
-        self._records.ordered += 1
+        self._counters.ordered += 1
         self._note(events.Ordered(order.robot, order.plan, order.serial, order.task, order.errand.act))
         if order.robot == self._me:
             self.mine.append(order)

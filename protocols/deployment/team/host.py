@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 
 from cosim.machine import Address, Event
 from cosim.units import Time, from_seconds
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.member.others import Others
 from protocols.deployment.messages.messages import Facts, Letter, Ordered, Told
 from protocols.deployment.messages.status import News
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks import events, facts
 from protocols.deployment.tasks.facts import Fact, Record
 from protocols.deployment.tasks.orders import Report, Whereabouts
@@ -35,30 +35,30 @@ class Host:
     def __init__(
         self,
         parameters: Parameters,
-        knowledge: Knowledge,
+        setup: Setup,
         me: Address,
         others: Others,
         mail: Mail,
         note: Callable[[Event], None],
-        records: Records,
+        counters: Counters,
         start: Time,
     ) -> None:
         self.me = me
         self.play: Play | None = None
         self._parameters = parameters
-        self._knowledge = knowledge
+        self._setup = setup
         self._others = others
         self.mail = mail
         self._note = note
-        self._records = records
+        self._counters = counters
         silence, alone = from_seconds(parameters.silence_s), from_seconds(parameters.alone_s)
-        self.succession = Succession(me, knowledge.size, parameters.host, silence, alone, start)
-        self._roll = Roll(me, knowledge.size, silence, self.succession, others, note, records)
-        self._here_m = knowledge.starts_m[me]
-        self._team = [robot for robot in range(knowledge.size) if robot != me]
+        self.succession = Succession(me, setup.size, parameters.host, silence, alone, start)
+        self._roll = Roll(me, setup.size, silence, self.succession, others, note, counters)
+        self._here_m = setup.starts_m[me]
+        self._team = [robot for robot in range(setup.size) if robot != me]
         gossip = Gossip(from_seconds(parameters.again_s))
         self._central = parameters.executive == "central"
-        self.dispatch = Dispatch(me, self._central, mail, gossip, note, records, start)
+        self.dispatch = Dispatch(me, self._central, mail, gossip, note, counters, start)
         self.rumours = Rumours(from_seconds(2.0 * parameters.news_s))
         self._meeting = Meeting(2 * from_seconds(parameters.news_s))
         self._early: list[Report] = []
@@ -126,7 +126,7 @@ class Host:
         """
         record = Record(plan=plan, start=now, starts_m=dict(starts_m), facts=facts)
         told = Told(host=self.me, record=record, calls=calls)
-        self._records.plans += 1
+        self._counters.plans += 1
         self._take(told, now)
         self._post_all(told, now)
 
@@ -233,7 +233,7 @@ class Host:
         self.changes += 1
         self._note(events.HostChanged(succession.host, succession.why))
         if succession.leads:
-            self._records.successions += 1
+            self._counters.successions += 1
             if self.play is not None:
                 self._run(self.play, now)
         elif self.play is not None and self._central:
@@ -253,14 +253,14 @@ class Host:
             self._take(told, now)
 
     def _take(self, told: Told, now: Time) -> None:
-        self.play = play = Play(told, self._parameters, self._knowledge)
+        self.play = play = Play(told, self._parameters, self._setup)
         plan = play.ledger.plan
         self._meeting.off()
         self.rumours.over = False
         self._note(events.PlanTaken(plan.number, plan.play, len(plan.robots)))
         self.dispatch.gossip.clear()
         if self.leads:
-            self._knowledge.board.begins(plan, now)
+            self._setup.board.begins(plan, now)
         if self.leads or not self._central:
             self._run(play, now)
         early, self._early = self._early, []

@@ -7,7 +7,7 @@ from cosim.units import Time
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.messages.messages import Told
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import Knowledge
+from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.facts import Fact
 from protocols.deployment.tasks.orders import Order, Report, Whereabouts
 from protocols.deployment.team.ledger import Ledger
@@ -17,12 +17,12 @@ from protocols.deployment.team.reunion import Past
 class Play:
     """One robot's copy of it."""
 
-    def __init__(self, told: Told, parameters: Parameters, knowledge: Knowledge) -> None:
+    def __init__(self, told: Told, parameters: Parameters, setup: Setup) -> None:
         self.ledger = Ledger(told)
         self.executive: Executive | None = None
         """Runs the play; None with one who only keeps the ledger."""
         self._parameters = parameters
-        self._knowledge = knowledge
+        self._setup = setup
         self._latest: dict[Address, Order] = {}
         """The last order to each robot."""
 
@@ -50,7 +50,7 @@ class Play:
 
     def run(self, whereabouts: Iterable[Whereabouts], now: Time) -> None:
         """Run it from now on, by all that is known of it."""
-        known, parameters, record = self._knowledge, self._parameters.executing, self.ledger.record()
+        known, parameters, record = self._setup, self._parameters.executing, self.ledger.record()
         self._latest.clear()
         if record.facts or now != record.start:
             self.executive = Executive.restored(record, known.crew, known.floor, parameters, now)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator
 
 from cosim.machine import Address, Event
 from cosim.units import Time
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.member.others import Others
 from protocols.deployment.tasks import events
 from protocols.deployment.tasks.facts import Heard
@@ -22,7 +22,7 @@ class Roll:
         succession: Succession,
         others: Others,
         note: Callable[[Event], None],
-        records: Records,
+        counters: Counters,
     ) -> None:
         """Take who was heard less than *silence* ago for there."""
         self._me = me
@@ -31,7 +31,7 @@ class Roll:
         self._succession = succession
         self._others = others
         self._note = note
-        self._records = records
+        self._counters = counters
 
     def call(self, lost: Collection[Address], heard: WhenHeard, now: Time, over: bool) -> Iterator[Heard]:
         """Yield who is newly lost, and who of the *lost* is there again; once a play is *over* nobody is lost to it."""
@@ -42,7 +42,7 @@ class Roll:
                 self._note(events.RobotFound(robot))
                 yield Heard(robot=robot, again=True, at=now)
             elif robot not in lost and not over and self._succession.missed(robot, at, alone, now):
-                self._records.lost += 1
+                self._counters.lost += 1
                 self._note(events.RobotLost(robot, *self._others.place_m(robot)))
                 yield self._missing(robot, now)
 

@@ -78,6 +78,6 @@ def separation(view: View, cell: Cell) -> int:
 
 
 def _nearest(view: View, cell: Cell, others: list[Cell]) -> int:
-    nx = view.knowledge.grid.nx
+    nx = view.setup.grid.nx
     row, column = divmod(cell, nx)
     return min((abs(other // nx - row) + abs(other % nx - column) for other in others), default=1 << 30)

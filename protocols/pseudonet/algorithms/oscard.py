@@ -113,13 +113,13 @@ class Oscard:
         if view.is_covered(self._target):
             self._target = None
             return None
-        away = view.knowledge.distances(self._target, view.obstacles)
+        away = view.setup.distances(self._target, view.obstacles)
         here = int(away[view.cells[view.me]])
         nearer = [action for action in open_steps if int(away[view.target(view.me, action)]) == here - 1]
         return nearer[0] if nearer else self._draw(open_steps)
 
     def _boundary_rule(self, view: View, verdicts: Verdicts, open_steps: list[Action]) -> Action:
-        grid = view.knowledge.grid
+        grid = view.setup.grid
         row, column = divmod(view.cells[view.me], grid.nx)
         wanted = []
         if Verdict.WALL in (verdicts[Action.NORTH], verdicts[Action.SOUTH]):

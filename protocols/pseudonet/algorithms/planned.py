@@ -55,19 +55,19 @@ class Planned:
         self._tours = {}
         left = view.remaining()
         for group in _groups(view):
-            away = view.knowledge.distances(view.cells[group[0]], view.obstacles)
+            away = view.setup.distances(view.cells[group[0]], view.obstacles)
             cells = tuple(sorted(cell for cell in left if away[cell] >= 0))
             starts = tuple(view.cells[robot] for robot in group)
             plan = partial(self._plan, view, cells, starts)
-            tours = view.knowledge.once((self._planner, cells, starts, view.obstacles), plan)
+            tours = view.setup.once((self._planner, cells, starts, view.obstacles), plan)
             self._tours |= dict(zip(group, tours, strict=True))
         self._next = dict.fromkeys(self._tours, 0)
         self._stopped = False
 
     def _plan(self, view: View, cells: tuple[Cell, ...], starts: tuple[Cell, ...]) -> tuple[Tour, ...]:
-        grid = view.knowledge.around(view.obstacles)
+        grid = view.setup.around(view.obstacles)
         parts = self._planner(grid, cells, len(starts))
-        return assign(parts, starts, lambda cell: view.knowledge.distances(cell, view.obstacles))
+        return assign(parts, starts, lambda cell: view.setup.distances(cell, view.obstacles))
 
     def evaluate(self, view: View) -> Evaluation:
         """Take my part of the team's next step; stay if somebody has the better claim after all."""
@@ -103,16 +103,16 @@ class Planned:
 
 def _distance(view: View, robot: Address, goal: Cell) -> int:
     cell = view.cells[robot]
-    if goal in view.knowledge.steps[cell]:
+    if goal in view.setup.steps[cell]:
         return 1
-    return int(view.knowledge.distances(goal, view.obstacles)[cell])
+    return int(view.setup.distances(goal, view.obstacles)[cell])
 
 
 def _groups(view: View) -> list[list[Address]]:
     """Return the members by connected part of the floor."""
     groups: list[list[Address]] = []
     for robot in view.members:
-        away = view.knowledge.distances(view.cells[robot], view.obstacles)
+        away = view.setup.distances(view.cells[robot], view.obstacles)
         for group in groups:
             if away[view.cells[group[0]]] >= 0:
                 group.append(robot)
@@ -156,10 +156,10 @@ class _JointStep:
     def _onward(self, errand: Errand) -> list[tuple[Action, Cell]]:
         """Return the steps that bring a robot nearer to its goal."""
         here = self._view.cells[errand.robot]
-        steps = self._view.knowledge.steps[here]
+        steps = self._view.setup.steps[here]
         if errand.distance == 1:
             return [(action, errand.goal) for action in STEPS if steps[action] == errand.goal]
-        away = self._view.knowledge.distances(errand.goal, self._view.obstacles)
+        away = self._view.setup.distances(errand.goal, self._view.obstacles)
         nearer = errand.distance - 1
         return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == nearer]
 
@@ -173,7 +173,7 @@ class _JointStep:
         if robot is None or robot in self._decided:
             return False
         seen.add(cell)
-        steps = self._view.knowledge.steps[cell]
+        steps = self._view.setup.steps[cell]
         for action in STEPS:
             if steps[action] >= 0 and steps[action] not in self._taken:
                 self._decided.add(robot)

@@ -22,7 +22,7 @@ from cosim.units import MS, S, Time, to_seconds
 from protocols.aggregation.frames import decode, encode
 from protocols.aggregation.messages import Message
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 from protocols.aggregation.spec import SPEC
 
 Point = tuple[float, float]
@@ -101,7 +101,7 @@ class Run:
         simulation._sense = watched  # type: ignore[method-assign]
         self.outcome: Outcome = simulation.run()
         self.machines: list[Any] = [*simulation.machines]
-        self.knowledge: Knowledge = self.machines[0].knowledge
+        self.setup: Setup = self.machines[0].setup
         self.duration_s = what.duration_s
         columns = self.outcome.trace.columns("events")
         self.rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
@@ -133,8 +133,8 @@ class Run:
 
     def teams(self, dead: Sequence[int] = ()) -> dict[int, list[int]]:
         """Return in which hosts' lists each searcher is at the end, but for the *dead*."""
-        hosts = [host for host in self.machines[: self.knowledge.hosts] if host.me not in dead]
-        searchers = (robot for robot in range(self.knowledge.hosts, self.knowledge.size) if robot not in dead)
+        hosts = [host for host in self.machines[: self.setup.hosts] if host.me not in dead]
+        searchers = (robot for robot in range(self.setup.hosts, self.setup.size) if robot not in dead)
         return {each: [host.me for host in hosts if each in host.team.roll.members] for each in searchers}
 
 
@@ -148,7 +148,7 @@ def run(strategy: str = "mi", seed: int = 1, **options: Any) -> Run:
 
 def prepared(
     starts_m: Sequence[Point], strategy: str = "mi", hosts: int = 2, speeds_mps: Sequence[float] = (), **changes: Any
-) -> tuple[Parameters, Knowledge]:
+) -> tuple[Parameters, Setup]:
     """Return parameters and knowledge of a team that starts at *starts_m* on the floor."""
     parameters = Parameters.model_validate({"strategy": strategy, "hosts": hosts, **SMALL, **changes})
     surroundings = Surroundings(
@@ -195,10 +195,10 @@ class Alone:
         self, me: int, starts_m: Sequence[Point], start: Time = 0, made: Machine | None = None, **changes: Any
     ) -> None:
         """Make robot *me* at *start* and have it observe its start; *changes* as for ``prepared``."""
-        self.parameters, self.knowledge = prepared(starts_m, **changes)
+        self.parameters, self.setup = prepared(starts_m, **changes)
         self.me, self.now = me, start
         stream = Streams(1)("machine", me)
-        self.machine: Any = made or SPEC.make(self.parameters, self.knowledge, me, stream, start)
+        self.machine: Any = made or SPEC.make(self.parameters, self.setup, me, stream, start)
         self.here: Point = starts_m[me]
         self.noted: list[Any] = []
         self.orders: list[Point] = []
@@ -240,7 +240,7 @@ class Alone:
 
     def _next(self) -> Point:
         goal = self.goal_m() or self.here
-        return _toward(self.here, goal, self.knowledge.speeds_mps[self.me] * 0.1)
+        return _toward(self.here, goal, self.setup.speeds_mps[self.me] * 0.1)
 
     def _left(self) -> list[Said]:
         self.noted += self.machine.events()
@@ -282,7 +282,7 @@ class Team:
     """
 
     def __init__(self, starts_m: Sequence[Point], **changes: Any) -> None:
-        self.parameters, self.knowledge = prepared(starts_m, **changes)
+        self.parameters, self.setup = prepared(starts_m, **changes)
         self.places_m: list[Point] = list(starts_m)
         self.machines: list[Any] = [self._made(robot, 0) for robot in range(len(starts_m))]
         self.now: Time = 0
@@ -344,7 +344,7 @@ class Team:
 
     def _made(self, robot: int, start: Time) -> Machine:
         stream = Streams(1)("machine", robot, start)
-        return SPEC.make(self.parameters, self.knowledge, robot, stream, start)
+        return SPEC.make(self.parameters, self.setup, robot, stream, start)
 
     def _up(self) -> list[int]:
         return [robot for robot in range(len(self.machines)) if robot not in self.down]
@@ -353,7 +353,7 @@ class Team:
         for robot in self._up():
             goal = self._goals[robot]
             if goal is not None and robot not in self.held:
-                step_m = self.knowledge.speeds_mps[robot] * to_seconds(TICK)
+                step_m = self.setup.speeds_mps[robot] * to_seconds(TICK)
                 self.places_m[robot] = _toward(self.places_m[robot], goal, step_m)
         for robot in self._up():
             view = Sight(self.parameters.camera_m)
@@ -370,7 +370,7 @@ class Team:
             self._goals[robot] = _order(command, self.places_m[robot])
 
     def _send(self, source: int, item: Outgoing) -> None:
-        everybody = range(self.knowledge.hosts) if item.radio else range(self.knowledge.size)
+        everybody = range(self.setup.hosts) if item.radio else range(self.setup.size)
         reach_m = self.parameters.long_m if item.radio else self.parameters.short_m
         for receiver in everybody if item.destination == BROADCAST else (item.destination,):
             apart_m = math.dist(self.places_m[source], self.places_m[receiver])

@@ -20,7 +20,7 @@ def visited(team: Team, first: int = 2) -> set[int]:
 
 
 def all_posts(team: Team) -> set[int]:
-    return set(range(len(team.knowledge.ground.posts_m)))
+    return set(range(len(team.setup.ground.posts_m)))
 
 
 def all_finished(team: Team) -> bool:

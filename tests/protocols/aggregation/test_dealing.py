@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from protocols.aggregation.leading import Work
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roll import Member, Roll
-from protocols.aggregation.setup import Knowledge
+from protocols.aggregation.setup import Setup
 from protocols.aggregation.strategies import Strategy
 from tests.protocols.aggregation.team_scene import prepared
 
@@ -19,15 +19,15 @@ SIZE = 12
 
 
 @cache
-def floor(hosts: int, camera_m: float = 4.0) -> tuple[Parameters, Knowledge]:
+def floor(hosts: int, camera_m: float = 4.0) -> tuple[Parameters, Setup]:
     starts = [(8.0 + 0.5 * (robot % 4), 8.5 + 0.5 * (robot // 4)) for robot in range(SIZE)]
     return prepared(starts, hosts=hosts, camera_m=camera_m)
 
 
 def work(hosts: int, host: int, at_random: bool = False) -> Work:
-    parameters, knowledge = floor(hosts)
-    rallies = [Strategy(parameters, knowledge, each).rally_m for each in range(hosts)]
-    return Work(knowledge, host, rallies, at_random)
+    parameters, setup = floor(hosts)
+    rallies = [Strategy(parameters, setup, each).rally_m for each in range(hosts)]
+    return Work(setup, host, rallies, at_random)
 
 
 def all_posts(hosts: int) -> set[int]:

@@ -28,12 +28,12 @@ def visited(team: Team) -> set[int]:
 
 
 def all_visited(team: Team) -> bool:
-    return visited(team) == set(range(len(team.knowledge.ground.posts_m)))
+    return visited(team) == set(range(len(team.setup.ground.posts_m)))
 
 
 def assignments(team: Team, host: int) -> Iterator[tuple[Flight, set[int]]]:
     """Yield what a host has told its members, with what others than that member had reported to it before."""
-    done: dict[int, set[int]] = {robot: set() for robot in range(team.knowledge.size)}
+    done: dict[int, set[int]] = {robot: set() for robot in range(team.setup.size)}
     for flight in team.flights:
         message = flight.message
         if isinstance(message, Report) and flight.receiver == host:
@@ -68,7 +68,7 @@ def test_the_searchers_of_a_dead_host_join_the_other_and_do_its_work(strategy: s
     assert team.members(1) == {2, 3, 5}
     assert {event.host for event in team.noted(Joined, 2)} == {1}
     given = {post for flight in team.said(Assign, 1) for post in flight.message.posts}  # type: ignore[union-attr]
-    left = team.knowledge.regions[0] - team.machines[4].findings.visited - team.machines[2].findings.visited
+    left = team.setup.regions[0] - team.machines[4].findings.visited - team.machines[2].findings.visited
     assert left <= given
 
 
@@ -94,7 +94,7 @@ def test_as_long_as_nobody_fails_no_post_is_visited_twice(strategy: str, camera_
     team = Team(STARTS_M, strategy=strategy, targets=(HIDDEN_M,), camera_m=camera_m)
     team.run(200.0, lambda: all_visited(team))
     counts = sum(len(team.machines[robot].findings.visited) for robot in range(2, 6))
-    assert counts == len(team.knowledge.ground.posts_m)
+    assert counts == len(team.setup.ground.posts_m)
 
 
 def test_the_first_of_two_orphans_leaves_work_for_the_second() -> None:
@@ -107,8 +107,8 @@ def test_the_first_of_two_orphans_leaves_work_for_the_second() -> None:
     (first, second) = (team.said(Assign, 1, searcher)[0].message for searcher in (2, 4))
     assert isinstance(first, Assign)
     assert isinstance(second, Assign)
-    assert set(first.posts) | set(second.posts) == team.knowledge.regions[0]
-    assert abs(len(first.posts) - len(second.posts)) <= len(team.knowledge.regions[0]) // 2
+    assert set(first.posts) | set(second.posts) == team.setup.regions[0]
+    assert abs(len(first.posts) - len(second.posts)) <= len(team.setup.regions[0]) // 2
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -133,7 +133,7 @@ def test_a_searcher_goes_to_the_nearest_of_its_neighbour_hosts() -> None:
     here = team.places_m[3]
     ways = {}
     for host in (1, 2):
-        way_m = team.knowledge.ground.length_m(here, team.places_m[host])
+        way_m = team.setup.ground.length_m(here, team.places_m[host])
         assert way_m is not None
         ways[host] = way_m
     assert abs(ways[1] - ways[2]) > 0.5

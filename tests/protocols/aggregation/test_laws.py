@@ -43,10 +43,10 @@ HASTY: dict[str, Any] = {
 
 def maker(strategy: str, hosts: int = 2, later: Time = 0, **changes: Any) -> Callable[[Address, Time], Machine]:
     """Return what makes the machines of a team, *later* than it is asked to."""
-    parameters, knowledge = prepared(STARTS_M, strategy, hosts, **{**HASTY, **changes})
+    parameters, setup = prepared(STARTS_M, strategy, hosts, **{**HASTY, **changes})
 
     def make(me: Address, start: Time) -> Machine:
-        return spec.SPEC.make(parameters, knowledge, me, Streams(1)("machine", me), start + later)
+        return spec.SPEC.make(parameters, setup, me, Streams(1)("machine", me), start + later)
 
     return make
 
@@ -111,7 +111,7 @@ def test_hosts_and_searchers_take_no_notice_of_what_is_meant_for_the_other_kind(
 def test_posts_and_targets_that_are_none_are_left_out() -> None:
     """A frame may name more of them than there are: that of another search, perhaps."""
     host, searcher = Alone(0, STARTS_M), Alone(2, STARTS_M)
-    posts = len(host.knowledge.ground.posts_m)
+    posts = len(host.setup.ground.posts_m)
     host.hears(2, Report(1, 0, (Finding(200, 1.0, 1.0), Finding(1, 17.0, 3.0)), bitmap([0, posts, posts + 40], 200)))
     assert host.machine.findings.targets.keys() == {1}
     assert host.machine.findings.visited == {0}

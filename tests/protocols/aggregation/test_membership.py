@@ -217,7 +217,7 @@ def test_an_old_leave_does_not_strike_off_who_has_joined_since() -> None:
 
 def test_who_is_not_heard_for_long_is_struck_off_and_its_posts_are_given_to_others() -> None:
     host = leader(lost_s=20.0, hosts=1)
-    region = host.knowledge.regions[0]
+    region = host.setup.regions[0]
     (first,) = messages(hello(host, 2, 0), Assign)
     for _ in range(25):
         host.passes(1.0)

@@ -24,9 +24,9 @@ def measured(team: Team) -> dict[str, float]:
 
 def walked(machine: Any, steps_m: list[float]) -> None:
     """Have a robot drive so far in each tick, from the start on."""
-    machine.records.ways_m.clear()
+    machine.counters.ways_m.clear()
     for tick, step_m in enumerate(steps_m):
-        machine.records.moved(step_m, tick * TICK)
+        machine.counters.moved(step_m, tick * TICK)
 
 
 # ---------------------------------------------------------------- by hand
@@ -39,12 +39,12 @@ def hand_made() -> Team:
     """
     team = Team(STARTS_M, targets=TARGETS_M, motion_j_per_m=20.0)
     for robot, machine in enumerate(team.machines):
-        machine.records.failures.clear()
+        machine.counters.failures.clear()
         walked(machine, [0.0] + [0.01 * (robot + 1)] * 100)
-    team.machines[0].records.known_at = 4 * S
-    team.machines[1].records.known_at = 6 * S + 50 * MS
-    team.machines[2].records.stopped_at = 5 * S
-    team.machines[3].records.stopped_at = 8 * S
+    team.machines[0].counters.known_at = 4 * S
+    team.machines[1].counters.known_at = 6 * S + 50 * MS
+    team.machines[2].counters.stopped_at = 5 * S
+    team.machines[3].counters.stopped_at = 8 * S
     return team
 
 
@@ -60,14 +60,14 @@ def test_the_way_after_the_end_is_that_since_the_first_tick_after_it() -> None:
     """From 6.1 s to 10 s are 39 ticks, of 1 + 2 + 3 + 4 cm together."""
     assert measured(hand_made())["distance_after_m"] == pytest.approx(39 * 0.10)
     team = hand_made()
-    team.machines[1].records.known_at = 6 * S
+    team.machines[1].counters.known_at = 6 * S
     assert measured(team)["distance_after_m"] == pytest.approx(40 * 0.10)
 
 
 def test_energy_is_that_of_the_way_and_of_the_radios() -> None:
     team = hand_made()
     for machine in team.machines:
-        machine.records.radio_j = 0.25
+        machine.counters.radio_j = 0.25
     metrics = measured(team)
     assert metrics["motion_j"] == pytest.approx(20.0 * 100 * 0.10)
     assert metrics["radio_j"] == pytest.approx(1.0)
@@ -76,7 +76,7 @@ def test_energy_is_that_of_the_way_and_of_the_radios() -> None:
 
 def test_a_search_that_is_not_over_counts_as_long_as_the_run_was() -> None:
     team = hand_made()
-    team.machines[1].records.known_at = team.machines[3].records.stopped_at = None
+    team.machines[1].counters.known_at = team.machines[3].counters.stopped_at = None
     metrics = measured(team)
     assert metrics["completed"] == 0.0
     assert metrics["search_time_min"] == metrics["stop_time_min"] == pytest.approx(10.0 / 60.0)
@@ -89,7 +89,7 @@ def test_the_dead_are_not_waited_for_but_their_way_counts() -> None:
     team = hand_made()
     for robot in (1, 3):
         walked(team.machines[robot], [0.0] + [0.01 * (robot + 1)] * 30)
-        team.machines[robot].records.known_at = team.machines[robot].records.stopped_at = None
+        team.machines[robot].counters.known_at = team.machines[robot].counters.stopped_at = None
     metrics = measured(team)
     assert metrics["completed"] == 1.0
     assert metrics["search_time_min"] == pytest.approx(4.0 / 60.0)
@@ -108,28 +108,28 @@ def test_who_dies_after_the_end_has_driven_until_then() -> None:
 def test_suspicions_of_the_dead_are_timed_and_those_of_the_living_counted() -> None:
     team = Team([*STARTS_M, (10.5, 10.4)], hosts=3, targets=TARGETS_M)
     for machine in team.machines:
-        machine.records.failures.clear()
+        machine.counters.failures.clear()
         walked(machine, [0.0] * 101)
     walked(team.machines[2], [0.0] * 31)  # dies at 3 s
-    team.machines[0].records.failures += [(1, 2 * S), (2, 1 * S), (2, 5 * S + 500 * MS)]
-    team.machines[1].records.failures += [(2, 7 * S)]
-    team.machines[3].records.failures += [(0, 3 * S), (2, 2 * S), (2, 6 * S)]  # a searcher
+    team.machines[0].counters.failures += [(1, 2 * S), (2, 1 * S), (2, 5 * S + 500 * MS)]
+    team.machines[1].counters.failures += [(2, 7 * S)]
+    team.machines[3].counters.failures += [(0, 3 * S), (2, 2 * S), (2, 6 * S)]  # a searcher
     metrics = measured(team)
     assert metrics["detection_time_s"] == pytest.approx((2.5 + 4.0) / 2.0)
     assert metrics["false_suspicions"] == 2.0
     assert metrics["false_failures"] == 2.0
-    team.machines[0].records.failures.clear()
-    team.machines[1].records.failures.clear()
+    team.machines[0].counters.failures.clear()
+    team.machines[1].counters.failures.clear()
     assert math.isnan(measured(team)["detection_time_s"])
 
 
 def test_posts_and_targets_are_those_that_living_hosts_know() -> None:
     team = hand_made()
-    posts = len(team.knowledge.ground.posts_m)
+    posts = len(team.setup.ground.posts_m)
     team.machines[0].findings.visit({0, 1, 2})
     team.machines[1].findings.visit({2, 3})
     team.machines[2].findings.visit({4})
-    team.machines[0].records.reported, team.machines[1].records.reported = 3, 2
+    team.machines[0].counters.reported, team.machines[1].counters.reported = 3, 2
     metrics = measured(team)
     assert metrics["share_visited"] == pytest.approx(4 / posts)
     assert metrics["targets_reported"] == 5.0
@@ -140,25 +140,25 @@ def test_posts_and_targets_are_those_that_living_hosts_know() -> None:
 def test_the_radios_energy_is_that_of_feeney_and_nilsson() -> None:
     """INFOCOM 2001, table 1: J a frame and a byte to send to one, to all, to receive as the one, as one of all."""
     host = Alone(0, STARTS_M)
-    records = host.machine.records
-    assert records.radio_j == 0.0
+    counters = host.machine.counters
+    assert counters.radio_j == 0.0
     beat = Heartbeat(1, stamp(0), 10.5, 9.0, 0, 1, 0, 0, False, False, False, ())
     host.hears(1, beat, broadcast=True)
-    assert records.radio_j == pytest.approx(56e-6 + 0.5e-6 * len(encode(1, beat)))
-    before = records.radio_j
+    assert counters.radio_j == pytest.approx(56e-6 + 0.5e-6 * len(encode(1, beat)))
+    before = counters.radio_j
     report = Report(7, 0, (Finding(0, 3.0, 3.0),), b"\x01")
     (said,) = host.hears(2, report)
     assert said.message == Receipt(7)
     received = 356e-6 + 0.5e-6 * len(encode(2, report))
     sent = 454e-6 + 1.9e-6 * len(encode(0, Receipt(7)))
-    assert records.radio_j - before == pytest.approx(received + sent)
-    before, frames = records.radio_j, records.frames
+    assert counters.radio_j - before == pytest.approx(received + sent)
+    before, frames = counters.radio_j, counters.frames
     said_all = host.passes(0.6)
     assert said_all
     assert all(each.destination == -1 for each in said_all)
     octets = [len(encode(0, each.message)) for each in said_all]
-    assert records.radio_j - before == pytest.approx(sum(266e-6 + 1.9e-6 * each for each in octets))
-    assert records.frames - frames == len(said_all)
+    assert counters.radio_j - before == pytest.approx(sum(266e-6 + 1.9e-6 * each for each in octets))
+    assert counters.frames - frames == len(said_all)
 
 
 def test_coming_into_contact_is_counted_once_for_each_time() -> None:
@@ -168,7 +168,7 @@ def test_coming_into_contact_is_counted_once_for_each_time() -> None:
         searcher.passes(pause_s)
         searcher.hears(0, beat._replace(number=number, stamp_ms=stamp(searcher.now)))
         searcher.hears(2, Hello(0, 0.0, 0.0, 0, 0))
-    assert searcher.machine.records.contacts == 2
+    assert searcher.machine.counters.contacts == 2
 
 
 # ---------------------------------------------------------------- whole runs
@@ -204,8 +204,8 @@ def test_rejoining_is_timed_from_the_death_of_the_first_host() -> None:
     team = hand_made()
     assert math.isnan(measured(team)["rejoin_time_s"])
     walked(team.machines[0], [0.0] * 31)
-    team.machines[2].records.joins += [1 * S, 7 * S + 500 * MS, 9 * S]
-    team.machines[3].records.joins += [8 * S]
+    team.machines[2].counters.joins += [1 * S, 7 * S + 500 * MS, 9 * S]
+    team.machines[3].counters.joins += [8 * S]
     metrics = measured(team)
     assert metrics["rejoin_time_s"] == pytest.approx(4.5)
     assert metrics["joins"] == 4.0

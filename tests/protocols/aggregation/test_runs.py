@@ -22,11 +22,11 @@ def plain(strategy: str, seed: int = 1) -> Run:
 def assert_all_found_and_stopped(search: Run) -> None:
     """Both hosts know all targets where they are, all searchers have been told, and nobody goes on walking."""
     assert search.ended
-    for host in search.machines[: search.knowledge.hosts]:
+    for host in search.machines[: search.setup.hosts]:
         found = {number: (finding.x_m, finding.y_m) for number, finding in host.findings.targets.items()}
         assert found == dict(enumerate(TARGETS_M))
     end_s = search.outcome.simulated_s
-    for searcher in range(search.knowledge.hosts, search.knowledge.size):
+    for searcher in range(search.setup.hosts, search.setup.size):
         (stopped_s,) = [row["s"] for row in search.told("ErrandChanged", searcher) if row["errand"] == "stop"]
         assert search.machines[searcher].finished
         assert search.way_m(searcher, stopped_s, end_s) < 2.5  # it brakes from 2 m/s at 1 m/s^2
@@ -40,7 +40,7 @@ def test_every_strategy_finds_all_targets_and_stops_everybody(strategy: str, see
 
 def test_ways_of_a_wavefront_do_as_well() -> None:
     search = run("mi", planner="wavefront")
-    assert search.knowledge.ground.roadmap is None
+    assert search.setup.ground.roadmap is None
     assert_all_found_and_stopped(search)
 
 
@@ -216,4 +216,4 @@ def test_a_person_takes_part(strategy: str) -> None:
     assert_all_found_and_stopped(search)
     assert search.way_m(3) > 5.0
     if strategy != "random":
-        assert search.machines[3].findings.visited & search.knowledge.regions[1]
+        assert search.machines[3].findings.visited & search.setup.regions[1]

@@ -104,7 +104,7 @@ def test_the_judge_misses_what_hosts_do_not_tell_each_other(monkeypatch: pytest.
     learn = Host._learn
 
     def of_searchers(host: Host, source: int, *heard: Any) -> int:
-        return learn(host, source, *heard) if source >= host.knowledge.hosts else 0
+        return learn(host, source, *heard) if source >= host.setup.hosts else 0
 
     monkeypatch.setattr(Host, "_learn", of_searchers)
     assert seen("has not been told of")

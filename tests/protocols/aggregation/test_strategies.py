@@ -57,8 +57,8 @@ def test_it_waits_until_all_have_reported_or_for_so_long() -> None:
 def test_each_reconvening_point_lies_farther_along_the_way_to_the_far_end() -> None:
     team = reconvening(rounds=4)
     for host in (0, 1):
-        far = Strategy(team.parameters, team.knowledge, host).far_m
-        region = [team.knowledge.ground.posts_m[post] for post in team.knowledge.regions[host]]
+        far = Strategy(team.parameters, team.setup, host).far_m
+        region = [team.setup.ground.posts_m[post] for post in team.setup.regions[host]]
         middle = (STARTS_M[0][0] + STARTS_M[1][0]) / 2.0, (STARTS_M[0][1] + STARTS_M[1][1]) / 2.0
         assert math.dist(far, middle) == max(math.dist(post, middle) for post in region)
         ends = []
@@ -67,14 +67,14 @@ def test_each_reconvening_point_lies_farther_along_the_way_to_the_far_end() -> N
             end = flight.message.plans[0].way_m[-1]
             if end not in ends:
                 ends.append(end)
-        left = [team.knowledge.ground.length_m(end, far) or 0.0 for end in ends[:4]]
-        rally = Strategy(team.parameters, team.knowledge, host).rally_m
+        left = [team.setup.ground.length_m(end, far) or 0.0 for end in ends[:4]]
+        rally = Strategy(team.parameters, team.setup, host).rally_m
         assert len(left) == 4
         assert left[-1] < 0.5
-        to_rally = team.knowledge.ground.length_m(STARTS_M[host], rally) or 0.0
-        onward = team.knowledge.ground.length_m(rally, far) or 0.0
+        to_rally = team.setup.ground.length_m(STARTS_M[host], rally) or 0.0
+        onward = team.setup.ground.length_m(rally, far) or 0.0
         route = to_rally + onward
-        gone = [team.knowledge.ground.length_m(STARTS_M[host], end) or 0.0 for end in ends[:4]]
+        gone = [team.setup.ground.length_m(STARTS_M[host], end) or 0.0 for end in ends[:4]]
         assert all(way <= route * (k + 1) / 4 + 0.6 for k, way in enumerate(gone))
         assert gone == sorted(gone) or left == sorted(left, reverse=True)
 
@@ -116,9 +116,9 @@ def test_a_static_host_tells_one_way_and_its_end_is_where_it_stays() -> None:
         assert not departed.astray
         plans = [flight.message.plans[0] for flight in team.said(Plans, host)]  # type: ignore[union-attr]
         assert math.dist(plans[-1].way_m[-1], team.places_m[host]) < 0.3
-        region = [team.knowledge.ground.posts_m[post] for post in team.knowledge.regions[host]]
+        region = [team.setup.ground.posts_m[post] for post in team.setup.regions[host]]
         middle = sum(x for x, _ in region) / len(region), sum(y for _, y in region) / len(region)
-        posts = team.knowledge.ground.posts_m
+        posts = team.setup.ground.posts_m
         assert math.dist(plans[-1].way_m[-1], middle) == pytest.approx(
             min(math.dist(post, middle) for post in posts), abs=1e-3
         )

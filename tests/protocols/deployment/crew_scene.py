@@ -16,7 +16,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.units import MS, Time
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.runner import Runner
-from protocols.deployment.setup import Knowledge, knowledge_of
+from protocols.deployment.setup import Setup, knowledge_of
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
 WALLS = ((0, 0, 12, 0), (12, 0, 12, 6), (12, 6, 0, 6), (0, 6, 0, 0))
@@ -102,7 +102,7 @@ def surroundings(starts: Any = STARTS_M, **more: Any) -> Surroundings:
     return plain._replace(**more)
 
 
-def knowledge(starts: Any = STARTS_M, **parameters: Any) -> tuple[Parameters, Knowledge]:
+def setup(starts: Any = STARTS_M, **parameters: Any) -> tuple[Parameters, Setup]:
     own = Parameters.model_validate(parameters)
     return own, knowledge_of(own, surroundings(starts))
 
@@ -153,7 +153,7 @@ class OnWheels:
 
 def maker(wheels: bool = True, **changes: Any) -> Callable[[Address, Time], Machine]:
     """Return what makes the machines of teams, which all have the same knowledge: nobody changes that."""
-    own, known = knowledge(**changes)
+    own, known = setup(**changes)
 
     def make(me: Address, start: Time) -> Machine:
         runner = Runner(own, known, me, start)

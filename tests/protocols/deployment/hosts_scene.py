@@ -4,14 +4,14 @@ from typing import Any
 
 from cosim.machine import Address, Event
 from cosim.units import S, Time
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.member.others import Others
 from protocols.deployment.messages.messages import Letter
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.orders import Order, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Between, Go, Plan, Task
 from protocols.deployment.team.host import Host
-from tests.protocols.deployment.crew_scene import PLACES_M, STARTS_M, TICK, knowledge
+from tests.protocols.deployment.crew_scene import PLACES_M, STARTS_M, TICK, setup
 
 SILENCE, AGAIN = 4 * S, 2 * S
 MANY_M = (*STARTS_M, (2.0, 2.0), (3.0, 1.0))
@@ -22,12 +22,12 @@ class Robot:
 
     def __init__(self, team: "Team", me: Address, start: Time) -> None:
         self.team, self.me, self.start = team, me, start
-        known = team.knowledge
+        known = team.setup
         self.events: list[tuple[Time, Event]] = []
         self.heard: dict[Address, Time] = {}
         self.orders: list[Order] = []
         self.others = Others(me, known.crew.bodies, known.starts_m)
-        self.host = Host(team.parameters, known, me, self.others, self, self.note, Records(), start)
+        self.host = Host(team.parameters, known, me, self.others, self, self.note, Counters(), start)
 
     def note(self, event: Event) -> None:
         self.events.append((self.team.now, event))
@@ -42,7 +42,7 @@ class Robot:
         return self.heard.get(other, self.start)
 
     def where(self) -> Whereabouts:
-        x_m, y_m = self.team.knowledge.starts_m[self.me]
+        x_m, y_m = self.team.setup.starts_m[self.me]
         return Whereabouts(robot=self.me, x_m=x_m, y_m=y_m, heading_rad=0.0, plan=self.host.number)
 
     def news(self) -> News:
@@ -76,7 +76,7 @@ class Team:
 
     def __init__(self, size: int = 3, executive: str = "central") -> None:
         times = {"silence_s": SILENCE / S, "alone_s": 12.0, "again_s": AGAIN / S}
-        self.parameters, self.knowledge = knowledge(MANY_M[:size], executive=executive, **times)
+        self.parameters, self.setup = setup(MANY_M[:size], executive=executive, **times)
         self.now: Time = 0
         self.letters: list[tuple[Address, Address, Letter]] = []
         self.dead: set[Address] = set()
@@ -125,7 +125,7 @@ class Team:
 
     def play(self, root: Task, number: int = 1, constraints: tuple[Between, ...] = ()) -> None:
         robots = tuple(robot.me for robot in self.robots)
-        starts_m = dict(enumerate(self.knowledge.starts_m))
+        starts_m = dict(enumerate(self.setup.starts_m))
         plan = Plan(number=number, play="p", robots=robots, root=root, constraints=constraints)
         self.robots[0].host.execute(plan, starts_m, 1, self.now)
         self.robots[0].settle()

@@ -35,4 +35,4 @@ def test_on_this_floor_they_drive_and_tell_each_other() -> None:
         ways += host.commands()
     assert frames > 10
     assert len({way.turn_radps for way in ways if isinstance(way, Drive) and way.speed_mps}) > 3
-    assert host.records.way_m > 1.0  # type: ignore[attr-defined]
+    assert host.counters.way_m > 1.0  # type: ignore[attr-defined]

@@ -126,48 +126,48 @@ def test_nobody_starts_behind_a_wall_or_where_there_is_no_room() -> None:
 
 
 def test_all_metrics_are_told_and_no_others() -> None:
-    knowledge = prepare(Parameters(), surroundings())
-    machines = [make(Parameters(), knowledge, robot, Streams(1)("m"), 0) for robot in range(len(STARTS_M))]
-    told = measure(machines) | SPEC.referee(Parameters(), knowledge, surroundings()).verdict(0)
+    setup = prepare(Parameters(), surroundings())
+    machines = [make(Parameters(), setup, robot, Streams(1)("m"), 0) for robot in range(len(STARTS_M))]
+    told = measure(machines) | SPEC.referee(Parameters(), setup, surroundings()).verdict(0)
     names = [metric.name for metric in METRICS]
     assert sorted(told) == sorted(names)
     assert len(set(names)) == len(names)
 
 
 def test_what_machines_have_counted_is_summed_and_a_plan_that_two_have_ended_counts_once() -> None:
-    knowledge = prepare(Parameters(), surroundings())
-    machines = [make(Parameters(), knowledge, robot, Streams(1)("m"), 0) for robot in range(2)]
-    machines[0].records.ended = [(1, "failed", 5 * 10**9), (2, "done", 9 * 10**9)]
-    machines[1].records.ended = [(1, "done", 7 * 10**9)]
-    machines[0].records.ordered, machines[1].records.ordered = 3, 4
+    setup = prepare(Parameters(), surroundings())
+    machines = [make(Parameters(), setup, robot, Streams(1)("m"), 0) for robot in range(2)]
+    machines[0].counters.ended = [(1, "failed", 5 * 10**9), (2, "done", 9 * 10**9)]
+    machines[1].counters.ended = [(1, "done", 7 * 10**9)]
+    machines[0].counters.ordered, machines[1].counters.ordered = 3, 4
     told = measure(machines)
     assert (told["plans_ended"], told["plans_done"], told["played_s"], told["orders"]) == (2.0, 1.0, 9.0, 7.0)
 
 
 def test_a_plan_that_a_successor_announces_again_has_ended_when_it_was_announced_first() -> None:
-    knowledge = prepare(Parameters(), surroundings())
-    machines = [make(Parameters(), knowledge, robot, Streams(1)("m"), 0) for robot in range(2)]
-    machines[1].records.ended = [(1, "done", 33 * 10**9)]
-    machines[0].records.ended = [(1, "terminated", 74 * 10**9), (1, "done", 80 * 10**9)]
+    setup = prepare(Parameters(), surroundings())
+    machines = [make(Parameters(), setup, robot, Streams(1)("m"), 0) for robot in range(2)]
+    machines[1].counters.ended = [(1, "done", 33 * 10**9)]
+    machines[0].counters.ended = [(1, "terminated", 74 * 10**9), (1, "done", 80 * 10**9)]
     told = measure(machines)
     assert (told["plans_ended"], told["plans_done"], told["played_s"]) == (1.0, 1.0, 33.0)
 
 
 def test_what_a_robot_has_counted_outlives_its_machine() -> None:
-    knowledge = prepare(Parameters(), surroundings())
-    before, after = (make(Parameters(), knowledge, 0, Streams(1)("m"), 0) for _ in range(2))
-    for each in fields(before.records):
+    setup = prepare(Parameters(), surroundings())
+    before, after = (make(Parameters(), setup, 0, Streams(1)("m"), 0) for _ in range(2))
+    for each in fields(before.counters):
         if each.name != "ended":
-            setattr(before.records, each.name, 3)
-    before.records.ended = [(1, "done", 5)]
+            setattr(before.counters, each.name, 3)
+    before.counters.ended = [(1, "done", 5)]
     before.courier.counts.frames, before.courier.counts.octets = 40, 900
-    after.records.letters = 2  # it has begun to count
+    after.counters.letters = 2  # it has begun to count
     after.courier.counts.frames = 1
-    own = after.records
+    own = after.counters
     assert SPEC.succeed is not None
     SPEC.succeed(before, after, 0)
     after.wake(1)  # which takes the courier's counts
-    assert after.records is own
+    assert after.counters is own
     assert (own.ordered, own.letters, own.ended) == (3, 5, [(1, "done", 5)])
     assert own.frames >= 41
     assert own.frame_bytes >= 900

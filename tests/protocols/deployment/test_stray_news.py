@@ -10,7 +10,7 @@ from protocols.deployment.runner import Runner
 from protocols.mapping import frames
 from protocols.transport.frames import ALL, Bulletin, Frame, decode, encode
 from protocols.wire import BadBytes
-from tests.protocols.deployment.crew_scene import STARTS_M, knowledge
+from tests.protocols.deployment.crew_scene import STARTS_M, setup
 
 
 def topics_told(runner: Runner, topic: int, payload: bytes) -> set[int]:
@@ -28,7 +28,7 @@ def topics_told(runner: Runner, topic: int, payload: bytes) -> set[int]:
 
 
 def machine() -> Runner:
-    return Runner(*knowledge(), 1, 0)
+    return Runner(*setup(), 1, 0)
 
 
 PIECE = frames.encode(0, frames.Summary(1.0, 1.0, ()))

@@ -11,7 +11,7 @@ from cosim.machine import Event
 from cosim.units import MS
 from protocols.exploration import settling
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.terrain import Terrain
@@ -34,11 +34,11 @@ class Led:
 
     def __init__(self, belief: Belief, radius_m: float = 0.0, **changes: Any) -> None:
         self.belief = belief
-        self.records = Records()
+        self.counters = Counters()
         self.journal: list[Event] = []
         parameters = Parameters.model_validate(changes)
         self.behaviour = Behaviour(
-            parameters, Terrain(belief, parameters.escape), self.records, self.journal, radius_m, 2.5, 100 * MS
+            parameters, Terrain(belief, parameters.escape), self.counters, self.journal, radius_m, 2.5, 100 * MS
         )
 
     def lead(self, ix: float, iy: float, *others: tuple[float, float], gained: bool = True) -> float | None:
@@ -119,7 +119,7 @@ def test_without_a_force_a_path_is_laid_to_the_nearest_frontier_and_attracts() -
     assert led.path == [(ix, 2) for ix in range(3, 29)] + [led.path[-1]]
     assert led.behaviour.underway
     assert heading == pytest.approx(0.0, abs=0.05)
-    assert led.records.stalls == 1
+    assert led.counters.stalls == 1
 
 
 def test_a_path_is_taken_back_within_the_obstacles_range_and_left_when_a_frontier_is_in_sight() -> None:
@@ -154,7 +154,7 @@ def test_without_escape_a_robot_that_no_force_draws_stalls_once_and_stays() -> N
     led = Led(drawn(CORRIDOR), escape={"enabled": False, "period_s": 2.0})
     assert [led.lead(2, 2) for _ in range(100)] == [None] * 100
     assert led.journal == [Stalled("no force")]
-    assert (led.path, led.records.stalls) == ([], 1)
+    assert (led.path, led.counters.stalls) == ([], 1)
     assert not led.behaviour.done
 
 
@@ -214,7 +214,7 @@ def test_frontiers_that_no_way_leads_to_are_given_up_by_groups_and_all_is_explor
     assert led.journal[-1] == Explored()
     assert led.behaviour.done
     assert led.lead(1, 1) is None
-    assert led.records.given_up == 2
+    assert led.counters.given_up == 2
 
 
 def test_frontiers_that_are_apart_are_given_up_apart() -> None:
@@ -249,7 +249,7 @@ def test_frontiers_that_were_given_up_are_tried_when_others_have_found_a_way() -
         led.lead(1, 1)
     assert not led.behaviour.done
     assert isinstance(led.journal[-1], PathLaid)
-    assert led.records.given_up == 2
+    assert led.counters.given_up == 2
 
 
 def test_who_has_done_stays_so_when_the_map_changes_and_no_way_leads_anywhere_and_names_nothing_twice() -> None:
@@ -264,7 +264,7 @@ def test_who_has_done_stays_so_when_the_map_changes_and_no_way_leads_anywhere_an
         assert led.lead(1, 1) is None
     assert led.behaviour.done
     assert len(led.named(FrontierGivenUp)) == before
-    assert led.records.given_up == 2
+    assert led.counters.given_up == 2
 
 
 def test_a_frontier_in_sight_where_paths_have_ended_is_given_up_by_all_who_share_the_map(
@@ -285,7 +285,7 @@ def test_a_frontier_in_sight_where_paths_have_ended_is_given_up_by_all_who_share
     other.lead(2, 2)
     assert other.named(PathLaid) == []
     assert other.behaviour.done
-    assert (led.records.given_up, other.records.given_up) == (3, 0)
+    assert (led.counters.given_up, other.counters.given_up) == (3, 0)
 
 
 def test_a_frontier_that_was_looked_at_once_only_is_not_given_up() -> None:
@@ -359,7 +359,7 @@ def test_frontiers_that_three_paths_have_not_led_to_are_tried_once_more_at_the_e
     assert len(led.named(PathLaid)) == 12  # at first, and in three rounds
     assert [event.cells for event in led.named(FrontierGivenUp)] == [3]
     assert led.named(FrontierGivenUp)[0].why == "not reached"
-    assert led.records.given_up == 3
+    assert led.counters.given_up == 3
     assert led.journal[-1] == Explored()
 
 
@@ -381,11 +381,11 @@ def test_nothing_is_given_up_because_the_body_does_not_fit_where_it_stands() -> 
 def test_steps_are_counted_by_the_strongest_schema() -> None:
     led = Led(drawn(CORRIDOR))
     led.lead(22, 2)
-    assert (led.records.by_frontiers, led.records.by_obstacles, led.records.by_robots) == (1, 0, 0)
+    assert (led.counters.by_frontiers, led.counters.by_obstacles, led.counters.by_robots) == (1, 0, 0)
     led.lead(22, 1)
-    assert (led.records.by_frontiers, led.records.by_obstacles, led.records.by_robots) == (1, 1, 0)
+    assert (led.counters.by_frontiers, led.counters.by_obstacles, led.counters.by_robots) == (1, 1, 0)
     led.lead(22, 2, at(21.8, 2))
-    assert (led.records.by_frontiers, led.records.by_obstacles, led.records.by_robots) == (1, 1, 1)
+    assert (led.counters.by_frontiers, led.counters.by_obstacles, led.counters.by_robots) == (1, 1, 1)
 
 
 def test_what_else_attracts_is_added() -> None:

@@ -12,7 +12,7 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import sum_of_frontiers
 from cosim.units import MS
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import PathLaid
 from protocols.exploration.information import Attraction, count_unknown, most_useful, sum_by_utility, utility
 from protocols.exploration.parameters import Parameters
@@ -147,7 +147,7 @@ def led(information: float, choice: str = "nearest") -> tuple[Behaviour, list[Ev
     }
     parameters = Parameters.model_validate(given)
     return Behaviour(
-        parameters, Terrain(drawn(FORK), parameters.escape), Records(), journal, 0.0, 2.5, 100 * MS
+        parameters, Terrain(drawn(FORK), parameters.escape), Counters(), journal, 0.0, 2.5, 100 * MS
     ), journal
 
 

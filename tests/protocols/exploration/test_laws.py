@@ -78,15 +78,15 @@ class OnWheels:
 def maker(wheels: bool = True, **changes: Any) -> Callable[[Address, Time], Machine]:
     """Return what makes the machines of teams: each team, which begins with robot 0, has its own map."""
     parameters = Parameters.model_validate({"escape": {"period_s": 0.5}, **changes})
-    knowledge: list[Any] = []
+    setup: list[Any] = []
 
     def make(me: Address, start: Time) -> Machine:
         if me == 0:
             floor = (0.0, 0.0, 5.0, 3.0)
             none = np.zeros(0, np.bool_)
             told = Surroundings(STARTS_M, 0.2, 0.3, 1.0, 100 * MS, WALLS_M, floor, lambda points: none)
-            knowledge[:] = [prepare(parameters, told._replace(scan_range_m=RANGE_M, beams=BEAMS))]
-        explorer = SPEC.make(parameters, knowledge[0], me, None, start)
+            setup[:] = [prepare(parameters, told._replace(scan_range_m=RANGE_M, beams=BEAMS))]
+        explorer = SPEC.make(parameters, setup[0], me, None, start)
         return OnWheels(explorer, STARTS_M[me]) if wheels else explorer  # type: ignore[arg-type, return-value]
 
     return make
@@ -115,7 +115,7 @@ def test_on_this_floor_they_drive_and_tell_each_other() -> None:
         ways += machine.commands()
     assert sent > 5
     assert len({way.turn_radps for way in ways if isinstance(way, Drive) and way.speed_mps}) > 10
-    assert machine.records.way_m > 1.0  # type: ignore[attr-defined]
+    assert machine.counters.way_m > 1.0  # type: ignore[attr-defined]
 
 
 def test_a_robot_that_has_a_map_and_loses_its_scanner_raises_nothing() -> None:

@@ -16,7 +16,7 @@ from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters, PositioningParameters, SpeedControlParameters
 from protocols.exploration.positioning import (
@@ -237,9 +237,9 @@ def told_of_the_floor(robots: int = 1, **changes: Any) -> tuple[Parameters, Any]
 
 
 def explorer_at(place_m: tuple[float, float], turned_rad: float, shares: list[float]) -> tuple[Explorer, Ahead]:
-    parameters, knowledge = told_of_the_floor()
+    parameters, setup = told_of_the_floor()
     leader, where = Ahead(), Elsewhere(place_m, turned_rad, shares)
-    return Explorer(parameters, knowledge, 0, knowledge.shared, leader, None, Records(), [], where), leader
+    return Explorer(parameters, setup, 0, setup.shared, leader, None, Counters(), [], where), leader
 
 
 def test_the_map_is_marked_where_the_robot_takes_itself_to_be() -> None:
@@ -261,7 +261,7 @@ def test_the_way_and_the_wheels_are_in_the_frame_of_odometry() -> None:
         explorer.observe(told((5.0, 4.0, -0.1)), tick * TICK)
         orders += explorer.commands()
     assert orders == [Drive(0.3, pytest.approx(-0.6)), *[Drive(0.15, pytest.approx(-0.3))] * 2]
-    assert explorer.records.way_m == 0.0  # as told: the map's corrections are no way
+    assert explorer.counters.way_m == 0.0  # as told: the map's corrections are no way
 
 
 def test_a_robot_that_waits_stands_and_its_leader_is_not_asked() -> None:
@@ -273,7 +273,7 @@ def test_a_robot_that_waits_stands_and_its_leader_is_not_asked() -> None:
     going = [Drive(0.3, 0.0)]
     assert orders == [going, [Drive(0.0, 0.0)], [], [], going]
     assert len(leader.gained) == 2
-    assert (explorer.records.waited, explorer.records.ticks) == (3, 5)
+    assert (explorer.counters.waited, explorer.counters.ticks) == (3, 5)
 
 
 def test_the_leader_of_a_slow_robot_is_asked_less_often_but_misses_no_gain() -> None:
@@ -282,19 +282,17 @@ def test_the_leader_of_a_slow_robot_is_asked_less_often_but_misses_no_gain() -> 
         ranges = np.full(BEAMS, 1.0 if tick == 3 else np.nan)  # only the fourth scan shows anything
         explorer.observe(told((0.8, 1.2, 0.0), ranges_m=ranges), tick * TICK)
     assert leader.gained == [False, True, False, False]
-    assert explorer.records.waited == 0
+    assert explorer.counters.waited == 0
 
 
 @pytest.mark.slow
 def test_explorers_with_a_filter_keep_the_laws() -> None:
-    knowledge: list[Any] = []
+    setup: list[Any] = []
 
     def make(me: int, start: int) -> Any:
         if me == 0:
-            knowledge[:] = told_of_the_floor(
-                2, map="messages", positioning={"kind": "slam", "filter": {"particles": 3}}
-            )
-        return SPEC.make(knowledge[0], knowledge[1], me, np.random.default_rng(me), start)
+            setup[:] = told_of_the_floor(2, map="messages", positioning={"kind": "slam", "filter": {"particles": 3}})
+        return SPEC.make(setup[0], setup[1], me, np.random.default_rng(me), start)
 
     check_machine(make, ((0.8, 1.2), (1.6, 1.2)), S)
 
@@ -309,11 +307,11 @@ def test_maps_may_reach_beyond_the_floor() -> None:
 def test_who_may_err_counts_evidence() -> None:
     """A wall that was seen once and then seen through is forgotten."""
     for evidence in ("certain", "counted"):
-        _, knowledge = told_of_the_floor(false_returns=False, evidence=evidence)
+        _, setup = told_of_the_floor(false_returns=False, evidence=evidence)
         for range_m in (1.03, *[2.0] * 20):
-            knowledge.shared.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
-        row, column = divmod(knowledge.frame.cell_at((5.05, 4.03)), knowledge.frame.nx)
-        assert (knowledge.shared.evidence[row, column] < 0) == (evidence == "counted")
+            setup.shared.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
+        row, column = divmod(setup.frame.cell_at((5.05, 4.03)), setup.frame.nx)
+        assert (setup.shared.evidence[row, column] < 0) == (evidence == "counted")
 
 
 def test_who_has_done_looks_no_more_until_it_goes_on() -> None:

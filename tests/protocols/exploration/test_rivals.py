@@ -10,7 +10,7 @@ from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Event
 from protocols.exploration.choosing import by_assignment, by_utility
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.parameters import EscapeParameters, RivalParameters
 from protocols.exploration.rivals import Rival
@@ -131,7 +131,7 @@ def team(algorithm: str, belief: Belief, places: dict[int, Point], size: int = 4
 
 def rival(targets: Targets, me: int = 0) -> tuple[Rival, list[Event]]:
     events: list[Event] = []
-    return Rival(targets, Records(), events, me, 10, 30), events
+    return Rival(targets, Counters(), events, me, 10, 30), events
 
 
 def goes_to(algorithm: str, places: list[Point], me: int) -> Point:

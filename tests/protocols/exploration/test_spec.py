@@ -13,7 +13,7 @@ from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
 from cosim.protocol import Surroundings
 from cosim.units import MS
 from protocols.exploration import spec
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.spec import SPEC, place, prepare
 
@@ -22,7 +22,7 @@ from protocols.exploration.spec import SPEC, place, prepare
 class Counted:
     """A machine that has counted."""
 
-    records: Records
+    counters: Counters
 
 
 WALL = [[4.0, 0.0, 4.0, 3.0]]
@@ -45,8 +45,8 @@ def around(*starts: tuple[float, float], **more: Any) -> Surroundings:
 
 
 def test_machines_are_told_what_their_range_scanners_are_like() -> None:
-    knowledge = prepare(Parameters(), around((1.0, 1.0), scan_range_m=3.5, beams=120))
-    assert (knowledge.range_m, knowledge.beams) == (3.5, 120)
+    setup = prepare(Parameters(), around((1.0, 1.0), scan_range_m=3.5, beams=120))
+    assert (setup.range_m, setup.beams) == (3.5, 120)
 
 
 @pytest.mark.parametrize(
@@ -73,8 +73,8 @@ def test_a_floor_of_too_many_cells_is_refused() -> None:
 def test_robots_share_one_map_or_have_one_each() -> None:
     for way, same in (("shared", True), ("messages", False)):
         parameters = Parameters.model_validate({"map": way})
-        knowledge = prepare(parameters, around((1.0, 1.0), (2.0, 1.0)))
-        first, second = (SPEC.make(parameters, knowledge, robot, None, 0) for robot in range(2))
+        setup = prepare(parameters, around((1.0, 1.0), (2.0, 1.0)))
+        first, second = (SPEC.make(parameters, setup, robot, None, 0) for robot in range(2))
         assert (first.belief is second.belief) == same  # type: ignore[attr-defined]
 
 
@@ -102,15 +102,15 @@ def test_a_floor_without_room_for_the_team_is_refused(monkeypatch: pytest.Monkey
 
 
 def test_the_strongest_schemas_are_counted_as_shares_of_the_steps_in_which_any_led() -> None:
-    first, second = Records(), Records()
+    first, second = Counters(), Counters()
     for frontiers, obstacles, robots in ((3.0, 1.0, 2.0), (1.0, 1.0, 0.5), (1.0, 2.0, 2.0)):
         first.drawn(frontiers, obstacles, robots)
     second.drawn(0.1, 0.2, 0.3)
-    shares = [Counted(records) for records in (first, second)]
+    shares = [Counted(counters) for counters in (first, second)]
     measured = SPEC.measure(shares)
     found = [measured[f"share_{schema}"] for schema in ("frontier", "obstacle", "robot")]
     assert found == [0.5, 0.25, 0.25]
-    assert math.isnan(SPEC.measure([Counted(Records())])["share_frontier"])
+    assert math.isnan(SPEC.measure([Counted(Counters())])["share_frontier"])
 
 
 def test_the_default_gain_turns_a_robot_away_from_a_wall_ahead_that_a_path_leads_to() -> None:

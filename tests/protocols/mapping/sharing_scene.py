@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.machine import BROADCAST, Address, Connected, LinkCommand, Lost, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import MS, S, Time
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.mapping.frames import Message, Piece, decode
 from protocols.mapping.sharing import Sharing
 from protocols.transport.star import MASTER, Piconet
@@ -41,14 +41,14 @@ class Team:
         self._linked: set[Address] = set()
         self._luck = np.random.default_rng(size)
         self._certain = certain
-        self.records = [Records() for _ in range(size)]
+        self.counters = [Counters() for _ in range(size)]
         self.robots = [self._robot(me, size) for me in range(size)]
         self.maps = np.zeros((size, CELLS), np.int8)
 
     def _robot(self, me: Address, size: int) -> Sharing:
         certain, octets, again, links = self._settings
         piconet = Piconet(me, size, 6 * S, S, 8 * S) if links else None
-        return Sharing(me, size, CELLS, PERIOD, octets, again, self.records[me], self.now, certain, piconet)
+        return Sharing(me, size, CELLS, PERIOD, octets, again, self.counters[me], self.now, certain, piconet)
 
     def boot(self, me: Address) -> None:
         """Have a robot boot again: it has forgotten everything."""
@@ -123,7 +123,7 @@ class Team:
 
     def count(self, name: str) -> int:
         """Return what all robots have counted."""
-        return sum(getattr(records, name) for records in self.records)
+        return sum(getattr(counters, name) for counters in self.counters)
 
     @property
     def agree(self) -> bool:

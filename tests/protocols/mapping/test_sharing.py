@@ -95,7 +95,7 @@ def test_who_asks_in_vain_asks_another() -> None:
     team.reach = lambda teller, hearer: 0 not in (teller, hearer) and (teller, hearer) != (3, 1)
     team.pass_periods(8)
     assert team.robots[3].ledger.counts == team.robots[0].ledger.counts
-    assert team.records[1].pieces_again == 0 < team.records[2].pieces_again
+    assert team.counters[1].pieces_again == 0 < team.counters[2].pieces_again
 
 
 # ---------------------------------------------------------------- booting again
@@ -309,4 +309,4 @@ def test_robots_that_explore_an_office_end_with_the_same_map(flaws: dict[str, fl
     ledgers = [machine._sharing.ledger.counts for machine in machines]
     assert len(ledgers[0]) == 3
     assert all(each == ledgers[0] for each in ledgers)
-    assert any(machine.records.pieces_again for machine in machines) == bool(flaws)
+    assert any(machine.counters.pieces_again for machine in machines) == bool(flaws)

@@ -10,7 +10,7 @@ from protocols.pseudonet.algorithms.base import Evaluation
 from protocols.pseudonet.algorithms.planned import Planned
 from protocols.pseudonet.messages import Action
 from protocols.pseudonet.parameters import Timing
-from protocols.pseudonet.setup import Knowledge, View
+from protocols.pseudonet.setup import Setup, View
 
 OFFSETS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 TIMES = Timing(
@@ -30,18 +30,18 @@ def grid_of(free: np.ndarray) -> CoverageGrid:
     return CoverageGrid((0.0, 0.0), 1.0, nx, ny, steps, flat, flat.copy())
 
 
-def floor(text: str) -> tuple[Knowledge, dict[str, Cell]]:
+def floor(text: str) -> tuple[Setup, dict[str, Cell]]:
     """Return the floor of a picture, north up: '#' is solid, every letter or digit names its cell."""
     rows = cleandoc(text).splitlines()[::-1]
     free = np.array([[mark != "#" for mark in row] for row in rows])
     width = free.shape[1]
     names = {mark: y * width + x for y, row in enumerate(rows) for x, mark in enumerate(row) if mark not in "#."}
-    return Knowledge(grid_of(free), 1, TIMES), names
+    return Setup(grid_of(free), 1, TIMES), names
 
 
-def view_of(knowledge: Knowledge, me: int, cells: Mapping[int, Cell], covered: Sequence[Cell] = ()) -> View:
+def view_of(setup: Setup, me: int, cells: Mapping[int, Cell], covered: Sequence[Cell] = ()) -> View:
     """Return what robot *me* knows of robots in *cells*, which are covered as those of *covered* are."""
-    return View(knowledge, me, tuple(sorted(cells)), dict(cells), {*covered, *cells.values()})
+    return View(setup, me, tuple(sorted(cells)), dict(cells), {*covered, *cells.values()})
 
 
 def maze(rng: np.random.Generator, width: int, height: int, loops: float, rooms: int) -> np.ndarray:
@@ -84,11 +84,11 @@ def flood(grid: CoverageGrid, start: Cell) -> set[Cell]:
 class PaperTeam:
     """Robots that take the steps of their algorithms at once, without radio, bodies or time."""
 
-    def __init__(self, knowledge: Knowledge, starts: Sequence[Cell], algorithms: Sequence[Planned]) -> None:
-        self.views = [view_of(knowledge, me, dict(enumerate(starts))) for me in range(len(starts))]
+    def __init__(self, setup: Setup, starts: Sequence[Cell], algorithms: Sequence[Planned]) -> None:
+        self.views = [view_of(setup, me, dict(enumerate(starts))) for me in range(len(starts))]
         self.cells = dict(enumerate(starts))
         self.evaluations: list[Evaluation] = []
-        self._knowledge = knowledge
+        self._setup = setup
         self._algorithms = algorithms
         for view, algorithm in zip(self.views, algorithms, strict=True):
             algorithm.enlist(view)
@@ -97,7 +97,7 @@ class PaperTeam:
         """Let everybody take one step; fail if a cell is entered in which another stands or that another enters."""
         self.evaluations = [a.evaluate(view) for a, view in zip(self._algorithms, self.views, strict=True)]
         targets = {
-            me: self.cells[me] if e.action == Action.STAY else self._knowledge.steps[self.cells[me]][e.action]
+            me: self.cells[me] if e.action == Action.STAY else self._setup.steps[self.cells[me]][e.action]
             for me, e in enumerate(self.evaluations)
         }
         moving = {me: cell for me, cell in targets.items() if cell != self.cells[me]}

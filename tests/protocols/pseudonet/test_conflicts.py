@@ -112,7 +112,7 @@ def team(
     me: int = 0, stop_at: int | None = None, *actions: Action, rounds: int = 0
 ) -> tuple[Coordination, Scripted, dict[str, int]]:
     """Return robot *me* of three, 0 at a, 1 at c, 2 at h."""
-    knowledge, cells = floor(
+    setup, cells = floor(
         """
         g h i
         d e f
@@ -120,7 +120,7 @@ def team(
         """.replace(" ", "")
     )
     algorithm = Scripted(*actions)
-    coordination = Coordination(knowledge, me, algorithm, stop_at, rounds)
+    coordination = Coordination(setup, me, algorithm, stop_at, rounds)
     coordination.team_changed((0, 1, 2))
     coordination.view.cells |= {0: cells["a"], 1: cells["c"], 2: cells["h"]}
     return coordination, algorithm, cells
@@ -257,8 +257,8 @@ def test_a_robot_that_has_turned_back_says_so_until_the_team_has_heard_it() -> N
 
 
 def test_cells_that_could_not_be_entered_are_tried_again_but_not_for_ever() -> None:
-    knowledge, cells = floor("abc")
-    coordination = Coordination(knowledge, 0, Scripted(), None, rounds=2)
+    setup, cells = floor("abc")
+    coordination = Coordination(setup, 0, Scripted(), None, rounds=2)
     coordination.team_changed((0,))
     coordination.plan()
     east = (Verdict.POSSIBLE, Verdict.WALL, Verdict.POSSIBLE, Verdict.POSSIBLE)

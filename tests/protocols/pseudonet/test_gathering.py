@@ -37,8 +37,8 @@ ROOMS: dict[str, Any] = {
 
 def view(picture: str, me: int = 0, obstacles: Sequence[str] = ()) -> View:
     """Return the view of robots that stand where *picture* has their numbers."""
-    knowledge, names = floor(picture)
-    made = view_of(knowledge, me, {int(name): cell for name, cell in names.items() if name.isdigit()})
+    setup, names = floor(picture)
+    made = view_of(setup, me, {int(name): cell for name, cell in names.items() if name.isdigit()})
     made.obstacles = frozenset(names[name] for name in obstacles)
     return made
 
@@ -154,10 +154,10 @@ def test_without_a_place_nobody_moves() -> None:
 
 
 def test_a_new_team_is_not_done_before_it_has_a_place_of_its_own() -> None:
-    knowledge, names = floor("....012.")
-    room = GatheringCoordination(knowledge, 0, rounds=0)
+    setup, names = floor("....012.")
+    room = GatheringCoordination(setup, 0, rounds=0)
     reports = {
-        robot: Message(robot, Kind.ROLL, 0, *knowledge.place(names[str(robot)]), Action.STAY, (Verdict.POSSIBLE,) * 4)
+        robot: Message(robot, Kind.ROLL, 0, *setup.place(names[str(robot)]), Action.STAY, (Verdict.POSSIBLE,) * 4)
         for robot in (0, 1, 2)
     }
     room.view.cells[0] = names["0"]
@@ -177,8 +177,8 @@ def test_a_new_team_is_not_done_before_it_has_a_place_of_its_own() -> None:
 
 
 def test_robots_that_gather_share_no_map() -> None:
-    knowledge, names = floor("0.1")
-    room = GatheringCoordination(knowledge, 0, rounds=0)
+    setup, names = floor("0.1")
+    room = GatheringCoordination(setup, 0, rounds=0)
     room.take_positions({1: Message(1, Kind.ROLL, 0, 2, 0, Action.STAY, (Verdict.POSSIBLE,) * 4)})
     assert room.view.cells == {1: names["1"]}
     assert room.view.covered == set()
@@ -188,19 +188,19 @@ def test_robots_that_gather_share_no_map() -> None:
 
 
 def test_a_group_is_joined_by_steps_and_not_by_cells_that_touch() -> None:
-    knowledge, names = floor("a.bc\n##.#\nd.ef")
-    assert largest_group(knowledge.grid, [names[name] for name in "abc"]) == 2
-    assert largest_group(knowledge.grid, [names[name] for name in "acdf"]) == 1
-    assert largest_group(knowledge.grid, [names[name] for name in "bcef"]) == 2  # a cell lies between
-    assert largest_group(knowledge.grid, [names["a"], names["a"], names["c"]]) == 2
-    steps = knowledge.grid.steps.copy()
+    setup, names = floor("a.bc\n##.#\nd.ef")
+    assert largest_group(setup.grid, [names[name] for name in "abc"]) == 2
+    assert largest_group(setup.grid, [names[name] for name in "acdf"]) == 1
+    assert largest_group(setup.grid, [names[name] for name in "bcef"]) == 2  # a cell lies between
+    assert largest_group(setup.grid, [names["a"], names["a"], names["c"]]) == 2
+    steps = setup.grid.steps.copy()
     steps[names["b"], Action.EAST] = steps[names["c"], Action.WEST] = -1  # a wall without thickness
-    assert largest_group(replace(knowledge.grid, steps=steps), [names["b"], names["c"]]) == 1
+    assert largest_group(replace(setup.grid, steps=steps), [names["b"], names["c"]]) == 1
 
 
 def test_the_referee_judges_the_living_and_forgets_a_group_that_falls_apart() -> None:
-    knowledge, _ = floor("......")
-    referee = GatheringReferee(knowledge)
+    setup, _ = floor("......")
+    referee = GatheringReferee(setup)
     row = np.full(3, 0.5)
     for second, places in enumerate([(0.5, 1.5, 2.5), (0.5, 1.5, 3.5), (0.5, 2.5, 3.5), (1.5, 2.5, 3.5)]):
         assert referee.look(np.array(places), row, second * S) is False
@@ -228,10 +228,10 @@ def maker(size: int, **more: Any) -> Callable[[int, Time], Pseudonet]:
     floor_m = (0.0, 0.0, 20.0, 4.0)
     around = Surroundings(starts, 0.2, 0.5, 1.0, 100 * MS, np.zeros((0, 4)), floor_m, forbidden)
     parameters = SPEC.parameters(cell_m=1.0, **more)  # type: ignore[call-arg]
-    knowledge = SPEC.prepare(parameters, around)
+    setup = SPEC.prepare(parameters, around)
 
     def make(me: int, start: Time) -> Pseudonet:
-        machine = SPEC.make(parameters, knowledge, me, np.random.default_rng(me), start)
+        machine = SPEC.make(parameters, setup, me, np.random.default_rng(me), start)
         assert isinstance(machine, Pseudonet)
         return machine
 

@@ -34,7 +34,7 @@ from cosim.units import MS, S, Time
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Packet, Reply, Sync, Verdict, decode, encode
 from protocols.pseudonet.parameters import Parameters, timing
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.spec import COLUMN_LIMIT, SPEC, measure
 from protocols.pseudonet.steering import PATIENCE_TICKS
 from tests.oracles.campaign import two_tiers
@@ -57,10 +57,10 @@ def surroundings(
 
 def maker(size: int, algorithm: str = "boustrophedon", **more: object) -> Callable[[int, Time], Pseudonet]:
     parameters = Parameters(algorithm=algorithm, cell_m=1.0, **more)  # type: ignore[arg-type]
-    knowledge: Knowledge = SPEC.prepare(parameters, surroundings(size))
+    setup: Setup = SPEC.prepare(parameters, surroundings(size))
 
     def make(me: int, start: Time) -> Pseudonet:
-        machine = SPEC.make(parameters, knowledge, me, np.random.default_rng(me), start)
+        machine = SPEC.make(parameters, setup, me, np.random.default_rng(me), start)
         assert isinstance(machine, Pseudonet)
         return machine
 
@@ -341,7 +341,7 @@ def test_a_robot_that_meets_something_unknown_turns_back_and_says_so() -> None:
     assert machine.commands() == [GoTo(0.5, 0.5)]
     machine.observe(stands_at(0.5, 0.5), 5 * S)
     blocked = machine.application.coordination.view.obstacles
-    assert [machine.application.coordination.view.knowledge.grid.centre_m(cell) for cell in blocked] == [
+    assert [machine.application.coordination.view.setup.grid.centre_m(cell) for cell in blocked] == [
         (first.x_m, first.y_m)
     ]
 
@@ -432,8 +432,8 @@ def test_a_floor_with_fewer_cells_than_robots_is_refused() -> None:
 
 def test_all_metrics_that_are_named_are_measured() -> None:
     make = maker(2)
-    knowledge = SPEC.prepare(Parameters(cell_m=1.0), surroundings(2))
-    judged = SPEC.referee(Parameters(cell_m=1.0), knowledge, surroundings(2))
+    setup = SPEC.prepare(Parameters(cell_m=1.0), surroundings(2))
+    judged = SPEC.referee(Parameters(cell_m=1.0), setup, surroundings(2))
     judged.look(np.array([0.5, 1.5]), np.array([0.5, 0.5]), 0)
     measured = measure([make(robot, 0) for robot in range(2)]) | judged.verdict(0)
     assert {metric.name for metric in SPEC.metrics} == set(measured)

@@ -27,9 +27,9 @@ def drawn(view: View, times: int = 40) -> set[Action]:
 
 def view(picture: str, covered: str = "") -> View:
     """Return the view of robot 0 at 'a'; robots 1 to 3 stand at 'b' to 'd'."""
-    knowledge, cells = floor(picture)
+    setup, cells = floor(picture)
     places: Mapping[int, int] = {number: cells[mark] for number, mark in enumerate("abcd") if mark in cells}
-    return view_of(knowledge, 0, places, [cells[mark] for mark in covered])
+    return view_of(setup, 0, places, [cells[mark] for mark in covered])
 
 
 def walk(robot: Oscard, view: View, evaluation: Evaluation) -> None:
@@ -111,7 +111,7 @@ def test_a_trapped_robot_at_a_boundary_turns_to_the_longer_side() -> None:
         .a...
         """
     )
-    south_wall.covered |= set(south_wall.knowledge.cells)
+    south_wall.covered |= set(south_wall.setup.cells)
     assert drawn(south_wall) == {N}  # a boundary along the X axis: YMax - y is greater
     north_wall = view(
         """
@@ -121,7 +121,7 @@ def test_a_trapped_robot_at_a_boundary_turns_to_the_longer_side() -> None:
         .....
         """
     )
-    north_wall.covered |= set(north_wall.knowledge.cells)
+    north_wall.covered |= set(north_wall.setup.cells)
     assert drawn(north_wall) == {S}
     west_wall = view(
         """
@@ -130,7 +130,7 @@ def test_a_trapped_robot_at_a_boundary_turns_to_the_longer_side() -> None:
         ....
         """
     )
-    west_wall.covered |= set(west_wall.knowledge.cells)
+    west_wall.covered |= set(west_wall.setup.cells)
     assert drawn(west_wall) == {E}  # a boundary along the Y axis: XMax - x is greater
 
 
@@ -142,7 +142,7 @@ def test_a_trapped_robot_away_from_boundaries_keeps_two_cells_apart() -> None:
         .....
         """
     )
-    seen.covered |= set(seen.knowledge.cells)
+    seen.covered |= set(seen.setup.cells)
     assert drawn(seen) == {N, S, W}
 
 
@@ -154,7 +154,7 @@ def test_a_robot_that_stays_trapped_asks_for_help() -> None:
         ....
         """
     )
-    seen.covered |= set(seen.knowledge.cells)
+    seen.covered |= set(seen.setup.cells)
     robot = oscard(patience=2, revisits=99)
     asked = []
     for _ in range(3):
@@ -178,7 +178,7 @@ def test_a_surrounded_robot_asks_for_help_at_once() -> None:
 
 def test_a_robot_that_finds_an_uncovered_cell_is_trapped_no_more() -> None:
     seen = view("a........")
-    seen.covered |= set(seen.knowledge.cells) - {5}
+    seen.covered |= set(seen.setup.cells) - {5}
     robot = oscard(patience=2, revisits=99)
     for _ in range(2):
         walk(robot, seen, robot.evaluate(seen))
@@ -189,14 +189,14 @@ def test_a_robot_that_finds_an_uncovered_cell_is_trapped_no_more() -> None:
 
 
 def test_an_answer_leads_along_the_shortest_way() -> None:
-    knowledge, cells = floor(
+    setup, cells = floor(
         """
         .....
         .##.#
         a...t
         """
     )
-    seen = view_of(knowledge, 0, {0: cells["a"]}, list(knowledge.cells - {cells["t"]}))
+    seen = view_of(setup, 0, {0: cells["a"]}, list(setup.cells - {cells["t"]}))
     robot = oscard()
     robot.directed(cells["t"])
     actions = []
@@ -209,7 +209,7 @@ def test_an_answer_leads_along_the_shortest_way() -> None:
 
 def test_an_answer_is_forgotten_when_somebody_else_has_covered_its_cell() -> None:
     seen = view("a..t", covered="t")
-    seen.covered |= set(seen.knowledge.cells)
+    seen.covered |= set(seen.setup.cells)
     robot = oscard(patience=0)
     robot.directed(3)
     assert robot.evaluate(seen).kind == Kind.HELP
@@ -226,7 +226,7 @@ def revisiting(k_forced: int = 3) -> tuple[Oscard, View]:
         ...........
         """
     )
-    seen.covered |= set(seen.knowledge.cells)
+    seen.covered |= set(seen.setup.cells)
     robot = oscard(patience=99, revisits=2, k_forced=k_forced)
     for action in (E, W, N, S):
         walk(robot, seen, Evaluation(action, judge(seen, avoid_covered=True, keep_distance=True)))
@@ -266,7 +266,7 @@ def test_without_an_answer_a_robot_makes_k_steps_in_one_direction(k_forced: int)
 def test_an_answer_spares_the_forced_steps() -> None:
     robot, seen = revisiting()
     walk(robot, seen, robot.evaluate(seen))
-    far = seen.knowledge.grid.nx - 1
+    far = seen.setup.grid.nx - 1
     seen.covered.discard(far)
     robot.directed(far)
     actions = [robot.evaluate(seen).action]

@@ -7,7 +7,7 @@ from protocols.pseudonet.algorithms.planned import Errand, Planned, joint_step
 from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from tests.oracles.campaign import soak_count
 from tests.protocols.pseudonet.floors import TIMES, PaperTeam, flood, floor, grid_of, maze, view_of
 
@@ -25,9 +25,9 @@ def random_team(seed: int) -> tuple[PaperTeam, set[int]]:
     cells = np.flatnonzero(grid.free)
     size = int(rng.integers(1, min(8, len(cells)) + 1))
     starts = rng.choice(cells, size, replace=False).tolist()
-    knowledge = Knowledge(grid, size, TIMES)
+    setup = Setup(grid, size, TIMES)
     planner = PLANNERS[seed % 2]
-    return PaperTeam(knowledge, starts, [Planned(planner) for _ in starts]), flood(grid, starts[0])
+    return PaperTeam(setup, starts, [Planned(planner) for _ in starts]), flood(grid, starts[0])
 
 
 def cover(team: PaperTeam, cells: set[int], most: int) -> int:
@@ -68,62 +68,62 @@ def test_many_random_teams_cover_random_mazes() -> None:
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_a_robot_alone_covers_a_corridor_from_its_middle(planner: object) -> None:
-    knowledge, cells = floor("...a....")
-    team = PaperTeam(knowledge, [cells["a"]], [Planned(planner)])  # type: ignore[arg-type]
+    setup, cells = floor("...a....")
+    team = PaperTeam(setup, [cells["a"]], [Planned(planner)])  # type: ignore[arg-type]
     # to the near end and back is 3 + 7 steps, to the far end first 4 + 7
-    assert cover(team, set(knowledge.cells), 11) in (10, 11)
+    assert cover(team, set(setup.cells), 11) in (10, 11)
 
 
 def test_a_dormant_robot_clears_the_corridor_that_it_stands_in() -> None:
-    knowledge, cells = floor("x.ab...")
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"]}, covered=[cells["x"] + 1])
+    setup, cells = floor("x.ab...")
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]}, covered=[cells["x"] + 1])
     errand = Errand(1, cells["x"], 3)  # robot 1 wants to go west, robot 0 has nothing to do
     assert joint_step(view, [errand]) == {0: Action.WEST}
 
 
 def test_a_chain_of_dormant_robots_gives_way_from_its_far_end() -> None:
-    knowledge, cells = floor("x.abcd")
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"], 3: cells["d"]})
+    setup, cells = floor("x.abcd")
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"], 3: cells["d"]})
     assert joint_step(view, [Errand(3, cells["x"], 5)]) == {0: Action.WEST}
 
 
 def test_who_has_an_errand_nearer_to_its_goal_decides_first() -> None:
-    knowledge, cells = floor("aXbY..")
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"]})
+    setup, cells = floor("aXbY..")
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
     # both want X; robot 1 has decided before it is asked to make room
     step = joint_step(view, [Errand(1, cells["X"], 1), Errand(0, cells["Y"], 3)])
     assert step == {1: Action.WEST}
 
 
 def test_a_robot_steps_aside_into_a_niche() -> None:
-    knowledge, cells = floor(
+    setup, cells = floor(
         """
         ##n##
         xab..
         """
     )
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"]})
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
     step = joint_step(view, [Errand(0, cells["b"] + 2, 3)])
     assert step == {1: Action.NORTH}  # the first direction that is free; next time the way is
-    assert cells["n"] == knowledge.steps[cells["b"]][Action.NORTH]
+    assert cells["n"] == setup.steps[cells["b"]][Action.NORTH]
 
 
 def test_a_robot_leads_nobody_into_a_cell_that_another_has_taken_in_the_same_step() -> None:
-    knowledge, cells = floor(
+    setup, cells = floor(
         """
         #b#
         aXc
         """
     )
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"]})
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"]})
     errands = [Errand(robot, cells["X"], 1) for robot in range(3)]
     assert joint_step(view, errands) == {0: Action.EAST}
 
 
 def test_a_robot_stays_where_it_is_once_it_has_lost_its_claim() -> None:
-    knowledge, cells = floor("a...")
+    setup, cells = floor("a...")
     robot = Planned(boustrophedon)
-    view = view_of(knowledge, 0, {0: cells["a"]})
+    view = view_of(setup, 0, {0: cells["a"]})
     robot.enlist(view)
     assert robot.evaluate(view).action == Action.EAST
     view.omitted.add(Action.EAST)
@@ -131,8 +131,8 @@ def test_a_robot_stays_where_it_is_once_it_has_lost_its_claim() -> None:
 
 
 def test_a_robot_says_stop_once_when_its_part_is_done() -> None:
-    knowledge, cells = floor("a..b")
-    team = PaperTeam(knowledge, [cells["a"], cells["b"]], [Planned(boustrophedon) for _ in "ab"])
+    setup, cells = floor("a..b")
+    team = PaperTeam(setup, [cells["a"], cells["b"]], [Planned(boustrophedon) for _ in "ab"])
     kinds = []
     for _ in range(5):
         team.step()
@@ -142,16 +142,16 @@ def test_a_robot_says_stop_once_when_its_part_is_done() -> None:
 
 
 def test_parts_of_the_floor_that_do_not_hang_together_are_covered_by_those_who_are_there() -> None:
-    knowledge, cells = floor("a...#b..c")
+    setup, cells = floor("a...#b..c")
     starts = [cells["a"], cells["b"], cells["c"]]
-    team = PaperTeam(knowledge, starts, [Planned(boustrophedon) for _ in starts])
-    assert cover(team, set(knowledge.cells), 4) == 3
+    team = PaperTeam(setup, starts, [Planned(boustrophedon) for _ in starts])
+    assert cover(team, set(setup.cells), 4) == 3
     assert team.cells[0] < cells["b"]
 
 
 def test_what_lies_behind_a_dropped_robot_is_left() -> None:
-    knowledge, cells = floor("..a.b..")
-    view = view_of(knowledge, 0, {0: cells["a"]})
+    setup, cells = floor("..a.b..")
+    view = view_of(setup, 0, {0: cells["a"]})
     view.obstacles = frozenset({cells["b"]})
     assert view.remaining() == {0, 1, 3}
     view.covered |= {0, 1, 3}
@@ -159,12 +159,12 @@ def test_what_lies_behind_a_dropped_robot_is_left() -> None:
 
 
 def test_who_makes_room_for_somebody_does_not_decide_again() -> None:
-    knowledge, cells = floor(
+    setup, cells = floor(
         """
         xYab
         ##n#
         """
     )
-    view = view_of(knowledge, 0, {0: cells["a"], 1: cells["b"]})
+    view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
     step = joint_step(view, [Errand(1, cells["x"], 3), Errand(0, cells["Y"], 1)])
     assert step == {0: Action.SOUTH}

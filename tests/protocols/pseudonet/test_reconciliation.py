@@ -8,16 +8,16 @@ import pytest
 from protocols.pseudonet.algorithms.base import UNJUDGED
 from protocols.pseudonet.messages import Action, Kind, Message
 from protocols.pseudonet.reconciliation import Equality, Reconciliation
-from protocols.pseudonet.setup import Knowledge, View
+from protocols.pseudonet.setup import Setup, View
 from tests.protocols.pseudonet.floors import TIMES, grid_of
 
 
 class Table:
     """Robots around a table that exchange what they are to say next until they are equal."""
 
-    def __init__(self, knowledge: Knowledge, covered: Sequence[set[int]], map_bytes: int) -> None:
-        self.views = [View(knowledge, me, covered=set(cells)) for me, cells in enumerate(covered)]
-        self.rooms = [Reconciliation(knowledge, map_bytes) for _ in covered]
+    def __init__(self, setup: Setup, covered: Sequence[set[int]], map_bytes: int) -> None:
+        self.views = [View(setup, me, covered=set(cells)) for me, cells in enumerate(covered)]
+        self.rooms = [Reconciliation(setup, map_bytes) for _ in covered]
         self.maps = 0
 
     def exchange(self, kind: Kind) -> set[Equality]:
@@ -39,8 +39,8 @@ class Table:
         assert wanted is Equality.EQUAL
 
 
-def knowledge_of(cells: int) -> Knowledge:
-    return Knowledge(grid_of(np.ones((1, cells), np.bool_)), 3, TIMES)
+def knowledge_of(cells: int) -> Setup:
+    return Setup(grid_of(np.ones((1, cells), np.bool_)), 3, TIMES)
 
 
 @pytest.mark.parametrize(("cells", "map_bytes"), [(5, 1), (8, 1), (9, 1), (100, 5), (41, 5), (300, 96)])

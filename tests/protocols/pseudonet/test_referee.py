@@ -6,13 +6,13 @@ from shapely.geometry import Point, box
 
 from cosim.protocol import Death
 from protocols.pseudonet.coverage import CoverageReferee, cells_touched
-from protocols.pseudonet.setup import Knowledge
+from protocols.pseudonet.setup import Setup
 from tests.protocols.pseudonet.floors import TIMES, floor, grid_of
 
 
 def judge(text: str) -> tuple[CoverageReferee, dict[str, int]]:
-    knowledge, cells = floor(text)
-    return CoverageReferee(knowledge), cells
+    setup, cells = floor(text)
+    return CoverageReferee(setup), cells
 
 
 def look(referee: CoverageReferee, *places: tuple[float, float], now: int = 0) -> None:
@@ -73,7 +73,7 @@ def test_when_all_are_dead_the_floor_remains_the_measure() -> None:
 
 
 def test_cells_are_touched_as_shapely_says() -> None:
-    grid = Knowledge(grid_of(np.ones((6, 7), np.bool_)), 1, TIMES).grid
+    grid = Setup(grid_of(np.ones((6, 7), np.bool_)), 1, TIMES).grid
     rng = np.random.default_rng(3)
     for _ in range(300):
         x, y, radius = rng.uniform(-0.3, 7.3), rng.uniform(-0.3, 6.3), rng.uniform(0.05, 1.7)
@@ -87,5 +87,5 @@ def test_cells_are_touched_as_shapely_says() -> None:
 
 @pytest.mark.parametrize("radius_m", [0.2, 0.5])
 def test_a_body_in_the_middle_of_its_cell_touches_that_cell_only(radius_m: float) -> None:
-    grid = Knowledge(grid_of(np.ones((3, 3), np.bool_)), 1, TIMES).grid
+    grid = Setup(grid_of(np.ones((3, 3), np.bool_)), 1, TIMES).grid
     assert cells_touched(grid, 1.5, 1.5, radius_m) == [4]

@@ -17,7 +17,7 @@ from protocols.reflection.frames import Frame, encode
 from protocols.reflection.guidance import HeadStraight
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
+from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame
 
 TICK = 100 * MS
 STEP_M = 0.1
@@ -60,9 +60,9 @@ class Arena:
             own = tuple(tuple(into_frame(goal, frame) for goal in row) for row in padded)
             route = tuple(into_frame(point, frame) for point in routes[robot])
             tasks.append(Task(own[robot], route, own))
-        self.knowledge = Knowledge(size, TICK, (STEP_M,) * size, RADIUS_M, tuple(tasks), tuple(padded))
+        self.setup = Setup(size, TICK, (STEP_M,) * size, RADIUS_M, tuple(tasks), tuple(padded))
         chosen = list(navigators) + [HeadStraight()] * (size - len(navigators))
-        self.machines = [Reflection(self.parameters, self.knowledge, robot, chosen[robot], 0) for robot in range(size)]
+        self.machines = [Reflection(self.parameters, self.setup, robot, chosen[robot], 0) for robot in range(size)]
         self.wanted: list[Point | None] = [None] * size
         self.blocked = [False] * size
         self.events: list[list[object]] = [[] for _ in starts]

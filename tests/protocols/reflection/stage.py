@@ -18,7 +18,7 @@ from protocols.reflection.goals import goal_number
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
 from protocols.reflection.promises import Way
-from protocols.reflection.setup import Knowledge, Point, Pose, Task, into_frame
+from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame
 from protocols.reflection.spec import SPEC
 from tests.protocols.reflection.arena import out_of_frame
 
@@ -88,9 +88,9 @@ class Stage:
             Task(tuple(into_frame(goal, frame) for goal in row), (), ())
             for row, frame in zip(self.goals, self.frames, strict=True)
         )
-        knowledge = Knowledge(size, TICK, (STEP_M,) * size, 0.2, tasks, tuple(self.goals))
+        setup = Setup(size, TICK, (STEP_M,) * size, 0.2, tasks, tuple(self.goals))
         self.machines: list[Reflection] = [
-            SPEC.make(self.parameters, knowledge, robot, np.random.default_rng(robot), 0)  # type: ignore[misc]
+            SPEC.make(self.parameters, setup, robot, np.random.default_rng(robot), 0)  # type: ignore[misc]
             for robot in range(size)
         ]
         self.ticks = 0

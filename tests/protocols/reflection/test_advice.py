@@ -121,9 +121,9 @@ def test_advice_about_a_former_goal_is_counted_as_stale_and_not_followed() -> No
     arena.tick()
     machine = arena.machines[0]
     assert machine.book.number(0) == 2
-    before = machine.records.outdated
+    before = machine.counters.outdated
     arena.inject(0, 1, encode(Frame(False, False, 0, ((0, 1.0),), (), ((0, 2, 0.5, 0),))))
-    assert machine.records.outdated == before + 1
+    assert machine.counters.outdated == before + 1
     assert machine.ways.of[0] is None or machine.ways.of[0].rest_m != 0.5
 
 
@@ -149,9 +149,9 @@ def test_a_promise_that_brings_no_progress_is_given_up() -> None:
 def test_late_advice_is_counted() -> None:
     arena = screen(delay=8)
     arena.tick(30)
-    records = arena.machines[0].records
-    assert records.advice > 10
-    assert records.late == records.stale == records.advice
+    counters = arena.machines[0].counters
+    assert counters.advice > 10
+    assert counters.late == counters.stale == counters.advice
     prompt = screen(delay=2)
     prompt.tick(30)
-    assert prompt.machines[0].records.late == 0
+    assert prompt.machines[0].counters.late == 0

@@ -135,9 +135,9 @@ def test_each_time_a_goal_in_sight_is_not_come_to_the_algorithm_is_left_alone_fo
     arena.silent = {1}
     spells, ticks = [], 0
     for _ in range(400):
-        before = arena.machines[0].records.steps[Target.ALGORITHM]
+        before = arena.machines[0].counters.steps[Target.ALGORITHM]
         arena.tick()
-        if arena.machines[0].records.steps[Target.ALGORITHM] > before:
+        if arena.machines[0].counters.steps[Target.ALGORITHM] > before:
             ticks += 1
         elif ticks:
             spells.append(ticks)
@@ -238,7 +238,7 @@ def test_a_goal_in_sight_that_no_straight_way_leads_to_is_left_to_the_algorithm_
     arena = Arena([(0.0, 0.0), (3.0, 0.0)], [[(3.0, 0.0)]], patience_s=2.0, detour_s=4.0)
     arena.silent = {1}
     arena.tick(27 + 20)
-    steps = arena.machines[0].records.steps
+    steps = arena.machines[0].counters.steps
     assert steps[Target.ALGORITHM] <= 2
     arena.tick(40)
     assert 35 <= steps[Target.ALGORITHM] <= 42
@@ -263,7 +263,7 @@ def test_in_trouble_a_robot_follows_one_that_is_not_and_stays_behind_it() -> Non
     arena.run(60, TroubleChanged)
     assert arena.told(0, TroubleChanged)[0].in_trouble
     arena.tick(40)
-    assert arena.machines[0].records.steps[Target.HELPER] > 10
+    assert arena.machines[0].counters.steps[Target.HELPER] > 10
     assert arena.places[0][1] < 1.0
     assert math.dist(arena.places[0], arena.places[1]) > 0.8
     assert decode(arena.payloads[0][-1]).in_trouble
@@ -276,7 +276,7 @@ def test_nobody_follows_a_robot_that_is_in_trouble_itself() -> None:
     arena = Arena([(1.7, 3.0), (1.7, 0.0)], goals, (), wall, share_states=True, trouble_limit=10, progress_window=5)
     arena.tick(150)
     assert all(machine.seeker is not None and machine.seeker.trouble.active for machine in arena.machines)
-    assert arena.machines[0].records.steps[Target.HELPER] < 5
+    assert arena.machines[0].counters.steps[Target.HELPER] < 5
 
 
 @pytest.mark.parametrize("team", [2, 5, 9])
@@ -296,9 +296,9 @@ def test_own_frames_that_come_back_change_nothing() -> None:
     arena = screen()
     arena.tick(3)
     machine = arena.machines[0]
-    before = (list(machine.book.identifiers), machine.records.advice)
+    before = (list(machine.book.identifiers), machine.counters.advice)
     machine.receive(arena.payloads[0][-1], Reception(0, True), arena.now)
-    assert (machine.book.identifiers, machine.records.advice) == before
+    assert (machine.book.identifiers, machine.counters.advice) == before
     machine.receive(b"not a frame", Reception(0, True), arena.now)
     assert machine.events() == []
 

@@ -65,13 +65,13 @@ def test_every_robot_gets_its_task_in_its_own_frame() -> None:
     starts = [(1.0, 1.0), (3.0, 1.0), (5.0, 1.0)]
     frames = ((1.0, 1.0, math.pi / 2.0), (3.0, 1.0, 0.0), (0.0, 0.0, 0.0))
     parameters = Parameters(targets=(((2.0, 4.0),),), patrols=(((3.0, 2.0), (9.0, 2.0)), ((5.0, 1.0),)))
-    knowledge = prepare(parameters, surroundings(starts, frames=frames))
-    explorer, shuttle, post = knowledge.tasks
+    setup = prepare(parameters, surroundings(starts, frames=frames))
+    explorer, shuttle, post = setup.tasks
     assert explorer.goals_m[0] == pytest.approx((3.0, -1.0))  # 1 m right and 3 m up, seen with the x axis up
     assert explorer.patrol_m == ()
     assert shuttle.patrol_m == ((0.0, 1.0), (6.0, 1.0))
     assert (shuttle.goals_m, post.patrol_m) == ((), ((5.0, 1.0),))
-    assert knowledge.steps_m == (0.1, 0.1, 0.1)
+    assert setup.steps_m == (0.1, 0.1, 0.1)
     assert explorer.objects_m == ()
 
 
@@ -146,10 +146,10 @@ def test_the_machine_keeps_the_laws_of_machines(algorithm: str, period_s: float 
             "links": links,
         }
     )
-    knowledge = prepare(parameters, surroundings(starts))
+    setup = prepare(parameters, surroundings(starts))
 
     def make(me: int, start: int) -> Reflection:
-        return SPEC.make(parameters, knowledge, me, np.random.default_rng(me), start)  # type: ignore[return-value]
+        return SPEC.make(parameters, setup, me, np.random.default_rng(me), start)  # type: ignore[return-value]
 
     check_machine(make, starts)
 

@@ -27,7 +27,7 @@ from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
-from protocols.exploration.counters import Records
+from protocols.exploration.counters import Counters
 from protocols.mapping.frames import Summary, encode
 from protocols.mapping.sharing import Sharing
 from protocols.transport.star import LinkParameters, Piconet, piconet_of
@@ -204,7 +204,7 @@ def test_the_master_says_again_what_a_slave_has_said_if_there_are_others() -> No
 @pytest.mark.parametrize("near", ["seen", "heard near", "heard far", "nothing"])
 def test_who_shares_pages_those_soon_who_were_seen_or_heard_near_by(near: str) -> None:
     piconet = master(2)
-    sharing = Sharing(0, 2, 400, S, 60, 4, Records(), 0, piconet=piconet)
+    sharing = Sharing(0, 2, 400, S, 60, 4, Counters(), 0, piconet=piconet)
     sharing.tick(0.0, 0.0, 0)
     assert Page(1) in sharing.drain()
     for away_m in {"heard near": (18.0, 9.0), "heard far": (9.0, 18.0)}.get(near, ()):
@@ -232,10 +232,10 @@ def test_a_slave_asks_the_master_rather_than_another_slave() -> None:
     team.reach = lambda teller, hearer: 3 not in (teller, hearer)
     wander(team, 3)
     team.reach = lambda teller, hearer: True
-    before = [records.pieces_again for records in team.records]
+    before = [counters.pieces_again for counters in team.counters]
     team.pass_periods(8)
     assert team.agree
-    again = [records.pieces_again - had for records, had in zip(team.records, before, strict=True)]
+    again = [counters.pieces_again - had for counters, had in zip(team.counters, before, strict=True)]
     assert again[0] > 0 < again[3]  # that is asked by the master for what only it has
     assert again[1] == again[2] == 0
 

@@ -14,7 +14,7 @@ from cosim.units import MS, Time
 from protocols.deployment.localization.runner import LocatedRunner
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.spec import prepare
-from tests.protocols.deployment.crew_scene import STARTS_M, OnWheels, call, knowledge, rows, surroundings
+from tests.protocols.deployment.crew_scene import STARTS_M, OnWheels, call, rows, setup, surroundings
 from tests.protocols.deployment.driving_scene import box, line
 
 WALLS = [
@@ -91,7 +91,7 @@ def test_the_same_seed_has_the_same_digest() -> None:
 
 @pytest.mark.slow
 def test_robots_that_localise_keep_the_laws() -> None:
-    own, known = knowledge(calls=[call()], listen_s=0.2, news_s=0.3, sonars=[1], **MCL)
+    own, known = setup(calls=[call()], listen_s=0.2, news_s=0.3, sonars=[1], **MCL)
 
     def make(me: Address, start: Time) -> Any:
         return OnWheels(LocatedRunner(own, known, me, start, np.random.default_rng(me)), STARTS_M[me])
@@ -107,8 +107,8 @@ def test_without_a_scanner_nobody_localises() -> None:
 
 def test_cells_are_given_for_all_robots_or_none() -> None:
     with pytest.raises(UserError, match="cells_m: 2 sizes are given for 3 robots"):
-        knowledge(cells_m=[0.1, 0.2])
-    _, known = knowledge(cells_m=[0.1, 0.2, 0.2])
+        setup(cells_m=[0.1, 0.2])
+    _, known = setup(cells_m=[0.1, 0.2, 0.2])
     assert known.floors[0] is known.floor
     assert known.floors[1] is known.floors[2]
     assert [floor.parameters.cell_m for floor in known.floors] == [0.1, 0.2, 0.2]

@@ -7,14 +7,14 @@ import pytest
 from cosim.machine import Drive, Event
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages.messages import Aside
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.events import PictureTaken, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Result, Retreat
 from protocols.deployment.tasks.plan import Go, Photo, Place
-from tests.protocols.deployment.crew_scene import STARTS_M, TICK, knowledge
+from tests.protocols.deployment.crew_scene import STARTS_M, TICK, setup
 
 
 class Wheels:
@@ -48,10 +48,10 @@ class Bench:
     """Robot 0 of three, on wheels that the test moves."""
 
     def __init__(self, **changes: Any) -> None:
-        parameters, known = knowledge(**changes)
-        self.wheels, self.events, self.records = Wheels(), list[Event](), Records()
+        parameters, known = setup(**changes)
+        self.wheels, self.events, self.counters = Wheels(), list[Event](), Counters()
         own: Any = self.wheels
-        self.member = Member(parameters.member, known, 0, own, self.records, self.events.append)
+        self.member = Member(parameters.member, known, 0, own, self.counters, self.events.append)
         self.now: Time = 0
         self.at = STARTS_M[0]
         self.serial = -1
@@ -166,7 +166,7 @@ def test_a_drive_fails_when_the_robot_gets_no_nearer_for_long() -> None:
     bench.tick(60)
     assert bench.results() == [Result.FAILED]
     assert bench.wheels.told[-1] == ("halt",)
-    assert bench.records.failed == 1
+    assert bench.counters.failed == 1
 
 
 def test_a_halt_is_no_success_of_the_task_that_it_ends() -> None:
@@ -271,4 +271,4 @@ def test_a_picture_for_which_the_robot_cannot_turn_has_failed_in_the_end() -> No
     assert bench.results() == []
     assert bench.tick(2)[-1] == Drive(0.0, 0.0)
     assert bench.results() == [Result.FAILED]
-    assert bench.records.pictures == 0
+    assert bench.counters.pictures == 0

@@ -14,7 +14,7 @@ from cosim.units import S
 from protocols.deployment.runner import Runner
 from protocols.wire import BadBytes
 from tests.oracles.campaign import two_tiers
-from tests.protocols.deployment.crew_scene import BY_CABLE, HEIGHT_M, PLACES_M, STARTS_M, WIDTH_M, knowledge, scenario
+from tests.protocols.deployment.crew_scene import BY_CABLE, HEIGHT_M, PLACES_M, STARTS_M, WIDTH_M, scenario, setup
 
 CALL = {"play": "deploy/group", "places": PLACES_M}
 
@@ -214,7 +214,7 @@ def test_another_robots_console_says_who_is_host() -> None:
 
 
 def runner() -> Runner:
-    machine = Runner(*knowledge(), 0, 0)
+    machine = Runner(*setup(), 0, 0)
     machine.observe(Observation(*STARTS_M[0], 0.0, 0.0, True, False), 0)
     machine.outbox()
     return machine

@@ -8,7 +8,7 @@ import pytest
 from cosim.machine import OPERATOR, Address, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import S, Time, to_seconds
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.messages import status
 from protocols.deployment.messages.messages import Facts
 from protocols.deployment.messages.status import News
@@ -20,7 +20,7 @@ from protocols.deployment.tasks.plan import Between, Instant
 from protocols.deployment.team.rumours import Rumours
 from protocols.deployment.team.succession import Succession
 from protocols.transport.frames import ALL, Bulletin, Frame, encode
-from tests.protocols.deployment.crew_scene import BY_CABLE, PLACES_M, STARTS_M, TICK, call, knowledge, rows, run
+from tests.protocols.deployment.crew_scene import BY_CABLE, PLACES_M, STARTS_M, TICK, call, rows, run, setup
 from tests.protocols.deployment.hosts_scene import Robot, Team, drives, over
 
 QUICK: dict[str, Any] = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}
@@ -30,7 +30,7 @@ class Listener:
     """The machine of robot 1 of three, which stands, and hears what the test has others say."""
 
     def __init__(self, me: Address = 1, **parameters: Any) -> None:
-        own, known = knowledge(**QUICK, **parameters)
+        own, known = setup(**QUICK, **parameters)
         self.runner = Runner(own, known, me, 0)
         self.now: Time = 0
         self.frames = 0
@@ -89,7 +89,7 @@ def test_a_new_host_waits_for_a_plan_that_another_knows_who_lives() -> None:
     host = robot.runner.host
     assert host.leads
     assert host.busy
-    assert (host.play, robot.runner.records.plans) == (None, 0)
+    assert (host.play, robot.runner.counters.plans) == (None, 0)
 
 
 def test_a_call_that_was_refused_is_not_made_again_by_a_new_host() -> None:
@@ -97,7 +97,7 @@ def test_a_call_that_was_refused_is_not_made_again_by_a_new_host() -> None:
     robot.until(3.0, (0, 0, 0, 1), (2, 0, 0, 1))
     robot.until(12.0, (2, 0, 0, 1))
     assert robot.runner.host.leads
-    assert (robot.runner.records.plans, robot.runner.records.refused) == (0, 0)
+    assert (robot.runner.counters.plans, robot.runner.counters.refused) == (0, 0)
 
 
 def test_calls_of_a_plan_that_is_not_known_here_count_once_it_is() -> None:
@@ -203,7 +203,7 @@ class Switching:
         plain = [{"at_s": at_s, "strategy": strategy} for at_s, strategy in switches]
         own = Parameters.model_validate({"switches": plain})
         nobody: Any = None
-        self.calls = [Calls(own, nobody, robot.host, robot.note, Records(), 0) for robot in self.team.robots]
+        self.calls = [Calls(own, nobody, robot.host, robot.note, Counters(), 0) for robot in self.team.robots]
 
     def until(self, at_s: float) -> None:
         while self.team.now < at_s * S:

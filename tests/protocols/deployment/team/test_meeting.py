@@ -91,12 +91,12 @@ def test_of_two_hosts_that_begin_a_plan_of_the_same_number_at_once_one_s_is_play
     )
     team.cut.clear()
     team.until(70)
-    records = list[Record]()
+    counters = list[Record]()
     for robot in team.robots:
         assert robot.host.play is not None
-        records.append(robot.host.play.ledger.record())
-    assert [record.start for record in records] == [records[0].start] * 3
-    assert [record.plan for record in records] == [records[0].plan] * 3
+        counters.append(robot.host.play.ledger.record())
+    assert [record.start for record in counters] == [counters[0].start] * 3
+    assert [record.plan for record in counters] == [counters[0].plan] * 3
     assert len({robot.host.digest for robot in team.robots}) == 1
 
 
@@ -155,7 +155,7 @@ class Moving(Team):
 
     def __init__(self, size: int, executive: str) -> None:
         super().__init__(size, executive)
-        self.at_m = list(self.knowledge.starts_m[:size])
+        self.at_m = list(self.setup.starts_m[:size])
         self.ended = [0] * size
         for robot in self.robots:
             robot.where = lambda robot=robot: self.whereabouts(robot)  # type: ignore[method-assign, misc]
@@ -319,7 +319,7 @@ def test_nobody_is_sent_where_a_spare_robot_stands_that_has_taken_over(root: Tas
     team = Team(4)
     team.until(1)
     plan = Plan(number=1, play="p", robots=(0, 1, 2), root=root)
-    team.robots[0].host.execute(plan, dict(enumerate(team.knowledge.starts_m)), 1, team.now)
+    team.robots[0].host.execute(plan, dict(enumerate(team.setup.starts_m)), 1, team.now)
     team.robots[0].settle()
     team.until(3)
     team.dead = {2}

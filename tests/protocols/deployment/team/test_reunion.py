@@ -7,7 +7,7 @@ import pytest
 
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.deployment.counters import Records
+from protocols.deployment.counters import Counters
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.executing.recovery import lengths, reassigned
 from protocols.deployment.planning.methods import expanded_to, stages
@@ -192,9 +192,9 @@ def test_who_is_lost_already_as_a_team_meets_again_is_not_waited_for() -> None:
     record = play.ledger.record()
     assert play.number == 2
     assert [fact for fact in record.facts if isinstance(fact, Heard)] == [
-        Heard(robot=3, again=False, place_m=team.knowledge.starts_m[3], at=record.start)
+        Heard(robot=3, again=False, place_m=team.setup.starts_m[3], at=record.start)
     ]
-    assert record.starts_m == dict(enumerate(team.knowledge.starts_m)), "the host's own place is among them"
+    assert record.starts_m == dict(enumerate(team.setup.starts_m)), "the host's own place is among them"
 
 
 def test_nothing_more_is_sent_to_who_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,7 +212,7 @@ def test_of_the_lost_those_are_still_lost_of_whom_nothing_was_heard_lately_but_n
     team.dead = {3}
     team.until(10)
     robot = team.robots[1]
-    roll = Roll(1, 4, SILENCE, robot.host.succession, robot.others, robot.note, Records())
+    roll = Roll(1, 4, SILENCE, robot.host.succession, robot.others, robot.note, Counters())
     assert [fact.robot for fact in roll.still_lost({0, 1, 2, 3}, robot.when, team.now)] == [3]
     assert [fact.robot for fact in roll.still_lost({0}, robot.when, team.now + SILENCE)] == [0]
 
