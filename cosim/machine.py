@@ -12,7 +12,7 @@ Addresses are small integers, the robots' numbers in the team; channels map them
 from collections.abc import Mapping
 from dataclasses import Field, dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from cosim.errors import LocalProtocolError
 from cosim.observation import Observation
@@ -303,6 +303,12 @@ class Call:
     detail: str = ""
 
 
+class Unrecorded:
+    """The base of events that only the referee hears: they leave no row in the trace."""
+
+    __slots__ = ()
+
+
 class Machine(Protocol):
     """A protocol endpoint. It does no I/O, reads no clock and draws only from the stream it was given."""
 
@@ -333,6 +339,42 @@ class Machine(Protocol):
 
     def events(self) -> list[Event]:
         """Drain rows for the trace."""
+
+
+T = TypeVar("T")
+
+
+class Drains:
+    """The three queues of a machine, to derive from: lists that are filled in any way and drained as the node asks.
+
+    A list stays the same object, so that a machine's parts may hold it and append to it.
+    """
+
+    def __init__(self) -> None:
+        self._outbox: list[Outgoing | LinkCommand] = []
+        self._commands: list[Command] = []
+        self._events: list[Event] = []
+
+    def outbox(self) -> list[Outgoing | LinkCommand]:
+        """Drain payloads and link commands."""
+        return drained(self._outbox)
+
+    def commands(self) -> list[Command]:
+        """Drain motion commands."""
+        return drained(self._commands)
+
+    def events(self) -> list[Event]:
+        """Drain rows for the trace, and what only the referee hears."""
+        return drained(self._events)
+
+
+def drained(queue: list[T]) -> list[T]:
+    """Return what is in *queue* and empty it."""
+    if not queue:
+        return []
+    items = queue[:]
+    queue.clear()
+    return items
 
 
 def next_state(table: Mapping[tuple[Any, Any], tuple[Any, Any]], state: Any, event: Any) -> tuple[Any, Any]:

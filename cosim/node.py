@@ -1,7 +1,7 @@
 """A node joins one machine with its channel and its body: it drives the machine and acts on what that leaves behind."""
 
-from collections.abc import Container, Iterable
-from typing import Any, Final, NamedTuple
+from collections.abc import Container, Iterable, Sequence
+from typing import Any, Final, NamedTuple, Protocol
 
 from cosim.channels.base import Channel
 from cosim.errors import LocalProtocolError
@@ -27,6 +27,7 @@ from cosim.machine import (
     RoleChanged,
     Scan,
     Share,
+    Unrecorded,
 )
 from cosim.observation import Observation
 from cosim.trace import CALLS, LINKS, MESSAGES, Trace
@@ -46,6 +47,13 @@ class Said(NamedTuple):
     payload: bytes
 
 
+class Listener(Protocol):
+    """Who hears the events of machines beside the trace: a referee, for example."""
+
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        """Note what the machine of *robot* reports at the true time *now*."""
+
+
 class Notices:
     """What machines report that a person is to be told: their events of some *types*, in words."""
 
@@ -53,9 +61,10 @@ class Notices:
         self.types = frozenset(types)
         self.texts: list[str] = []
 
-    def take(self, event: Event, robot: Address, now: Time) -> None:
-        """Put down what *robot* reports."""
-        self.texts.append(f"robot {robot} at {to_seconds(now):.1f} s: {event}")
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        """Put down what *robot* reports, if it is of one of the types."""
+        if type(event) in self.types:
+            self.texts.append(f"robot {robot} at {to_seconds(now):.1f} s: {event}")
 
 
 class Node:
@@ -73,7 +82,7 @@ class Node:
         channel: Channel,
         trace: Trace,
         cable: list[Said] | None = None,
-        notices: "Notices | None" = None,
+        listeners: Sequence[Listener] = (),
     ) -> None:
         self.address = address
         self.machine = machine
@@ -85,7 +94,7 @@ class Node:
         """Takes what the machine tells the operator; several nodes may share it."""
         self.payloads = 0
         """How many the machine has sent by the channel."""
-        self._notices = notices
+        self._listeners = tuple(listeners)
         self._kernel = kernel
         self._channel = channel
         self._trace = trace
@@ -184,9 +193,10 @@ class Node:
         if isinstance(event, Call):
             self._trace.row(CALLS, now, self.address, event.depth, event.room, event.call, event.detail)
         else:
-            self._trace.event(now, self.address, event)
-            if self._notices is not None and type(event) in self._notices.types:
-                self._notices.take(event, self.address, now)
+            if not isinstance(event, Unrecorded):
+                self._trace.event(now, self.address, event)
+            for listener in self._listeners:
+                listener.note(self.address, event, now)
 
     def _arm(self, deadline: Time, now: Time) -> None:
         """Have the machine woken at *deadline*, or at once if that is over, and not when it would have been."""

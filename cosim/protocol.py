@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from cosim.errors import UserError
-from cosim.machine import Address, Machine
+from cosim.machine import Address, Event, Machine
 from cosim.settings import Settings
 from cosim.units import Time
 
@@ -108,15 +108,20 @@ def anywhere(
 
 
 class Referee(Protocol):
-    """Judge of the truth of one run: sees the bodies, never the machines' beliefs."""
+    """Judge of the truth of one run: sees the bodies, and hears what machines report, but not what they believe."""
 
     def look(
         self, x_m: np.ndarray[Any, np.dtype[np.float64]], y_m: np.ndarray[Any, np.dtype[np.float64]], now: Time
     ) -> bool:
         """Note the robots' true positions (metres) at a tick; return whether the run is over."""
 
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        """Note an event of a machine, also an ``Unrecorded`` one, at the true time *now*, before the next ``look``."""
+        return  # who derives from this class need not hear it
+
     def died(self, death: Death) -> None:
         """Note that a robot is dead, and where its body rests for ever; before the ``look`` of the same tick."""
+        return
 
     def verdict(self, now: Time) -> dict[str, float]:
         """Return the metrics that the truth decides, by name."""

@@ -108,8 +108,10 @@ class Simulation:
         ]
         self._cable: list[Said] = []
         self._notices = Notices(self.spec.notices)
+        # a referee without ears for events, as those written before there were any, is told none
+        listeners = (self._notices, self.referee) if hasattr(self.referee, "note") else (self._notices,)
         self.nodes = [
-            Node(robot, machine, self.kernel, self.channel, self.trace, self._cable, self._notices)
+            Node(robot, machine, self.kernel, self.channel, self.trace, self._cable, listeners)
             for robot, machine in enumerate(self.machines)
         ]
         for node in self.nodes:

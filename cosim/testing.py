@@ -43,6 +43,7 @@ from cosim.machine import (
     Reception,
     Role,
     RoleChanged,
+    Unrecorded,
 )
 from cosim.node import Node, misuse, shown
 from cosim.observation import Observation, Sighting
@@ -232,7 +233,9 @@ class _Drill:
         """Return what is wrong with *item* of a machine's *queue*, if anything is."""
         if queue == "outbox":
             return misuse(item, len(self.starts_m), range(self.radios))
-        if queue == "events" and self.events is not None and type(item) not in self.events:
+        if queue != "events" or self.events is None or isinstance(item, Unrecorded):
+            return None
+        if type(item) not in self.events:
             return "its type is not among the event types that are given"
         return None
 

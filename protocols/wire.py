@@ -37,16 +37,14 @@ def pack(layout: Layout, values: Mapping[str, int]) -> bytes:
             raise WireError(f"{name} = {value} does not fit into {bits} bits")
         word = word << bits | value
         width += bits
-    data = (word << -width % 8).to_bytes(-(-width // 8), "big")
-    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return seal((word << -width % 8).to_bytes(-(-width // 8), "big"))
 
 
 def unpack(layout: Layout, data: bytes) -> dict[str, int]:
     """Decode *data*; raise :exc:`WireError` for a wrong length, CRC or padding."""
     if len(data) != size(layout):
         raise WireError(f"{len(data)} bytes where {size(layout)} were expected")
-    check(data)
-    word = int.from_bytes(data[:-CRC_BYTES], "big")
+    word = int.from_bytes(open(data), "big")
     rest = 8 * (len(data) - CRC_BYTES)
     values = {}
     for name, bits in layout:
@@ -55,6 +53,17 @@ def unpack(layout: Layout, data: bytes) -> dict[str, int]:
     if word & (1 << rest) - 1:
         raise WireError("padding that is not zero")
     return values
+
+
+def seal(data: bytes) -> bytes:
+    """Return *data* with its CRC."""
+    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+
+
+def open(data: bytes) -> bytes:
+    """Return *data* without its CRC; raise :exc:`WireError` unless it ends with that of what comes before."""
+    check(data)
+    return data[:-CRC_BYTES]
 
 
 def check(data: bytes) -> None:

@@ -17,6 +17,7 @@ from cosim.machine import (
     Command,
     Disconnect,
     Discovered,
+    Drains,
     Drive,
     Event,
     Flush,
@@ -27,11 +28,12 @@ from cosim.machine import (
     Page,
     Reception,
     Share,
+    Unrecorded,
 )
 from cosim.node import Node
 from cosim.observation import Observation
 from cosim.trace import CALLS, MESSAGES, Trace, events_table
-from cosim.units import Time
+from cosim.units import S, Time
 
 OBSERVATION = Observation(1.0, 2.0, 0.0, 0.0, True, False)
 
@@ -331,3 +333,46 @@ def test_a_dead_host_takes_nothing_says_nothing_and_is_not_woken(bench: Bench):
     assert bench.wire.asked == []
     assert bench.node.motion == []
     assert bench.trace.count("events") == bench.trace.count("messages") == 0
+
+
+class Ears:
+    """Hears what machines report."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[Address, Event, Time]] = []
+
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        self.heard.append((robot, event, now))
+
+
+@dataclass(frozen=True)
+class Confided(Unrecorded):
+    """What is for a referee's ears only."""
+
+    value: int
+
+
+def test_listeners_hear_at_the_true_time_also_what_is_not_recorded(bench: Bench) -> None:
+    ears = Ears()
+    node = Node(0, bench.puppet, bench.kernel, bench.wire, bench.trace, listeners=[ears])
+    node.step_clock(5 * S, 0)  # the machine's clock is nobody else's
+    bench.puppet.notes = [Noted("1"), Confided(2), Call(0, "room", "call")]
+    node.drain(7)
+    assert ears.heard == [(0, Noted("1"), 7), (0, Confided(2), 7)]
+    assert bench.trace.columns("events")["event"] == ["Noted"]
+
+
+def test_queues_are_drained_once_and_stay_the_same_lists() -> None:
+    queues = Drains()
+    held = queues._events
+    held.append(Noted("1"))
+    queues._outbox.append(Outgoing(1, b"x"))
+    queues._commands.append(Drive(1.0, 0.0))
+    assert (queues.events(), queues.outbox(), queues.commands()) == (
+        [Noted("1")],
+        [Outgoing(1, b"x")],
+        [Drive(1.0, 0.0)],
+    )
+    assert (queues.events(), queues.outbox(), queues.commands()) == ([], [], [])
+    held.append(Noted("2"))
+    assert queues.events() == [Noted("2")]

@@ -8,7 +8,6 @@ most 6e-8 of itself.
 """
 
 import struct
-from binascii import crc_hqx
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from struct import Struct
@@ -35,11 +34,11 @@ from protocols.aggregation.messages import (
     Stop,
     Stopped,
 )
+from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x41
 FAR_M: Final = 1e6
 """No coordinate on the wire, and no speed in m/s, is greater than this."""
-CRC_BYTES: Final = 2
 CLOCK_MS: Final = 1 << 32
 """Stamps count modulo this."""
 REMEMBERED: Final = 256
@@ -101,7 +100,7 @@ def encode(sender: Address, message: Message) -> bytes:
         data = _WRITERS[kind](CODES[kind], sender, message)
     except (struct.error, ValueError) as error:
         raise LocalProtocolError(f"{kind.__name__} of {sender}: {error}") from error
-    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return seal(data)
 
 
 def _near(x: float, y: float) -> bool:
@@ -187,8 +186,7 @@ def decode(data: bytes) -> tuple[Address, Message]:
     """
     if len(data) < HEAD.size + CRC_BYTES or data[0] != MAGIC or not 0 < data[1] <= len(_READERS):
         raise WireError("not a frame of a search team")
-    if crc_hqx(data, 0xFFFF):  # over a message and its own CRC it is 0
-        raise WireError("the CRC does not fit")
+    check(data)
     try:
         message, end = _READERS[data[1] - 1](data)
     except (struct.error, IndexError):

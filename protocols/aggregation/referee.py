@@ -2,12 +2,12 @@
 
 from cosim.arrays import Floats
 from cosim.machine import Address
-from cosim.protocol import Death
+from cosim.protocol import Death, Referee
 from cosim.units import Time
 from protocols.aggregation.setup import Setup
 
 
-class SearchReferee:
+class SearchReferee(Referee):
     """Lets a run go on until all living robots have stopped, or its time is over."""
 
     def __init__(self, setup: Setup) -> None:

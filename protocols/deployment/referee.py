@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.arrays import Floats
 from cosim.geometry.segments import clearance, segment_grid
-from cosim.protocol import Death, Metric, Surroundings
+from cosim.protocol import Death, Metric, Referee, Surroundings
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.standing import Begun, Board, stage_of
 from protocols.deployment.tasks.plan import Place
@@ -69,7 +69,7 @@ class Judged(Protocol):
         """What the robots say of themselves."""
 
 
-class DeploymentReferee:
+class DeploymentReferee(Referee):
     """Watches bodies, and reads the board beside them. It ends no run: the machines know when the play is over."""
 
     def __init__(self, parameters: Any, setup: Judged, surroundings: Surroundings) -> None:

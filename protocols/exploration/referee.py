@@ -15,7 +15,7 @@ from cosim.arrays import Bools, Floats
 from cosim.geometry.marking import Weights
 from cosim.geometry.segments import ray_casts, segment_grid
 from cosim.navigation.schemas import beam_directions
-from cosim.protocol import Death, Surroundings
+from cosim.protocol import Death, Referee, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.exploration.setup import Setup
 from protocols.exploration.truth import coverable_cells, first_in_way_m
@@ -30,7 +30,7 @@ _PASSED: Final = Weights(1, 127, 127)
 _ROUNDING: Final = 1e-9
 
 
-class CoverageReferee:
+class CoverageReferee(Referee):
     """Watches what each robot's beams pass. It ends no run: robots find out for themselves that all is done."""
 
     def __init__(self, setup: Setup, surroundings: Surroundings) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.geometry.grids import Cell, CoverageGrid
 from cosim.machine import Address
-from cosim.protocol import Death
+from cosim.protocol import Death, Referee
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.setup import Setup
 
@@ -27,7 +27,7 @@ def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
     return largest
 
 
-class GatheringReferee:
+class GatheringReferee(Referee):
     """Watches where the living are; sees poses and deaths only, never what machines believe."""
 
     def __init__(self, setup: Setup) -> None:

@@ -4,7 +4,6 @@ Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-
 (001) has one map in one memory, and prints no formats.
 """
 
-from binascii import crc_hqx
 from struct import Struct, error
 from typing import Final, NamedTuple, TypeAlias
 
@@ -13,7 +12,7 @@ import numpy as np
 from cosim.arrays import Words
 from cosim.errors import LocalProtocolError, WireError
 from cosim.machine import Address
-from protocols.wire import CRC_BYTES, check
+from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x45
 FAR_M: Final = 1e6
@@ -96,7 +95,7 @@ def encode(sender: Address, message: Message) -> bytes:
                 body += b"".join(_ENTRY.pack(*stream, count, source) for stream, count, source in entries)
     except error as wrong:
         raise LocalProtocolError(f"{message} does not fit into a frame: {wrong}") from None
-    return body + crc_hqx(body, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return seal(body)
 
 
 def decode(data: bytes) -> tuple[Address, Message]:

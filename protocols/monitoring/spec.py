@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.machine import Address
-from cosim.protocol import Death, Metric, ProtocolSpec, Surroundings
+from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.monitoring.events import EVENTS
 from protocols.monitoring.machine import Monitor
@@ -39,7 +39,7 @@ METRICS: Final = (
 )
 
 
-class DeathReferee:
+class DeathReferee(Referee):
     """The truth: who died when. It never ends a run."""
 
     def __init__(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.geometry.grids import Cell, CoverageGrid, distances
 from cosim.machine import Address
-from cosim.protocol import Death
+from cosim.protocol import Death, Referee
 from cosim.units import Time, to_seconds
 from protocols.pseudonet.setup import Setup
 
@@ -31,7 +31,7 @@ def cells_touched(grid: CoverageGrid, x_m: float, y_m: float, radius_m: float) -
     return touched
 
 
-class CoverageReferee:
+class CoverageReferee(Referee):
     """Counts the cells that robots' centres enter; sees poses and deaths only, never what machines believe."""
 
     def __init__(self, setup: Setup) -> None:

@@ -12,7 +12,6 @@ observation, and a promise the time at which its goal was seen, both in ms since
 team are taken to be set alike.
 """
 
-from binascii import crc_hqx
 from collections.abc import Iterable, Sequence
 from functools import cache, lru_cache
 from itertools import chain
@@ -21,6 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from cosim.errors import WireError
 from cosim.machine import Address
+from protocols.wire import CRC_BYTES, check, seal
 
 Bearing: TypeAlias = tuple[Address, float]
 """(robot, direction in which the sender sees it, radians in the sender's frame)"""
@@ -38,7 +38,6 @@ HEADER: Final = Struct(">BBIBBB")
 BEARING: Final = Struct(">Bf")
 TERM: Final = Struct(">BIff")
 PLEDGE: Final = Struct(">BIfI")
-CRC_BYTES: Final = 2
 CLOCK_MS: Final = 1 << 32
 """Stamps count modulo this."""
 REMEMBERED: Final = 256
@@ -78,7 +77,7 @@ def encode(frame: Frame) -> bytes:
 def pack(flags: int, stamp_ms: int, bearings: int, terms: int, pledges: int, flat: Iterable[float]) -> bytes:
     """Return the bytes of a frame with so many bearings, terms and pledges, whose numbers are *flat*, in that order."""
     data = _layout(bearings, terms, pledges).pack(MAGIC, flags, stamp_ms, bearings, terms, pledges, *flat)
-    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return seal(data)
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -95,8 +94,7 @@ def decode(data: bytes) -> Frame:
     end = terms_end + PLEDGE.size * pledged
     if len(data) != end + CRC_BYTES:
         raise WireError(f"{len(data)} bytes where {end + CRC_BYTES} were expected")
-    if crc_hqx(data, 0xFFFF):  # over a message and its own CRC it is 0
-        raise WireError("the CRC does not fit")
+    check(data)
     bearings: tuple[Bearing, ...] = tuple(BEARING.iter_unpack(data[HEADER.size : bearings_end]))
     terms: tuple[GoalTerm, ...] = tuple(TERM.iter_unpack(data[bearings_end:terms_end])) if known else ()
     pledges: tuple[Pledge, ...] = tuple(PLEDGE.iter_unpack(data[terms_end:end])) if pledged else ()

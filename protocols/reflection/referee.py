@@ -4,12 +4,12 @@ import math
 
 from cosim.arrays import Floats
 from cosim.machine import Address
-from cosim.protocol import Death
+from cosim.protocol import Death, Referee
 from cosim.units import Time
 from protocols.reflection.setup import Setup
 
 
-class TargetReferee:
+class TargetReferee(Referee):
     """Watches where the explorers are; sees bodies only, never what machines believe.
 
     The targets of an explorer count in their order, one a tick. A target that its machine gives up stays open here, and

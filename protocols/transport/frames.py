@@ -4,14 +4,13 @@ Every frame is big-endian: magic, kind, author, destination, the author's life, 
 ``protocols.wire``). The paper (004) has "a TCP/IP socket" between executive and robots, and prints no formats.
 """
 
-from binascii import crc_hqx
 from struct import Struct, error
 from typing import Final, NamedTuple, TypeAlias
 
 from cosim.errors import LocalProtocolError, WireError
 from cosim.machine import Address
 from cosim.units import MS, Time
-from protocols.wire import CRC_BYTES, check
+from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x4C
 ALL: Final[Address] = 0xFF
@@ -107,7 +106,7 @@ def encode(frame: Frame) -> bytes:
         raise LocalProtocolError(f"{frame} does not fit into a frame: {wrong}") from None
     if not _sound(frame):
         raise LocalProtocolError(f"{frame} means nothing")
-    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return seal(data)
 
 
 def decode(data: bytes) -> Frame:

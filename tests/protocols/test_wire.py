@@ -71,3 +71,24 @@ def test_every_single_bit_error_is_noticed(bit: int) -> None:
 def test_a_crc_alone_is_no_packet(data: bytes) -> None:
     with pytest.raises(WireError):
         wire.check(data)
+
+
+@given(st.binary(min_size=1, max_size=40))
+def test_what_was_sealed_is_opened(data: bytes) -> None:
+    sealed = wire.seal(data)
+    assert sealed[-2:] == bitwise_crc(data).to_bytes(2, "big")
+    assert wire.open(sealed) == data
+
+
+@given(st.binary(min_size=1, max_size=40), st.integers(0, 10_000))
+def test_a_bit_that_was_changed_is_noticed(data: bytes, at: int) -> None:
+    sealed = bytearray(wire.seal(data))
+    sealed[at // 8 % len(sealed)] ^= 1 << at % 8
+    with pytest.raises(WireError, match="the CRC does not fit"):
+        wire.open(bytes(sealed))
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff", b"\xff\xff"])
+def test_a_seal_on_nothing_is_none(data: bytes) -> None:
+    with pytest.raises(WireError, match="the CRC does not fit"):
+        wire.open(data)
