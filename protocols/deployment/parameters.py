@@ -101,6 +101,10 @@ class Parameters(Settings):
     again_s: Seconds = Field(
         default=5.0, gt=0, description="s, what another's news say that it lacks it is told once in so long"
     )
+    interference: bool = Field(
+        default=False,
+        description="measure interference_s and hindered_s: compute what each robot would do without the others",
+    )
     member: MemberParameters = MemberParameters()
     driving: DrivingParameters = DrivingParameters()
     positioning: PositioningParameters = PositioningParameters()

@@ -65,6 +65,8 @@ class Runner:
         known = setup.ground, me, self.courier.news_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
         mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, setup.tick)
+        if parameters.interference:
+            mover.compare()
         self.member = Member(parameters.member, setup, me, mover, self.counters, note)
         self.host = Host(parameters, setup, me, self.member.others, self, note, self.counters, start)
         planning = Planning(parameters, setup, self.member, self.exploring, self._silent, self._heard)

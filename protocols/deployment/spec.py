@@ -104,7 +104,7 @@ def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
 
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> DeploymentReferee:
     """Return the judge of the truth."""
-    return DeploymentReferee(parameters, setup, surroundings)
+    return DeploymentReferee(parameters.interference, surroundings)
 
 
 def measure(machines: Sequence[Runner]) -> dict[str, float]:

@@ -15,8 +15,7 @@ from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.deployment.driving.exploring import Exploring
 from protocols.deployment.driving.learned import LearnedFloor
-from protocols.deployment.driving.mover import State
-from protocols.deployment.driving.pace import PacedMover
+from protocols.deployment.driving.mover import Mover, State
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Wheel
@@ -40,7 +39,7 @@ BESIDE_M: Final = 0.03
 """The margin to what is scanned is wider by so much: the end of a wall may be between two beams."""
 
 
-class ExploringMover(PacedMover):
+class ExploringMover(Mover):
     """Drives as any mover does, or explores; whatever else it is told ends that."""
 
     def __init__(

@@ -21,7 +21,7 @@ from protocols.deployment.messages.messages import Aside
 from protocols.deployment.messages.status import FAST_MPS
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.setup import Setup
-from protocols.deployment.tasks.events import SteppedAside, TaskEnded, TaskStarted
+from protocols.deployment.tasks.events import Driving, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
 from protocols.motion.progress import Approach
@@ -226,11 +226,11 @@ class Member:
         return Drive(0.0, 0.0)
 
     def _note_drive(self) -> None:
-        """Write on the judge's board what drive it is at, and how fast it is."""
-        order = self._order
+        """Report to the referee what drive it is at, and how fast it is."""
+        order, mover = self._order, self._mover
         if not self._over and order is not None and isinstance(order.errand, Go):
-            waits = self._waits_since is not None
-            self._setup.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+            speeds_mps = None if mover.twin is None else mover.twin.speeds_mps
+            self._note(Driving(order.task, self._waits_since is not None, mover.under_way, speeds_mps))
 
     def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
         self._counters.asides += 1
@@ -268,7 +268,6 @@ class Member:
         self._over = True
         self._waits_since = None
         self._counters.failed += result is Result.FAILED
-        self._setup.board.ends(self.me)
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
         self._reports.append(
             Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
@@ -278,5 +277,3 @@ class Member:
         """Forget the order that it has; a later one has come, so nobody waits for its end."""
         self._waits_since = None
         self._aloof.forget()
-        if not self._over:
-            self._setup.board.ends(self.me)

@@ -1,9 +1,9 @@
-"""A robot's double: what it would order, where it is, had no other robot been there since it set off.
+"""The counterfactual twin of a robot: what it would order, where it is, had no other robot been there since it set off.
 
-It measures interference (:mod:`protocols.deployment.interference`), and moves nobody. At every tick it stands where
-the robot stands, but faces where it has itself turned to, at the speed that it has itself come to; it follows the field
-of the bare map, and meets no bodies. All else it does as its robot's wheel does, by the same calls: alone, a robot and
-its double order the same.
+It measures interference (:mod:`protocols.deployment.referee`) and moves no robot. At every tick it stands where the
+robot stands, but has the heading and the speed that it has itself come to; it follows the field of the bare map, and
+meets no bodies. All else it does as its robot's driver does, by the same calls: alone, a robot and its twin order the
+same.
 """
 
 import math
@@ -24,14 +24,14 @@ _SOMEBODY_M: Final = 0.5
 """What the scanner meets so near to a robot's body is taken for that robot, however late one has heard where it is."""
 
 
-class Double:
+class Twin:
     """What one robot would do without the others; asked once a tick, when the robot has ordered what it does."""
 
     def __init__(self, floor: Floor, radius_m: float, arrive_m: float) -> None:
         """Take the known map, and how near to its goal (m) a robot has arrived."""
         self._floor, self._radius_m, self._arrive_m = floor, radius_m, arrive_m
-        self.pace_mps: tuple[float, float] | None = None
-        """The speed that the robot's last order leads to, and its own, m/s; None when the robot is not under way."""
+        self.speeds_mps: tuple[float, float] | None = None
+        """Speed to which the robot's last order leads, and the twin's own, m/s; None if the robot is not under way."""
         self._own: _Motion | None = None
         """How it moves; None: as the robot does."""
 
@@ -48,7 +48,7 @@ class Double:
         knows them. *held*: it has not got on, and first gets away from what it is too near to. If it goes *aside* for
         another, it counts as standing.
         """
-        self.pace_mps = None
+        self.speeds_mps = None
         if goal_m is None:
             return
         way, turn = wheel.motion[[WAY, TURN]].tolist()
@@ -57,7 +57,7 @@ class Double:
         next_way, next_turn = wheel.reached(self._ordered(wheel, own, goal_m, bodies, held), (own.way, own.turn))
         own = _Motion(math.remainder(own.askew_rad + own.turn - turn, math.tau), next_way, next_turn)
         self._own = None if own.near(0.0, *robots) else own
-        self.pace_mps = wheel.speed_mps(0.0 if aside else robots[0]), wheel.speed_mps(next_way)
+        self.speeds_mps = wheel.speed_mps(0.0 if aside else robots[0]), wheel.speed_mps(next_way)
 
     def _ordered(
         self, wheel: Wheel, own: "_Motion", goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
@@ -72,7 +72,7 @@ class Double:
 
 
 class _Motion(NamedTuple):
-    """How a double moves until the next tick."""
+    """How a twin moves until the next tick."""
 
     askew_rad: float
     """By so much it faces left of where the robot does: corrections of the robot's heading turn both."""
