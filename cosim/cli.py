@@ -522,16 +522,17 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
 @_JSON
 def list_all(as_json: bool) -> None:
     """Print the experiments, protocols, channels and maps that there are."""
+    from cosim.channels.kinds import channel_kinds
     from cosim.documents import read_yaml
     from cosim.experiment import experiment_folders
-    from cosim.scenario import CHANNELS, protocol_names
+    from cosim.scenario import protocol_names
 
     found = {
         "experiments": {
             name: str(read_yaml(at / "sweep.yaml").get("about", "")) for name, at in experiment_folders().items()
         },
         "protocols": {name: _about_protocol(name) for name in protocol_names()},
-        "channels": {name: _first_line(settings) for name, settings in CHANNELS.items()},
+        "channels": {name: _about_channel(name) for name in channel_kinds()},
         "maps": _maps(),
     }
     if as_json:
@@ -551,6 +552,15 @@ def _about_protocol(name: str) -> str:
         spec = protocol_spec(name)
         return spec.about or _first_line(spec.parameters)
     except ValueError as error:  # somebody's package that is broken must not hide the others
+        return str(error)
+
+
+def _about_channel(name: str) -> str:
+    from cosim.channels.kinds import channel_spec
+
+    try:
+        return _first_line(channel_spec(name).settings)
+    except ValueError as error:  # as above
         return str(error)
 
 
