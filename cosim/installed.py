@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import get_importer
@@ -68,12 +68,8 @@ def loaded(point: EntryPoint) -> Any:
 
 
 @cache  # reading the metadata of all packages takes longer than validating a scenario
-def _all_points() -> EntryPoints:
-    return entry_points()
-
-
 def _points(group: str) -> dict[str, EntryPoint]:
-    return {point.name: point for point in _all_points().select(group=group)}
+    return {point.name: point for point in entry_points(group=group)}
 
 
 def installed_names(group: str) -> list[str]:
