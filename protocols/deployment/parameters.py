@@ -8,7 +8,7 @@ from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Setting
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
 from protocols.deployment.localization.parameters import PositioningParameters, SonarParameters
 from protocols.deployment.messages.status import MOST_BYTES
-from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.planner import Call, PlannerParameters
 from protocols.deployment.tasks.plan import Place, Strategy
 from protocols.motion.parameters import DrivingParameters
