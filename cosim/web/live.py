@@ -1,13 +1,14 @@
 """A run that is under way: simulated in a thread of its own, at the pace that its pages ask for.
 
-The simulation is touched by its thread only. What pages ask for waits in a bounded queue until the thread takes it;
-what they are told the thread publishes under a lock, as plain data that nobody changes any more.
+Only this thread touches the simulation. What pages ask for waits in a bounded queue until the thread takes it; the
+thread publishes under a lock what they are sent, as plain data that does not change any more.
 """
 
 import json
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, Final
 
@@ -15,44 +16,94 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES, cache_folder
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
+from cosim.trace import FRAMES, POSES, Table, Trace
 from cosim.units import S, Time, to_seconds
-from cosim.web.history import TRAIL_TICKS, Cursor, History, Moment
+from cosim.web.history import DOWN, MOST_FRAMES, TRAIL_TICKS, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
-from cosim.web.rows import Rolling
+from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
-from cosim.web.tap import WATCHED, Tap, is_mark
 
+_WATCHED: Final = (POSES, FRAMES)
+"""Tables that a page shows besides the events."""
 _WISHES: Final = 64
-"""Things asked for that may wait."""
+"""Maximum number of wishes that wait."""
 _ANSWERS: Final = 4096
-"""Messages to the operator that are kept for pages that come late, or are slow."""
+"""Number of messages to the operator that are kept for pages that come late, or are slow."""
 _ROWS: Final = 2000
-"""Rows of each kind that are kept."""
+"""Number of rows of each kind that are kept."""
 _PERIOD_S: Final = 0.03
-"""Between two publications."""
+"""Interval between two publications."""
 _HEARD: Final[Time] = 2
-"""ns, so soon after it was said the operator's word has been heard, and answered if that takes no time."""
+"""Time in which the operator's message has been received, and answered if that takes no time, ns."""
 _SPELL_S: Final = 0.1
-"""How long the thread simulates at most without looking up."""
+"""Maximum time that the thread simulates before it looks at the wishes again."""
 _BUSY_S: Final = 1.0
-"""So long after its last publication the thread is taken to be busy."""
+"""Time after its last publication from which the thread counts as busy."""
 _REHEARSED: Final[Time] = 60 * S
-"""ns, how much is simulated beforehand of a run that has an operator."""
+"""Length of the rehearsal of a run that has an operator, ns."""
 _STARTED: Final[Time] = 2 * S
-"""ns, the same for a run that has none, and before an operator speaks."""
+"""Length of the rehearsal of a run that has none, and of that part of it in which an operator is silent, ns."""
+
+
+class Tap(Trace):
+    """A trace that keeps the events, which decide the run's digest, and of all else only what is not fetched yet."""
+
+    def __init__(self, wanted: Iterable[Table] = ()) -> None:
+        super().__init__(wanted)
+        self.down: set[int] = set()
+        """The robots that do nothing any more."""
+        self._ticks: list[tuple[int, list[float]]] = []
+        self._frames: deque[Row] = deque(maxlen=MOST_FRAMES)
+        self._events: list[Row] = []
+        self._number = 0
+        self._fields = tuple(field.name for field in self.tables["events"].fields[3:])
+
+    def row(self, table: Table, *values: Any) -> None:
+        """Take a row; *values* in the order of the table's fields."""
+        if table.name == "events":
+            super().row(table, *values)
+            self._events.append(self._event(values))
+        elif table.name == "frames":
+            time, source, destination, _, kind, _, _, length, outcome, *_ = values
+            self._frames.append([to_seconds(time), source, destination, kind, outcome, length])
+        elif table.name == "poses":
+            time, _, *pose = values
+            if not self._ticks or self._ticks[-1][0] != time:
+                self._ticks.append((time, []))
+            self._ticks[-1][1].extend(pose)
+        else:
+            super().row(table, *values)
+
+    def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
+        """Drain the rows since the last call: of the ticks, of frames (the latest), of events."""
+        ticks = [pose for _, pose in self._ticks]
+        frames, events = list(self._frames), self._events
+        self._ticks, self._events = [], []
+        self._frames.clear()
+        return ticks, frames, events
+
+    def _event(self, values: tuple[Any, ...]) -> Row:
+        time, source, name, *rest = values
+        if name in DOWN:
+            self.down.add(source)
+        elif name in UP:
+            self.down.discard(source)
+        fields = {name: value for name, value in zip(self._fields, rest, strict=True) if value is not None}
+        self._number += 1
+        return [self._number - 1, to_seconds(time), source, name, fields]
 
 
 def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
-    """Simulate the beginning of a run and throw it away, so that nobody waits for kernels that it compiles.
+    """Simulate the beginning of a run and throw it away, so that its pages do not wait for kernels to be compiled.
 
-    It is done once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator
-    says in an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
+    Do so once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator says in
+    an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
     """
     done = cache_folder() / f"rehearsed-{digest([dump(scenario), attended])[:16]}"
     if done.exists() or not COMPILES:
         return
-    run = Simulation(scenario, seed, WATCHED, Tap)
+    run = Simulation(scenario, seed, _WATCHED, Tap)
     run.attended = attended
     run.begin()
     try:
@@ -81,7 +132,7 @@ class Live:
         self, scenario: Scenario, seed: int, playing: bool = True, speed: float = 1.0, attended: bool = False
     ) -> None:
         """Set the run up and start its thread; raise UserError for a scenario that cannot be set up."""
-        self._simulation = Simulation(scenario, seed, WATCHED, Tap)
+        self._simulation = Simulation(scenario, seed, _WATCHED, Tap)
         self._simulation.attended = attended
         self._scene = scene_of(scenario, self._simulation.floorplan, seed) | {"live": True, "attended": attended}
         self._team = scenario.team.size
@@ -255,7 +306,7 @@ class Live:
                 self._frames.append(row)
             for row in events:
                 self._events.append(row)
-                if is_mark(row):
+                if places(row[4]):  # its fields name a place
                     self._marks.append(row)
             for answer in answers:
                 self._answers.append([answer])

@@ -11,7 +11,6 @@ import pytest
 
 from cosim.scenario import load
 from cosim.web.live import Live
-from cosim.web.playbook import attended
 from tests.web.browser import LABELS, Browser, tab
 from tests.web.commanded import ROOT, commanded
 from tests.web.playbook_hand import PAGE, choose, until
@@ -271,7 +270,7 @@ BOUNDS = """async () => {
 
 
 def test_the_team_of_wean_is_deployed_from_a_laptop_and_called_home_from_a_phone(browser: Browser):
-    session = attended(load(WEAN), 1, speed=60.0)
+    session = Live(load(WEAN), 1, speed=60.0, attended=True)
     served = Served(session, page=PAGE)
     with tab(browser, served, own=True) as page:
         page.set_viewport_size({"width": 1280, "height": 720})

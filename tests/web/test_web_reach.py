@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.web.pages import VIEW
+from cosim.web.server import VIEW
 from tests.web.browser import LABELS, Browser, tab
 from tests.web.playbook_double import Consoles, Still
 from tests.web.playbook_hand import PAGE, choose, playing, ready, tailoring, until

@@ -1,6 +1,6 @@
 // What the playbook draws on the floor besides the run: places that are being chosen, where robots end up, a way.
 
-import { final_places } from "./playbook_played.js";
+import { final_places } from "./played.js";
 
 /** Draw the places that are filled in, and where the robots end up by what is being played. */
 export function paint_places(pen, floor, { chosen, current }) {

@@ -1,6 +1,6 @@
 // What is said at the console of the host robot: requests with numbers, answers to them, and news.
 //
-// This page and its modules (playbook_*.js) are all of cosim that knows what a deployment's console says.
+// The messages are those of console.py and messages.py, one folder above.
 
 const PATIENCE_MS = 4000;
 const PATIENCE_S = 1; // of the run: while it gets on little, everybody is only busy

@@ -1,13 +1,13 @@
 // The page that commands a team as in a playbook: call a play, tailor it, execute it, watch it.
 
-import { Page, find } from "./page.js";
-import { Operator } from "./playbook_operator.js";
-import { Board } from "./playbook_board.js";
-import { Calling } from "./playbook_calling.js";
-import { Played } from "./playbook_played.js";
-import { paint_places, paint_way } from "./playbook_drawing.js";
-import { Picker } from "./playbook_places.js";
-import { RobotPart } from "./playbook_robot.js";
+import { Page, find } from "/static/page.js";
+import { Operator } from "./operator.js";
+import { Board } from "./board.js";
+import { Calling } from "./calling.js";
+import { Played } from "./played.js";
+import { paint_places, paint_way } from "./drawing.js";
+import { Picker } from "./places.js";
+import { RobotPart } from "./robot.js";
 
 const page = new Page({ take, show, lost: (why) => operator.lost(why) });
 const { run, floor } = page;

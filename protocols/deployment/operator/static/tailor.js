@@ -1,9 +1,9 @@
 // Tailoring: what is added to a called play before it is executed, checked by the planner at every change.
 
-import { STRATEGIES } from "./playbook_form.js";
-import { button, choice, duration, labelled, make, number, place_text } from "./playbook_parts.js";
-import { Places } from "./playbook_places.js";
-import { Tasks } from "./playbook_tasks.js";
+import { STRATEGIES } from "./form.js";
+import { button, choice, duration, labelled, make, number, place_text } from "./parts.js";
+import { Places } from "./places.js";
+import { Tasks } from "./tasks.js";
 
 const KINDS = [["before", "before"], ["after", "after"], ["within", "takes at most"], ["deadline", "has ended by"]];
 const EDGES = [["start", "starts"], ["end", "ends"]];
@@ -12,7 +12,7 @@ const EDGES = [["start", "starts"], ["end", "ends"]];
 export class Tailor {
   /**
    * @param {(id: string) => HTMLElement} find
-   * @param {import("./playbook_places.js").Picker} picker
+   * @param {import("./places.js").Picker} picker
    * @param {(wanted: boolean) => void} changed told when a plan is to be made anew; wanted: something has been added
    */
   constructor(find, picker, changed) {

@@ -1,9 +1,9 @@
 // Calling a play: the tree of plays, the parameters of the chosen one, Execute and Tailor, and what the planner answers.
 
-import { Form, title } from "./playbook_form.js";
-import { make } from "./playbook_parts.js";
-import { Tailor } from "./playbook_tailor.js";
-import { Tree } from "./playbook_tree.js";
+import { Form, title } from "./form.js";
+import { make } from "./parts.js";
+import { Tailor } from "./tailor.js";
+import { Tree } from "./tree.js";
 
 const CHECK_MS = 350;
 

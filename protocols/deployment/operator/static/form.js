@@ -1,7 +1,7 @@
 // The parameters of a play, as a form: robots, places, numbers, a strategy.
 
-import { Places, points_of } from "./playbook_places.js";
-import { choice, labelled, make, number } from "./playbook_parts.js";
+import { Places, points_of } from "./places.js";
+import { choice, labelled, make, number } from "./parts.js";
 
 export const STRATEGIES = [["group", "group"], ["wave", "wave"], ["leap_frog", "leap-frog"]];
 
@@ -9,7 +9,7 @@ export const STRATEGIES = [["group", "group"], ["wave", "wave"], ["leap_frog", "
 export class Form {
   /**
    * @param {HTMLElement} root
-   * @param {import("./playbook_places.js").Picker} picker
+   * @param {import("./places.js").Picker} picker
    * @param {() => void} changed
    */
   constructor(root, picker, changed) {

@@ -1,8 +1,8 @@
 // The tasks of a plan as a tree: with their windows while it is tailored, with their states while it is played.
 
-import { act_text, task_nodes } from "./playbook_played.js";
-import { make, seconds } from "./playbook_parts.js";
-import { Tree } from "./playbook_tree.js";
+import { act_text, task_nodes } from "./played.js";
+import { make, seconds } from "./parts.js";
+import { Tree } from "./tree.js";
 
 const SIGNS = { waiting: "○", running: "▶", done: "✓", failed: "✗", terminated: "■", "given up": "–" };
 

@@ -1,8 +1,8 @@
 // What is being played: the tree of its tasks as they stand, another strategy, an end before the end; and the two tabs.
 
-import { STRATEGIES } from "./playbook_form.js";
-import { duration, make, seconds } from "./playbook_parts.js";
-import { Tasks } from "./playbook_tasks.js";
+import { STRATEGIES } from "./form.js";
+import { duration, make, seconds } from "./parts.js";
+import { Tasks } from "./tasks.js";
 
 const TABS = ["played", "tailored"];
 
@@ -10,7 +10,7 @@ const TABS = ["played", "tailored"];
 export class Board {
   /**
    * @param {(id: string) => HTMLElement} find
-   * @param {import("./playbook_played.js").Played} played
+   * @param {import("./played.js").Played} played
    * @param {{ask: (request: object) => Promise<object>, trouble: (why: string) => void}} told
    */
   constructor(find, played, told) {

@@ -1,6 +1,6 @@
 // The robots as the host hears of them: the list, the state of the selected one, its way, a picture of its camera.
 
-import { button, make, seconds } from "./playbook_parts.js";
+import { button, make, seconds } from "./parts.js";
 
 const STALE_S = 5;
 

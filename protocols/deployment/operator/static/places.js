@@ -1,11 +1,11 @@
 // Choosing places: by clicking on the floor, by name, or by typing coordinates.
 
-import { button, choice, make, place_text, short } from "./playbook_parts.js";
+import { button, choice, make, place_text, short } from "./parts.js";
 
 /** Takes the clicks on the floor while somebody wants a place, or what is typed instead. */
 export class Picker {
   /**
-   * @param {import("./floor.js").Floor} floor
+   * @param {import("/static/floor.js").Floor} floor
    * @param {HTMLElement} hint says what a click is going to do, and has a field for who does without a mouse
    */
   constructor(floor, hint) {
