@@ -52,7 +52,7 @@ class Tap(Trace):
     def __init__(self, wanted: Iterable[Table] = ()) -> None:
         super().__init__(wanted)
         self.down: set[int] = set()
-        """The robots that do nothing any more."""
+        """Robots that do nothing any more."""
         self._ticks: list[tuple[int, list[float]]] = []
         self._frames: deque[Row] = deque(maxlen=MOST_FRAMES)
         self._events: list[Row] = []
@@ -60,7 +60,7 @@ class Tap(Trace):
         self._fields = tuple(field.name for field in self.tables["events"].fields[3:])
 
     def row(self, table: Table, *values: Any) -> None:
-        """Take a row; *values* in the order of the table's fields."""
+        """Add a row; *values* in the order of the table's fields."""
         if table.name == "events":
             super().row(table, *values)
             self._events.append(self._event(values))
@@ -76,7 +76,7 @@ class Tap(Trace):
             super().row(table, *values)
 
     def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
-        """Drain the rows since the last call: of the ticks, of frames (the latest), of events."""
+        """Drain the rows since the last call: ticks, frames (the latest), events."""
         ticks = [pose for _, pose in self._ticks]
         frames, events = list(self._frames), self._events
         self._ticks, self._events = [], []
@@ -116,7 +116,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
 
 
 def _play_beginning(run: Simulation) -> None:
-    """Simulate as much as a rehearsal does, with what an operator says in it."""
+    """Simulate the length of a rehearsal, with the protocol's ``rehearsal`` as what an operator says."""
     run.advance(_STARTED)
     if run.attended and run.spec.rehearsal is not None:
         for said in run.spec.rehearsal(run.machines):
@@ -140,7 +140,7 @@ class Live:
         self._pace = Pace(speed, playing, time.monotonic())
         self._wishes: deque[Wish] = deque()
         self._until: Time | None = None
-        """Up to where the steps go that are being taken."""
+        """End of the steps that are being taken."""
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
@@ -162,16 +162,16 @@ class Live:
 
     @property
     def running(self) -> bool:
-        """Whether the simulation's thread is there."""
+        """True if the simulation's thread runs."""
         return self._thread.is_alive()
 
     @property
     def _busy(self) -> bool:
-        """Whether the simulation's thread has not looked up for long."""
+        """True if the simulation's thread has published nothing for long."""
         return self.running and time.monotonic() - self._published_s > _BUSY_S
 
     def wish(self, wish: Wish) -> None:
-        """Have the simulation's thread take what a page asks for; raise UserError, one line, if it cannot be."""
+        """Have the simulation's thread do what a page asks for; raise UserError, one line, if it cannot be done."""
         if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.ticks < 1):
             raise UserError("this run is under way: it only goes on")
         if isinstance(wish, Operate) and wish.robot >= self._team:
@@ -184,7 +184,7 @@ class Live:
             self._wishes.append(wish)
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
-        """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
+        """Return the messages for a page that has been sent all up to *cursor*, and the new cursor."""
         with self._lock:
             moment = self._moment._replace(state="busy") if self._busy else self._moment
             message, new = self._history.now(moment, cursor)
@@ -221,16 +221,16 @@ class Live:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """Say that the run has failed, and how far it has come if that can still be asked."""
+        """Publish that the run has failed, and its state if that can still be asked for."""
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        except Exception:  # noqa: BLE001  # it may be what has failed: then what was known before has to do
+        except Exception:  # noqa: BLE001  # it may be what has failed: then the last state has to do
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
     def _take_wishes(self) -> None:
-        """Do what was asked for in its order: what comes after steps waits until they are taken."""
+        """Do what was asked for, in this order: what comes after steps waits until they are taken."""
         begun = time.monotonic()
         while not self._closing.is_set() and self._stepped(begun):
             with self._lock:
@@ -259,7 +259,7 @@ class Live:
                     self._pause(self._simulation.kernel.now, wall)
 
     def _stepped(self, begun: float) -> bool:
-        """Go on with steps; return whether none are left: all are taken, or a pause was asked for after them."""
+        """Go on with steps; return whether none are left, all taken or cut short by a pause."""
         if self._until is None:
             return True
         with self._lock:
@@ -275,13 +275,13 @@ class Live:
         self._pace.jump(now, wall)
 
     def _simulate(self) -> None:
-        """Advance to the time that is due; if there is too little time for it, have less be due."""
+        """Advance to the time that is due; if that takes too long, let less be due."""
         begun = time.monotonic()
         if not self._reach(self._pace.due(begun), begun):
             self._pace.jump(self._simulation.kernel.now, time.monotonic())
 
     def _reach(self, due: Time, begun: float) -> bool:
-        """Advance to *due*, tick by tick; return False if that takes too long, or the session is closed meanwhile."""
+        """Advance to *due*, tick by tick; return False if that takes too long, or if the session is closed."""
         simulation, kernel = self._simulation, self._simulation.kernel
         while kernel.now < due and not simulation.over:
             simulation.advance(min(due, (kernel.now // self._tick + 1) * self._tick + 1))
@@ -290,7 +290,7 @@ class Live:
         return True
 
     def _publish(self) -> None:
-        """Let pages see what there is now."""
+        """Let pages see the present state."""
         trace: Any = self._simulation.trace
         ticks, frames, events = trace.fetched()
         said = self._simulation.said()
@@ -341,7 +341,7 @@ class Live:
 
 
 def _decoded(payload: bytes) -> Any:
-    """Return what a machine says to its operator: plain data if it is JSON, else its text."""
+    """Return what a machine sends to its operator: plain data if it is JSON, else its text."""
     text = payload.decode(errors="replace")
     try:
         return json.loads(text)

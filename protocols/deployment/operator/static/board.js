@@ -1,4 +1,4 @@
-// What is being played: the tree of its tasks as they stand, another strategy, an end before the end; and the two tabs.
+// What is being played: the tree of its tasks and their states, a change of strategy, termination; and the two tabs.
 
 import { STRATEGIES } from "./form.js";
 import { duration, make, seconds } from "./parts.js";
@@ -52,7 +52,7 @@ export class Board {
     }
   }
 
-  /** A play has begun or ended: say so, and let the strategy that is chosen be the plan's. */
+  /** Show that a play has begun or ended, and choose the strategy of its plan. */
   begun() {
     const { current } = this.played;
     const broken = current?.breaches.length ? `; not kept: ${current.breaches.at(-1)}` : "";
@@ -61,7 +61,7 @@ export class Board {
     if (first && document.activeElement !== this.find("strategy")) this.find("strategy").value = first.strategy;
   }
 
-  /** Show how the play stands at *now_s*. */
+  /** Show the state of the play at *now_s*. */
   show(now_s) {
     const { current } = this.played;
     this.find("played-controls").hidden = !this.played.running;
