@@ -5,13 +5,12 @@ machines know. A protocol names its page in its :class:`~cosim.protocol.Protocol
 ``cosim.pages`` makes it a command of cosim, which has the name of the entry point.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 
 # a module of its own that imports little: `cosim --help` loads all installed pages to say what they are about
-@dataclass(frozen=True)
-class WebPage:
+class WebPage(NamedTuple):
     """What cosim must know of a page to show it."""
 
     about: str

@@ -11,10 +11,10 @@ import pytest
 
 from cosim.scenario import load
 from cosim.web.live import Live
+from tests.protocols.deployment.operator.page.hand import PAGE, choose, until
+from tests.protocols.deployment.operator.page.scene import FLOOR, begun, written
 from tests.web.browser import LABELS, Browser, tab
 from tests.web.commanded import ROOT, commanded
-from tests.web.playbook_hand import PAGE, choose, until
-from tests.web.playbook_scene import FLOOR, begun, written
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
