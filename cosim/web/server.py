@@ -192,7 +192,7 @@ def config(app: ASGIApp) -> uvicorn.Config:
         ws_ping_interval=PATIENCE_S,
         ws_ping_timeout=PATIENCE_S,
         ws_per_message_deflate=False,
-        timeout_graceful_shutdown=2,
+        timeout_graceful_shutdown=2,  # it waits for what pages have not read, and complains
         server_header=False,
         proxy_headers=False,
     )
