@@ -115,7 +115,7 @@ def installed_folders(group: str) -> dict[str, Path]:
 def check_libraries(user: str, requirements: Iterable[str]) -> None:
     """Raise UserError, with the way to get them, if libraries that *user* needs are not installed.
 
-    *requirements* are those of an extra of pyproject.toml, such as ``uvicorn>=0.54``.
+    *requirements* are those of an extra of pyproject.toml, such as ``uvicorn>=0.52.1``.
     """
     missing = [each for each in requirements if find_spec(each.partition(">=")[0]) is None]
     if missing:

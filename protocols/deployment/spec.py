@@ -12,6 +12,7 @@ from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.localization import positioning
+from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
@@ -149,5 +150,6 @@ SPEC = ProtocolSpec(
     needs_sight=True,
     needs_view=True,
     rehearsal=lambda machines: machines[0].rehearsal(),
+    page=PAGE,
 )
 """The protocol."""

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-PAGE = "playbook.html"
+from protocols.deployment.operator.page import PAGE as PLAYBOOK
+
+PAGE = PLAYBOOK.html
 
 
 def ready(page: Any) -> None:

@@ -11,11 +11,10 @@ import pytest
 
 from cosim.scenario import load
 from cosim.web.live import Live
-from cosim.web.playbook import attended
+from tests.protocols.deployment.operator.page.hand import PAGE, choose, until
+from tests.protocols.deployment.operator.page.scene import FLOOR, begun, written
 from tests.web.browser import LABELS, Browser, tab
 from tests.web.commanded import ROOT, commanded
-from tests.web.playbook_hand import PAGE, choose, until
-from tests.web.playbook_scene import FLOOR, begun, written
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow
@@ -271,7 +270,7 @@ BOUNDS = """async () => {
 
 
 def test_the_team_of_wean_is_deployed_from_a_laptop_and_called_home_from_a_phone(browser: Browser):
-    session = attended(load(WEAN), 1, speed=60.0)
+    session = Live(load(WEAN), 1, speed=60.0, attended=True)
     served = Served(session, page=PAGE)
     with tab(browser, served, own=True) as page:
         page.set_viewport_size({"width": 1280, "height": 720})

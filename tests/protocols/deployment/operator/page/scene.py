@@ -7,7 +7,6 @@ import yaml
 
 from cosim.scenario import load
 from cosim.web.live import Live
-from cosim.web.playbook import attended
 
 WALLS = [
     # the base room, with a door to the corridor
@@ -44,4 +43,4 @@ def written(folder: Path, **changes: Any) -> Path:
 
 def begun(folder: Path, playing: bool = True, speed: float = 60.0, **changes: Any) -> Live:
     """Begin a run of it; *changes* as in :func:`written`."""
-    return attended(load(written(folder, **changes)), 1, playing, speed)
+    return Live(load(written(folder, **changes)), 1, playing, speed, attended=True)

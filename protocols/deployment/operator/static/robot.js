@@ -1,6 +1,6 @@
-// The robots as the host hears of them: the list, the state of the selected one, its way, a picture of its camera.
+// The robots as the host knows them: the list, the state of the selected one, its way, a picture of its camera.
 
-import { button, make, seconds } from "./playbook_parts.js";
+import { button, make, seconds } from "./parts.js";
 
 const STALE_S = 5;
 
@@ -23,7 +23,7 @@ export class RobotPart {
     find("picture-close").addEventListener("click", () => { find("picture").hidden = true; });
   }
 
-  /** Take what the host's map tells of the team. */
+  /** Take the team of the host's map. */
   know(bodies) {
     this.bodies = bodies;
   }
@@ -34,7 +34,7 @@ export class RobotPart {
     this.find("picture").hidden = true;
   }
 
-  /** Take the positions that the host tells. */
+  /** Take the positions that the host sends. */
   take({ robots }, time_s) {
     for (const [robot, x, y, heading, task, moving, heard_s, goal] of robots) {
       if (![x, y, heading, heard_s].every(Number.isFinite)) throw new TypeError("this is no position");
@@ -42,7 +42,7 @@ export class RobotPart {
     }
   }
 
-  /** Show the team, and who is selected. */
+  /** Show the team, and which robot is selected. */
   show(size, selected, now_s, lost, host) {
     if (selected !== this.selected) {
       this.selected = selected;
@@ -145,7 +145,7 @@ function fact(name, text, bad = false) {
   return make("div", { children: [make("dt", { textContent: name }), make("dd", { textContent: text, className: bad ? "bad" : "" })] });
 }
 
-/** Draw what a camera sees: walls as columns, the higher and the lighter the nearer; sky above and floor below. */
+/** Draw what a camera sees: walls as columns, near ones higher and lighter; sky above and floor below. */
 export function paint_picture(canvas, columns_m, view_rad) {
   const pen = canvas.getContext("2d");
   const { width, height } = canvas;

@@ -1,13 +1,13 @@
 // The page that commands a team as in a playbook: call a play, tailor it, execute it, watch it.
 
-import { Page, find } from "./page.js";
-import { Operator } from "./playbook_operator.js";
-import { Board } from "./playbook_board.js";
-import { Calling } from "./playbook_calling.js";
-import { Played } from "./playbook_played.js";
-import { paint_places, paint_way } from "./playbook_drawing.js";
-import { Picker } from "./playbook_places.js";
-import { RobotPart } from "./playbook_robot.js";
+import { Page, find } from "/static/page.js";
+import { Operator } from "./operator.js";
+import { Board } from "./board.js";
+import { Calling } from "./calling.js";
+import { Played } from "./played.js";
+import { paint_places, paint_way } from "./drawing.js";
+import { Picker } from "./places.js";
+import { RobotPart } from "./robot.js";
 
 const page = new Page({ take, show, lost: (why) => operator.lost(why) });
 const { run, floor } = page;
@@ -28,7 +28,7 @@ let operator_time_s = 0; // of the message that is being taken
 floor.extras.push((pen) => paint_places(pen, floor, { chosen: calling.points(), current: played.current }));
 floor.extras.push((pen) => paint_way(pen, floor, robots.way));
 const all_marks = run.seen_marks.bind(run);
-run.seen_marks = () => all_marks().filter(({ kind, name }) => kind !== "mark" || name === "PictureTaken"); // where tasks began is no news here
+run.seen_marks = () => all_marks().filter(({ kind, name }) => kind !== "mark" || name === "PictureTaken"); // the tree of tasks shows where tasks began
 page.connection.connect();
 
 function take(message) {
@@ -81,14 +81,14 @@ function know(scene, map) {
   return page.show_soon();
 }
 
-/** Ask how everything stands: news have been missed, or told before this page was there. */
+/** Ask for the state of everything: messages were missed, or sent before this page was open. */
 function ask_state() {
   if (asking) return;
   asking = true;
   operator.ask({ say: "state" }).catch(() => {}).finally(() => { asking = false; });
 }
 
-/** Take what a robot has said at its console, to this page or to another. */
+/** Take what a robot has sent from its console, to this page or to another. */
 function heard(message, robot) {
   if (message.say === "state") lost_robots = message.lost ?? [];
   if (message.say === "positions" && robot === operator.host) robots.take(message, operator_time_s);
@@ -96,7 +96,7 @@ function heard(message, robot) {
   if (played.take(message, operator_time_s) && message.say !== "task") board.begun();
 }
 
-/** The host is *robot*, of which there may be something to say; what is no trouble any more goes after a while. */
+/** Show that *robot* is the host, and *why*, for a while if it is a new one. */
 function host(robot, why) {
   clearTimeout(host_timer);
   find("host").textContent = why;

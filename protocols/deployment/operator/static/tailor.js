@@ -1,9 +1,9 @@
 // Tailoring: what is added to a called play before it is executed, checked by the planner at every change.
 
-import { STRATEGIES } from "./playbook_form.js";
-import { button, choice, duration, labelled, make, number, place_text } from "./playbook_parts.js";
-import { Places } from "./playbook_places.js";
-import { Tasks } from "./playbook_tasks.js";
+import { STRATEGIES } from "./form.js";
+import { button, choice, duration, labelled, make, number, place_text } from "./parts.js";
+import { Places } from "./places.js";
+import { Tasks } from "./tasks.js";
 
 const KINDS = [["before", "before"], ["after", "after"], ["within", "takes at most"], ["deadline", "has ended by"]];
 const EDGES = [["start", "starts"], ["end", "ends"]];
@@ -12,8 +12,8 @@ const EDGES = [["start", "starts"], ["end", "ends"]];
 export class Tailor {
   /**
    * @param {(id: string) => HTMLElement} find
-   * @param {import("./playbook_places.js").Picker} picker
-   * @param {(wanted: boolean) => void} changed told when a plan is to be made anew; wanted: something has been added
+   * @param {import("./places.js").Picker} picker
+   * @param {(wanted: boolean) => void} changed is called when a plan is to be made again; wanted: something has been added
    */
   constructor(find, picker, changed) {
     this.find = find;
@@ -45,9 +45,9 @@ export class Tailor {
     this.show_additions();
   }
 
-  /** What is added to the call. */
+  /** The additions to the call. */
   additions() {
-    const added = { expand: "all", ...this.options }; // stages can be seen, and constrained, only if they are laid out
+    const added = { expand: "all", ...this.options }; // stages can be seen, and constrained, only if they are expanded
     if (added.expand === "none") delete added.expand;
     if (this.constraints.length) added.constraints = this.constraints;
     if (Object.keys(this.via).length) added.via = this.via;
@@ -60,7 +60,7 @@ export class Tailor {
     this.plan = answer.plan;
     this.find("draft-title").textContent = `Plan ${answer.plan.number}: ${duration(answer)}`;
     const nodes = this.tasks.show(answer.plan, answer.windows, null);
-    const top = answer.plan.root.name; // constraints and waypoints name tasks by what follows it
+    const top = answer.plan.root.name; // constraints and waypoints name tasks without it
     const parts = flat(nodes).map((node) => [node.id === top ? "" : node.id.slice(top.length + 1), node]);
     const text = parts.map(([label]) => label).join("|");
     if (text === this.parts.map(([label]) => label).join("|")) return;
@@ -69,7 +69,7 @@ export class Tailor {
     this.show_waypoints();
   }
 
-  /** Show that there is no plan for what is asked. */
+  /** Show that there is no plan for the call. */
   show_none() {
     this.plan = null;
     this.find("draft-title").textContent = "No plan";
@@ -116,7 +116,7 @@ export class Tailor {
     }))));
   }
 
-  /** Show the roles anew if they are others: there are more places, for example. */
+  /** Show the roles again if they have changed: there are more places, for example. */
   keep_roles(roles, size) {
     if (roles.join("|") !== this.role_names) this.show_roles(roles, size);
   }

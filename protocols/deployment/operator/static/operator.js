@@ -1,15 +1,15 @@
-// What is said at the console of the host robot: requests with numbers, answers to them, and news.
+// What is sent to and from the console of the host robot: requests with numbers, answers to them, and status messages.
 //
-// This page and its modules (playbook_*.js) are all of cosim that knows what a deployment's console says.
+// The messages are those of console.py and messages.py, one folder above.
 
 const PATIENCE_MS = 4000;
-const PATIENCE_S = 1; // of the run: while it gets on little, everybody is only busy
-const PATIENCE_STEPS = 5; // of the run's news of itself: what it takes in is some of them behind, and simulated in great steps
+const PATIENCE_S = 1; // of the run: while it hardly advances, a late answer means a busy computer
+const PATIENCE_STEPS = 5; // messages of the run in which time advances: it takes a request some of them late, and simulates in large steps
 const PROBE_MS = 1500;
 const OF_THE_HOST = new Set(["call", "execute", "switch", "terminate", "plays", "map", "route", "picture"]);
-const OVER_THE_AIR = new Set(["picture"]); // answered when the robot has been heard, or is given up
+const OVER_THE_AIR = new Set(["picture"]); // answered when that robot has answered by radio, or is given up
 
-/** Asks the host, follows it to another robot when it falls silent, and passes on what others have asked and been told. */
+/** Asks the host, looks for its successor when it falls silent, and passes on answers to other pages. */
 export class Operator {
   /**
    * @param {(message: object) => boolean} send to the server
@@ -23,10 +23,10 @@ export class Operator {
     setInterval(() => this.look(performance.now()), 500);
   }
 
-  /** Forget everything: this is another run, or the connection is new. */
+  /** Forget everything, since this is another run, or the connection is new. */
   begin(scene) {
     this.lost("the connection was lost");
-    this.first = scene.page * 2 ** 32; // what others ask has numbers of their own: all are told all answers
+    this.first = scene.page * 2 ** 32; // no other page has these numbers: all pages receive all answers
     this.next = this.first;
     this.size = scene.radii_m.length;
     this.host = 0;
@@ -38,19 +38,19 @@ export class Operator {
     this.down = new Set();
   }
 
-  /** What has been asked will not be answered any more: say *why* to whoever waits. */
+  /** Reject all requests that wait, for the reason *why*: they will not be answered any more. */
   lost(why) {
     for (const each of this.waiting.values()) each.reject(new Error(why));
     this.waiting.clear();
   }
 
-  /** The server has not passed something on: if that was a request, nobody will answer it. */
+  /** Reject the request, if it is one, that the server has not passed on. */
   refuse({ data, why }) {
     this.waiting.get(data?.request)?.reject(new Error(why));
     this.waiting.delete(data?.request);
   }
 
-  /** Note how the run stands: while time does not pass nobody answers, and who is down does not either. */
+  /** Note the state of the run: robots answer only while time passes, and only if they are not down. */
   moment(now) {
     if (now.time_s > this.time_s) for (const asked of [...this.waiting.values(), this.probed]) asked.steps += 1;
     this.time_s = now.time_s;
@@ -74,12 +74,12 @@ export class Operator {
     });
   }
 
-  /** Say something. */
+  /** Send something to a robot. */
   say(robot, data) {
     return this.send({ say: "operator", robot, data });
   }
 
-  /** Take what a robot says to its operator. */
+  /** Take what a robot sends to its operator. */
   take({ robot, data }) {
     if (data === null || typeof data !== "object") return;
     this.answered = true;
@@ -100,7 +100,7 @@ export class Operator {
     asked.resolve(data);
   }
 
-  /** Take the answer to a probe: whom that robot follows; what it was asked before and has not answered is lost. */
+  /** Take the answer to a probe, which names the host; what that robot was asked before and has not answered is lost. */
   stands(robot, { host }, answer) {
     if (!(answer >= this.first && answer < this.next)) return;
     if (host === robot && (this.silent || robot !== this.host)) {
@@ -128,17 +128,17 @@ export class Operator {
     this.say(this.host, asked.data);
   }
 
-  /** When something is asked: by the wall's clock, and by that of the run, which has not got on since. */
+  /** The time of a request: by the wall clock, by that of the run, and in messages of the run since then. */
   moments() {
     return { since_ms: performance.now(), since_s: this.time_s, steps: 0 };
   }
 
-  /** Whether something has waited for long, by the wall's clock and by that of the run. */
+  /** True if a request has waited for long, by the wall clock and by that of the run. */
   late({ since_ms, since_s, steps }, wall_ms, patience_ms) {
     return wall_ms - since_ms > patience_ms && this.time_s - since_s > PATIENCE_S && steps >= PATIENCE_STEPS;
   }
 
-  /** Look for who is host now, if the one that was asked has not answered for long. */
+  /** Look for the present host, if the one that was asked has not answered for long. */
   look(wall_ms) {
     if (!this.playing) return;
     const unheard = [...this.waiting.values()].some(
@@ -152,7 +152,7 @@ export class Operator {
     if (this.silent && this.late(this.probed, wall_ms, PROBE_MS)) this.probe();
   }
 
-  /** Ask every robot whom it follows. */
+  /** Ask every robot which one is its host. */
   probe() {
     this.probed = this.moments();
     for (let robot = 0; robot < this.size; robot += 1) {

@@ -1,23 +1,23 @@
 // Choosing places: by clicking on the floor, by name, or by typing coordinates.
 
-import { button, choice, make, place_text, short } from "./playbook_parts.js";
+import { button, choice, make, place_text, short } from "./parts.js";
 
-/** Takes the clicks on the floor while somebody wants a place, or what is typed instead. */
+/** Takes the clicks on the floor while a place is wanted, or what is typed instead. */
 export class Picker {
   /**
-   * @param {import("./floor.js").Floor} floor
-   * @param {HTMLElement} hint says what a click is going to do, and has a field for who does without a mouse
+   * @param {import("/static/floor.js").Floor} floor
+   * @param {HTMLElement} hint describes what a click will do, and has a field for users without a mouse
    */
   constructor(floor, hint) {
     this.floor = floor;
     this.hint = hint;
     this.typed = hint.querySelector("input");
     this.wanted = null;
-    this.unasked = () => false; // (place) -> whether anybody takes a place with a name that nobody has asked for
+    this.unasked = () => false; // (place) -> whether a named place is taken that was clicked on without a request
     this.from = null; // what had focus before the field
     this.typed.addEventListener("keydown", (event) => {
       if (event.key !== "Enter") return;
-      event.preventDefault(); // what has focus afterwards is not to be pressed by it
+      event.preventDefault(); // else Enter would press what has focus afterwards
       this.type();
     });
     floor.canvas.addEventListener("click", (event) => this.click(event), { capture: true });
@@ -27,8 +27,8 @@ export class Picker {
   }
 
   /**
-   * Have the next clicks go to *wanted*: {title, take: (place, point) => boolean (whether more are wanted; a place with a
-   * name is told by it), over: () => void, typed?: whether the field here is the only one, and has focus therefore}.
+   * Send the next clicks to *wanted*: {title, take: (place, point) => boolean (whether more are wanted; a named place is
+   * given by its name), over: () => void, typed?: true if the field here is the only one, and is focused therefore}.
    */
   want(wanted) {
     const before = this.wanted;
@@ -122,7 +122,7 @@ export class Places {
     return !this.single;
   }
 
-  /** Have clicks on the floor be places of this list, or no more. */
+  /** Let clicks on the floor be places of this list, or end that. */
   toggle(on = this.pick.getAttribute("aria-pressed") !== "true") {
     if (!on) {
       this.picker.want(null);
@@ -153,14 +153,14 @@ export class Places {
   }
 }
 
-/** The coordinates that have been typed into a *field*, which tells if they are none; null then, or if it is empty. */
+/** The coordinates that were typed into a *field*, which reports others; null then, or if it is empty. */
 function read(field) {
   const found = /^\s*(-?\d+(?:\.\d+)?)\s*[,;\s]\s*(-?\d+(?:\.\d+)?)\s*$/.exec(field.value);
   field.setAttribute("aria-invalid", String(!found && field.value.trim() !== ""));
   return found && [Number(found[1]), Number(found[2])];
 }
 
-/** What can be chosen of the places that the floor names, as JSON of what is meant and in words. */
+/** The choices among the named places of the floor: their values as JSON, and their words. */
 function namings(named, single) {
   return Object.entries(named).flatMap(([name, points]) => {
     const each = points.map((point, at) => [

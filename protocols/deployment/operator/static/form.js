@@ -1,15 +1,15 @@
 // The parameters of a play, as a form: robots, places, numbers, a strategy.
 
-import { Places, points_of } from "./playbook_places.js";
-import { choice, labelled, make, number } from "./playbook_parts.js";
+import { Places, points_of } from "./places.js";
+import { choice, labelled, make, number } from "./parts.js";
 
 export const STRATEGIES = [["group", "group"], ["wave", "wave"], ["leap_frog", "leap-frog"]];
 
-/** What a play wants to know. Values that are left out are the planner's to choose, or the play's own. */
+/** The parameters of a play. The planner chooses values that are left out, unless the play has defaults. */
 export class Form {
   /**
    * @param {HTMLElement} root
-   * @param {import("./playbook_places.js").Picker} picker
+   * @param {import("./places.js").Picker} picker
    * @param {() => void} changed
    */
   constructor(root, picker, changed) {
@@ -21,9 +21,9 @@ export class Form {
     this.values = {};
     this.parameters = {};
     this.path = "";
-    this.rows = new Map(); // name -> what is in front of it and its controls
+    this.rows = new Map(); // name -> its label and its controls
     this.lists = new Map(); // name -> places
-    this.latest = null; // name of the list of places that somebody is about to fill
+    this.latest = null; // name of the list of places that the user is filling
     picker.unasked = (place) => this.offer(place);
     root.addEventListener("submit", (event) => event.preventDefault());
   }
@@ -32,7 +32,7 @@ export class Form {
   show(path, parameters) {
     const same = JSON.stringify(parameters) === JSON.stringify(this.parameters);
     this.path = path;
-    if (same) return; // what has been filled in stays: it is the same play at another level, or one like it
+    if (same) return; // the values stay: it is the same play at another level, or one with the same parameters
     this.picker.want(null);
     this.parameters = parameters;
     this.values = {};
@@ -45,7 +45,7 @@ export class Form {
     this.show_next();
   }
 
-  /** Make anew what depends on the floor and the team. */
+  /** Make again what depends on the floor and the team. */
   know(named, size) {
     if (JSON.stringify([named, size]) === JSON.stringify([this.named, this.size])) return;
     Object.assign(this, { named, size });
@@ -54,13 +54,13 @@ export class Form {
     this.show(path, parameters);
   }
 
-  /** The values that were given, by their names, as the planner wants them. */
+  /** The given values, by their names, in the form that the planner takes. */
   given() {
     const given = Object.entries(this.values).filter(([, value]) => value !== null && value !== undefined && value !== "");
     return Object.fromEntries(given);
   }
 
-  /** The parameters that neither have a value nor one of their own, and that nobody else chooses. */
+  /** The parameters that have neither a value nor a default, and that the planner does not choose. */
   missing() {
     return Object.entries(this.parameters).filter(([name, parameter]) => {
       const open = this.values[name] === undefined || this.values[name] === null;
@@ -68,7 +68,7 @@ export class Form {
     }).map(([name]) => name);
   }
 
-  /** Mark the parameters *names* as what is still to be filled in, and no others; *focused*: go to the first of them. */
+  /** Mark the parameters *names*, and no others, as missing; *focused*: focus the first of them. */
   mark(names, focused = false) {
     for (const [name, row] of this.rows) {
       row.classList.toggle("missing", names.includes(name));
@@ -83,8 +83,8 @@ export class Form {
   }
 
   /**
-   * Take a place that was clicked on though nobody had asked for one: it is for the list that was used last, or for the
-   * first that is empty. Return whether there is one.
+   * Take a place that was clicked on without a request: it is for the list that was used last, or for the first that is
+   * empty. Return whether there is one.
    */
   offer(place) {
     const list = this.lists.get(this.next());
@@ -97,7 +97,7 @@ export class Form {
     return this.latest ?? [...this.lists.keys()].find((name) => !this.lists.get(name).places.length);
   }
 
-  /** Have such clicks be for the list *name*; null: for the first that is empty. */
+  /** Let such clicks be for the list *name*; null: for the first that is empty. */
   use(name) {
     this.latest = name;
     this.show_next();
@@ -117,7 +117,7 @@ export class Form {
     });
   }
 
-  /** How many robots a parameter stands for; null if that is left open. */
+  /** Number of robots that a parameter stands for; null if that is left open. */
   count(name) {
     const { kind, as_many_as, default: most } = this.parameters[name];
     const value = this.values[name];
@@ -127,7 +127,7 @@ export class Form {
     return as_many_as ? points_of(this.values[as_many_as] ?? [], this.named).length || null : most ?? null;
   }
 
-  /** The roles that the planner casts: the parameters that are robots, numbered if they are several. */
+  /** The roles that the planner casts: the parameters that are robots, numbered if there are several. */
   roles() {
     return Object.entries(this.parameters).flatMap(([name, { kind }]) => {
       if (kind === "robot") return [name];
@@ -145,7 +145,7 @@ export class Form {
 
   places(name, single) {
     const told = (places) => {
-      this.use(single && places.length ? null : name); // one place is one click: the next is for another
+      this.use(single && places.length ? null : name); // the next click is for another list, if this one takes a single place
       this.set(name, single ? places[0] ?? null : places.length ? [...places] : null);
     };
     const list = new Places(title(name), { single, picker: this.picker, named: this.named, changed: told });

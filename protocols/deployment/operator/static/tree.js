@@ -1,9 +1,9 @@
-// A tree that one can walk with the keyboard, as the authoring practices of the W3C have it: one tab stop, arrows inside.
+// A tree for the keyboard, by the authoring practices of the W3C: one tab stop, arrows inside.
 
 /**
- * A tree of nodes {id, name, below: nodes, open}. What else a node has is for `draw`, which fills its row; rows are made
- * anew only when the tree's shape changes, so that focus and what is open stay. A row is the item of the tree, and what
- * is below it stands beside it: else all that would be read aloud as the item's name.
+ * A tree of nodes {id, name, below: nodes, open}. `draw`, which fills a node's row, may use what else the node has. Rows
+ * are made again only when the tree's shape changes, so that focus and what is open stay. A row is the item of the tree,
+ * and what is below it is an element beside it: else all of that would be read aloud as the item's name.
  */
 export class Tree {
   /**
@@ -15,7 +15,7 @@ export class Tree {
     this.root = root;
     this.told = told;
     this.items = new Map();
-    this.touched = new Set(); // what somebody has opened or closed stays as it is
+    this.touched = new Set(); // what the user has opened or closed stays as it is
     this.selected = null;
     this.shape = "";
     root.addEventListener("keydown", (event) => this.key(event));
@@ -48,12 +48,12 @@ export class Tree {
     this.told.picked?.(found.node);
   }
 
-  /** Have the node *id* be seen. */
+  /** Scroll the node *id* into view. */
   reveal(id) {
     this.items.get(id).item.scrollIntoView({ block: "nearest" });
   }
 
-  /** Open or close the node *id*, unless somebody has done so before. */
+  /** Open or close the node *id*, unless the user has done so before. */
   unfold(id, open) {
     const found = this.items.get(id);
     if (found?.item.hasAttribute("aria-expanded") && !this.touched.has(id)) found.item.setAttribute("aria-expanded", String(open));
@@ -115,12 +115,12 @@ export class Tree {
     item.setAttribute("aria-expanded", String(open));
   }
 
-  /** Make the node *id* the one that the tab key comes to. */
+  /** Make the node *id* the one that the tab key reaches. */
   stop(id) {
     for (const [each, { item }] of this.items) item.tabIndex = each === id ? 0 : -1;
   }
 
-  /** The items that can be seen, from the top. */
+  /** The visible items, from the top. */
   seen() {
     return [...this.items.values()].map(({ item }) => item).filter((item) => {
       for (let up = this.above(item); up; up = this.above(up)) if (!is_open(up)) return false;

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from tests.protocols.deployment.operator.page.consoles import Consoles, Still
+from tests.protocols.deployment.operator.page.hand import add_place, choose, focused, tailoring, until
 from tests.web.browser import pixels
-from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import add_place, choose, focused, tailoring, until
 
 pytestmark = pytest.mark.slow
 

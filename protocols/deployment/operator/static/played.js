@@ -1,10 +1,10 @@
-// What is being played, as all pages hear it: plans that were made, the one that is executed, how its tasks stand.
+// What is being played, as all pages receive it: plans that were made, the one that is executed, states of its tasks.
 
-const SAME_M = 0.05; // who is so near to a place is there
+const SAME_M = 0.05; // a point this near to a place is that place
 
 /** Follows the host's console. */
 export class Played {
-  /** @param {() => void} unknown told when something is being played of which no plan has been heard */
+  /** @param {() => void} unknown is called when something is being played of which no plan was received */
   constructor(unknown) {
     this.unknown = unknown;
     this.forget();
@@ -15,12 +15,12 @@ export class Played {
     this.current = null;
   }
 
-  /** Whether something is being played now. */
+  /** True if something is being played now. */
   get running() {
     return this.current !== null && this.current.result === "";
   }
 
-  /** Take what the host has said at *time_s*; return whether anything has changed. */
+  /** Take what the host has sent at *time_s*; return whether anything has changed. */
   take(message, time_s) {
     switch (message.say) {
       case "plan":
@@ -65,7 +65,7 @@ export class Played {
     };
   }
 
-  /** Take an answer that tells all: for a page that has come late, or after a change of host. */
+  /** Take an answer with the whole state: for a page that was opened late, or after a change of host. */
   stands({ plan, tasks }) {
     if (plan === null) return false;
     const known = this.plans.get(plan.number);
@@ -84,16 +84,16 @@ export class Played {
   }
 }
 
-/** Throw a TypeError for what is no task. */
+/** Throw a TypeError unless this is a task. */
 function check(task) {
   if (typeof task?.name !== "string" || !Array.isArray(task.subtasks)) throw new TypeError("this is no task");
   task.subtasks.forEach(check);
 }
 
 /**
- * The tasks of a plan as nodes of a tree. What the executive makes of a deployment is not in the plan: it is known by the
- * *names* that the windows and the states have, and stands where its name says. `deploy~2` is what deploy has become when
- * robots were lost or the strategy was switched: it stands below it, and what deploy was made of before is `past`.
+ * The tasks of a plan as nodes of a tree. What the executive expands a deployment into is not in the plan: only windows
+ * and states have the *names* of these tasks, which say where in the tree they are. `deploy~2` is the expansion of deploy
+ * after robots were lost or the strategy was switched: it is below deploy, and what was expanded before is `past`.
  */
 export function task_nodes(root, names) {
   const nodes = new Map();
@@ -135,7 +135,7 @@ function task_node(task, nodes, depth) {
   return node;
 }
 
-/** What a task is about, in words; nothing of one that only has parts. *named*: the places that have names. */
+/** What a task does, in words; none for one that only has parts. *named*: the named places. */
 export function act_text(act, named = {}) {
   const place_text = (point) => name_of(point, named) ?? point_text(point);
   switch (act?.act) {
@@ -156,7 +156,7 @@ export function act_text(act, named = {}) {
   }
 }
 
-/** Where robots end up by a plan: [robot, [x, y]]. */
+/** The final places of robots by a plan: [robot, [x, y]]. */
 export function final_places(task) {
   const own = task.act?.act === "deploy" ? task.act.robots.map((robot, at) => [robot, task.act.places_m[at]]) : [];
   const go = task.act?.act === "go" && task.act.final ? [[task.act.robot, task.act.place_m]] : [];
@@ -168,7 +168,7 @@ function point_text([x, y]) {
   return `${Number(x.toFixed(1))}, ${Number(y.toFixed(1))}`;
 }
 
-/** What a point of the floor is called, if it has a name of its own. */
+/** The name of a point of the floor, if it has one of its own. */
 function name_of([x, y], named) {
   const found = Object.entries(named).find(([, points]) => points.length === 1 && Math.hypot(points[0][0] - x, points[0][1] - y) < SAME_M);
   return found?.[0] ?? null;

@@ -9,9 +9,9 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.web.messages import Plain
+from tests.protocols.deployment.operator.page.consoles import Consoles, Still
+from tests.protocols.deployment.operator.page.hand import PAGE, choose, focused, playing, ready, tailoring, until
 from tests.web.browser import LABELS, Browser, pixels, tab
-from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, choose, focused, playing, ready, tailoring, until
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow

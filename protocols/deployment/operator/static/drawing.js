@@ -1,8 +1,8 @@
-// What the playbook draws on the floor besides the run: places that are being chosen, where robots end up, a way.
+// What the page draws on the floor besides the run: chosen places, final places of robots, a way.
 
-import { final_places } from "./playbook_played.js";
+import { final_places } from "./played.js";
 
-/** Draw the places that are filled in, and where the robots end up by what is being played. */
+/** Draw the places in the form, and the final places of the robots by the plan that is being played. */
 export function paint_places(pen, floor, { chosen, current }) {
   pen.font = "11px system-ui, sans-serif";
   pen.textAlign = "center";

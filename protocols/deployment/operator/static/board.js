@@ -1,8 +1,8 @@
-// What is being played: the tree of its tasks as they stand, another strategy, an end before the end; and the two tabs.
+// What is being played: the tree of its tasks and their states, a change of strategy, termination; and the two tabs.
 
-import { STRATEGIES } from "./playbook_form.js";
-import { duration, make, seconds } from "./playbook_parts.js";
-import { Tasks } from "./playbook_tasks.js";
+import { STRATEGIES } from "./form.js";
+import { duration, make, seconds } from "./parts.js";
+import { Tasks } from "./tasks.js";
 
 const TABS = ["played", "tailored"];
 
@@ -10,7 +10,7 @@ const TABS = ["played", "tailored"];
 export class Board {
   /**
    * @param {(id: string) => HTMLElement} find
-   * @param {import("./playbook_played.js").Played} played
+   * @param {import("./played.js").Played} played
    * @param {{ask: (request: object) => Promise<object>, trouble: (why: string) => void}} told
    */
   constructor(find, played, told) {
@@ -52,7 +52,7 @@ export class Board {
     }
   }
 
-  /** A play has begun or ended: say so, and let the strategy that is chosen be the plan's. */
+  /** Show that a play has begun or ended, and choose the strategy of its plan. */
   begun() {
     const { current } = this.played;
     const broken = current?.breaches.length ? `; not kept: ${current.breaches.at(-1)}` : "";
@@ -61,7 +61,7 @@ export class Board {
     if (first && document.activeElement !== this.find("strategy")) this.find("strategy").value = first.strategy;
   }
 
-  /** Show how the play stands at *now_s*. */
+  /** Show the state of the play at *now_s*. */
   show(now_s) {
     const { current } = this.played;
     this.find("played-controls").hidden = !this.played.running;

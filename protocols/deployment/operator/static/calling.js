@@ -1,9 +1,9 @@
 // Calling a play: the tree of plays, the parameters of the chosen one, Execute and Tailor, and what the planner answers.
 
-import { Form, title } from "./playbook_form.js";
-import { make } from "./playbook_parts.js";
-import { Tailor } from "./playbook_tailor.js";
-import { Tree } from "./playbook_tree.js";
+import { Form, title } from "./form.js";
+import { make } from "./parts.js";
+import { Tailor } from "./tailor.js";
+import { Tree } from "./tree.js";
 
 const CHECK_MS = 350;
 
@@ -20,13 +20,13 @@ export class Calling {
     this.size = 0;
     this.chosen = null;
     this.tailoring = null; // path of the play that is being tailored
-    this.parameters = {}; // of that play: the form may be another's by now
+    this.parameters = {}; // of that play: the form may be that of another one by now
     this.timer = 0;
     this.asked = 0;
     this.tree = new Tree(find("plays"), { draw: draw_play, picked: (node) => this.choose(node) });
     this.form = new Form(find("form"), told.picker, () => this.filled());
     this.tailor = new Tailor(find, told.picker, (wanted) => (wanted ? this.check(true) : this.check_soon()));
-    new ResizeObserver(() => this.chosen && this.tree.reveal(this.chosen.id)).observe(find("plays")); // others take room from it
+    new ResizeObserver(() => this.chosen && this.tree.reveal(this.chosen.id)).observe(find("plays")); // other parts take space from it
     find("execute").addEventListener("click", () => this.execute());
     find("tailor").addEventListener("click", () => this.begin());
     find("execute-tailored").addEventListener("click", () => this.execute_tailored());
@@ -41,7 +41,7 @@ export class Calling {
     this.tree.show(tree.map((branch) => play_node(branch, null)));
   }
 
-  /** Take the places that the floor names, and how many robots there are. */
+  /** Take the named places of the floor, and the number of robots. */
   know_floor(named, size) {
     this.size = size;
     this.tailor.named = this.tailor.tasks.named = named;
@@ -66,10 +66,10 @@ export class Calling {
     this.told.changed();
   }
 
-  /** Something has been filled in: places on the floor may be others, and the plan that is being tailored too. */
+  /** Show what a changed field affects: the places on the floor, and the plan that is being tailored. */
   filled() {
     this.told.changed();
-    this.hide_refusal(); // it was about something else
+    this.hide_refusal(); // it was about the values before
     this.say_missing(this.form.marked());
     if (this.tailoring === null || this.tailoring !== this.chosen?.id) return;
     this.parameters = this.form.given();
@@ -84,7 +84,7 @@ export class Calling {
     if (answer?.say === "plan") this.done();
   }
 
-  /** Have the chosen play be tailored. */
+  /** Begin to tailor the chosen play. */
   begin() {
     this.tailoring = this.chosen.id;
     this.parameters = this.form.given();
@@ -101,7 +101,7 @@ export class Calling {
     this.timer = setTimeout(() => this.check(false), CHECK_MS);
   }
 
-  /** Have the planner make a plan of what is asked for so far; *wanted*: on an explicit wish, so its answer gets focus. */
+  /** Have the planner make a plan of what is asked for so far; *wanted*: its answer gets focus, since the user asked for it. */
   async check(wanted) {
     clearTimeout(this.timer);
     if (this.tailoring === null) return null;
@@ -134,7 +134,7 @@ export class Calling {
     this.told.executed();
   }
 
-  /** Ask for a plan; return the answer, null if there is none. A refusal is shown, with focus if it was wished for. */
+  /** Ask for a plan; return the answer, null if there is none. A refusal is shown, with focus if the user asked for it. */
   async call(call, execute, wanted = true) {
     const buttons = ["execute", "tailor", "execute-tailored"].map(this.find);
     const before = document.activeElement;
@@ -167,7 +167,7 @@ export class Calling {
 
   say_missing(names) {
     const wants = (kind) => names.some((name) => this.form.parameters[name].kind.startsWith(kind));
-    const click = names.includes(this.form.next()) ? "Click letters on the floor" : "Press Pick there"; // a click goes elsewhere yet
+    const click = names.includes(this.form.next()) ? "Click letters on the floor" : "Press Pick there"; // a click still goes elsewhere
     const how = wants("place") ? ` ${click}, or choose names.` : wants("robots") ? " Say how many, or which." : "";
     this.find("missing").textContent = names.length ? `Still to be filled in: ${names.map(title).join(", ")}.${how}` : "";
   }

@@ -1,8 +1,8 @@
 // The tasks of a plan as a tree: with their windows while it is tailored, with their states while it is played.
 
-import { act_text, task_nodes } from "./playbook_played.js";
-import { make, seconds } from "./playbook_parts.js";
-import { Tree } from "./playbook_tree.js";
+import { act_text, task_nodes } from "./played.js";
+import { make, seconds } from "./parts.js";
+import { Tree } from "./tree.js";
 
 const SIGNS = { waiting: "○", running: "▶", done: "✓", failed: "✗", terminated: "■", "given up": "–" };
 
@@ -24,7 +24,7 @@ export class Tasks {
     return this.tree.selected;
   }
 
-  /** Show a plan: *windows* by task, and how tasks stand (a Map), or null if it is not being played. */
+  /** Show a plan: *windows* by task, and the states of tasks (a Map), or null if it is not being played. */
   show(plan, windows, states) {
     Object.assign(this, { windows: windows ?? {}, states });
     const nodes = task_nodes(plan.root, [...Object.keys(this.windows), ...(states?.keys() ?? [])]);
@@ -41,7 +41,7 @@ export class Tasks {
     }
   }
 
-  /** How a task stands: as was told, or as its parts do; what was made anew before it was done has been given up. */
+  /** State of a task: as received, or that of its parts; a task that was expanded again before it was done is given up. */
   stand(node) {
     const told = this.states.get(node.id);
     if (node.past && told?.state !== "done") return { state: "given up", robot: null, why: "" };

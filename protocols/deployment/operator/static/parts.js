@@ -24,7 +24,7 @@ export function choice(pairs, value, changed, more = {}) {
   return made;
 }
 
-/** Make a field for a number; `changed` is told the number, or null if there is none. */
+/** Make a field for a number; `changed` is called with the number, or null if there is none. */
 export function number(value, changed, more = {}) {
   const made = make("input", { type: "number", step: "any", value: value ?? "", ...more });
   made.addEventListener("input", () => changed(made.value === "" ? null : Number(made.value)));
@@ -49,7 +49,7 @@ export function place_text(place) {
   return typeof place === "string" ? place : `${short(place[0])}, ${short(place[1])}`;
 }
 
-/** A number with as many decimals as a person wants to see. */
+/** A number with as many decimals as a person can use. */
 export function short(value) {
   return String(Number(value.toFixed(2)));
 }
@@ -60,7 +60,7 @@ export function seconds(value) {
   return value < 100 ? `${Number(value.toFixed(1))} s` : `${Math.round(value)} s`;
 }
 
-/** How long a plan takes, in words, by an answer's `expected_s`, null if nobody knows, and its windows. */
+/** Duration of a plan, in words, by an answer's `expected_s`, null if that is unknown, and its windows. */
 export function duration({ plan, expected_s, windows }) {
   if (expected_s !== null) return `about ${seconds(expected_s)}`;
   const least_s = windows?.[plan.root.name]?.[2];
