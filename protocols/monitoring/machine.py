@@ -7,23 +7,24 @@ one at the start.
 """
 
 from cosim.errors import WireError
-from cosim.machine import BROADCAST, Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Drains, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.detection.accrual import PhiSettings
 from protocols.detection.detectors import make_detector
+from protocols.detection.incarnations import Watch
 from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
 from protocols.monitoring.parameters import Parameters
-from protocols.monitoring.watching import Watch
 
 
-class Monitor:
+class Monitor(Drains):
     """One robot's machine; it drives nowhere and never finishes."""
 
     finished = False
 
     def __init__(self, parameters: Parameters, size: int, me: Address, start: Time) -> None:
+        super().__init__()
         self.me = me
         self.sent = 0
         self.heard = 0
@@ -41,8 +42,6 @@ class Monitor:
         self._number: int | None = 0 if me < senders else None
         """That of the next heartbeat; None if there are to be none."""
         self.watches: dict[Address, Watch] = {peer: self._first_watch(peer) for peer in range(senders) if peer != me}
-        self._out: list[Outgoing | LinkCommand] = []
-        self._events: list[Event] = []
         self._next: Time | None = None
         self._rearm()
 
@@ -89,25 +88,9 @@ class Monitor:
                 self._report(peer, False, watch)
         self._rearm()
 
-    # ------------------------------------------------------------ what goes out
-
     def wake_at(self) -> Time | None:
         """Return when the next heartbeat or the next suspicion is due, or earlier."""
         return self._next
-
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain the heartbeats."""
-        out, self._out = self._out, []
-        return out
-
-    def commands(self) -> list[Command]:
-        """Drive nowhere."""
-        return []
-
-    def events(self) -> list[Event]:
-        """Drain what is suspected and what is not any more."""
-        events, self._events = self._events, []
-        return events
 
     # ------------------------------------------------------------ watches and deadlines
 
@@ -151,7 +134,7 @@ class Monitor:
         """Send the heartbeat that is due; of several, because the clock was set forward, the last."""
         last = (now - self._begun) // self._period
         if self._number is not None and last >= self._number:
-            self._out.append(Outgoing(BROADCAST, encode(Heartbeat(self.me, self._begun, last))))
+            self._outbox.append(Outgoing(BROADCAST, encode(Heartbeat(self.me, self._begun, last))))
             self._number = last + 1
             self.sent += 1
 

@@ -1,8 +1,34 @@
-"""One robot's watch over one life of another: a detector, what it has said, and since when it is asked."""
+"""Incarnations: what is watched is one incarnation of a peer, which begins when the peer is started or rebooted.
 
-from cosim.units import Time
+A peer that has been rebooted counts its heartbeats from 0 again and has forgotten everything. ``Incarnation`` finds
+that out from the heartbeats; ``Watch`` is one robot's watch over one incarnation of another.
+"""
+
+from cosim.units import MS, Time
 from protocols.detection.detectors import Detector
 from protocols.detection.quality import History, Quality, quality
+
+
+class Incarnation:
+    """The incarnation of one peer, told by the instant at which its count of heartbeats must have begun."""
+
+    def __init__(self, period: Time, clock_ms: int) -> None:
+        """Take heartbeats to be *period* apart, from number 0 on; their stamps are whole ms, modulo *clock_ms*."""
+        self._period = period
+        self._clock_ms = clock_ms
+        self._began_ms: int | None = None
+
+    def is_new(self, number: int, stamp_ms: int) -> bool:
+        """Return whether this heartbeat is of another incarnation than the one before.
+
+        One whose clock has been stepped looks like a new one, too.
+        """
+        began_ms = (stamp_ms - number * self._period // MS) % self._clock_ms
+        before, self._began_ms = self._began_ms, began_ms
+        if before is None:
+            return False
+        later = (began_ms - before + self._clock_ms // 2) % self._clock_ms - self._clock_ms // 2
+        return abs(later) > max(self._period // MS, 1)
 
 
 class Watch:
