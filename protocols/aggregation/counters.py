@@ -1,22 +1,9 @@
-"""What a robot counts: frames, bytes and energy by radio, its way; what the metrics are made of.
-
-The radio's energy is that which Feeney and Nilsson measured on a 2.4 GHz 802.11 card at 2 Mb/s ("Investigating the
-energy consumption of a wireless network interface in an ad hoc networking environment", INFOCOM 2001, Table 1): linear
-in the payload's bytes, with a constant that holds the MAC's own frames. Idling is left out.
-"""
+"""What a robot counts: frames, bytes and energy by radio, its way; what the metrics are made of."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final
 
 from cosim.units import Time
-
-SEND_J: Final = (454e-6, 1.9e-6)
-"""Unicast: joules a frame, and a byte."""
-BROADCAST_J: Final = (266e-6, 1.9e-6)
-RECEIVE_J: Final = (356e-6, 0.5e-6)
-HEAR_J: Final = (56e-6, 0.5e-6)
-"""A broadcast that is received."""
 
 
 @dataclass(slots=True)

@@ -1,11 +1,16 @@
-"""What a robot knows of the task: which posts have been visited, and which targets have been found where."""
+"""What a robot knows of the task: posts visited, targets found; and what of that a searcher has still to report.
+
+A report holds all that the searcher knows, so a lost one needs no repetition of its own: the next one, at the next
+heartbeat that is heard, holds the same and more.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
 
 from cosim.geometry.planning import Point
 from cosim.observation import Observation
-from protocols.aggregation.messages import Finding
+from protocols.aggregation.frames import COUNTS, bitmap
+from protocols.aggregation.messages import Finding, Report
 
 
 class Findings:
@@ -58,3 +63,47 @@ class Camera:
         near = [number for number in near if number not in known.targets]
         seen = observation.sees([self._places_m[number] for number in near])
         return [Finding(number, *self._places_m[number]) for number, there in zip(near, seen, strict=True) if there]
+
+
+class Reports:
+    """What one searcher has still to report to its host: all that changed since the last report with a receipt."""
+
+    def __init__(self, findings: Findings, posts: int) -> None:
+        self._findings = findings
+        self._posts = posts
+        self._told = -1
+        """The state of the findings that the host has."""
+        self._told_targets = 0
+        self._sent: dict[int, tuple[int, int]] = {}
+        """Reports on their way: number -> (state, targets)."""
+        self._number = 0
+
+    @property
+    def pending(self) -> bool:
+        """Whether the host lacks something, or has never been told anything."""
+        return self._told != self._findings.changes
+
+    @property
+    def finds(self) -> bool:
+        """Whether the host lacks a target."""
+        return len(self._findings.targets) > self._told_targets
+
+    def anew(self) -> None:
+        """Have everything told again: to another host."""
+        self._told = -1
+        self._told_targets = 0
+        self._sent.clear()
+
+    def make(self, epoch: int) -> Report:
+        """Return a report of all that is known."""
+        self._number = (self._number + 1) % COUNTS
+        known = self._findings
+        self._sent[self._number] = known.changes, len(known.targets)
+        return Report(self._number, epoch, known.all_targets(), bitmap(known.visited, self._posts))
+
+    def received(self, number: int) -> None:
+        """Take the host's receipt."""
+        state = self._sent.pop(number, None)
+        if state is not None:
+            self._told, self._told_targets = max(self._told, state[0]), max(self._told_targets, state[1])
+            self._sent = {each: other for each, other in self._sent.items() if other[0] > state[0]}

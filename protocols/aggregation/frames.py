@@ -41,6 +41,8 @@ FAR_M: Final = 1e6
 """No coordinate on the wire, and no speed in m/s, is greater than this."""
 CLOCK_MS: Final = 1 << 32
 """Stamps count modulo this."""
+COUNTS: Final = 1 << 16
+"""No count on the wire reaches this: versions of plans, assignments, reports, rounds, epochs of memberships."""
 REMEMBERED: Final = 256
 """Frames, and bitmaps, whose meaning is remembered."""
 
@@ -60,7 +62,12 @@ COUNT: Final = Struct(">H")
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
-# ---------------------------------------------------------------- stamps and bitmaps
+# ---------------------------------------------------------------- counts, stamps and bitmaps
+
+
+def following(count: int) -> int:
+    """Return the count after *count*: 1 after the last, as 0 stands for none yet."""
+    return count % (COUNTS - 1) + 1
 
 
 def stamp(at: Time) -> int:

@@ -9,17 +9,14 @@ does not speak of that): the others tell it whom it led, and its searchers tell 
 import math
 
 from cosim.geometry.planning import Point
-from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, Drains, LinkEvent, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
-from protocols.aggregation.counts import COUNTS
-from protocols.aggregation.driving import Driver
 from protocols.aggregation.events import AllKnown, HostSuspected, HostTrusted, TargetKnown
 from protocols.aggregation.findings import Findings
-from protocols.aggregation.frames import bitmap, posts_in, stamp
+from protocols.aggregation.frames import COUNTS, bitmap, posts_in, stamp
 from protocols.aggregation.itinerary import Itinerary
-from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import (
     Finding,
     Heartbeat,
@@ -34,10 +31,10 @@ from protocols.aggregation.messages import (
 )
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.radio import SHORT, Radio
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.speech import SHORT, Speech
 from protocols.aggregation.strategies import Strategy
-from protocols.aggregation.subteam import SubTeam
+from protocols.aggregation.subteam import SubTeam, Work
 from protocols.aggregation.touring import Feet
 from protocols.detection.detectors import Detector, make_detector
 
@@ -45,7 +42,7 @@ REPEATS = 3
 """Broadcast news are said at so many heartbeats: nobody acknowledges them."""
 
 
-class Host:
+class Host(Drains):
     """The machine of a host."""
 
     def __init__(
@@ -53,14 +50,13 @@ class Host:
         parameters: Parameters,
         setup: Setup,
         me: Address,
-        strategy: Strategy,
-        work: Work,
         feet: Feet,
         phase: Time,
         start: Time,
         booted: bool,
     ) -> None:
         """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
+        super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
         self.findings = Findings()
@@ -69,17 +65,18 @@ class Host:
         self.setup = setup
         self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
-        self._events: list[Event] = []
-        self._commands: list[Command] = []
-        self._speech = Speech(me, self.counters, self._events)
+        self._radio = Radio(me, self.counters, self._outbox, self._events)
         others = [host for host in range(setup.hosts) if host != me]
         self.neighbours = Neighbours(others, self._period, self._watching, start)
         self._here: Point = setup.starts_m[me]
-        self._itinerary = Itinerary(parameters, me, strategy, self.neighbours, self._events, self._here, start)
-        self.team = SubTeam(
-            parameters, work, self.findings, self._speech, self._events, self.neighbours, self._itinerary
+        strategies = [Strategy(parameters, setup, host) for host in range(setup.hosts)]
+        work = Work(setup, me, [strategy.rally_m for strategy in strategies], parameters.strategy == "random")
+        self._itinerary = Itinerary(
+            parameters, me, strategies[me], feet, self.neighbours, self._events, self._here, start
         )
-        self._driver = Driver(feet)
+        self.team = SubTeam(
+            parameters, work, self.findings, self._radio, self._events, self.neighbours, self._itinerary
+        )
         self._beats = 0
         self._beat_at = self._deadline = start + phase
         self._news_left = REPEATS
@@ -100,7 +97,7 @@ class Host:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a message of a searcher or of another host."""
-        heard = self._speech.hear(data, reception)
+        heard = self._radio.receive(data, reception)
         if heard is None:
             return
         sender, message = heard
@@ -122,7 +119,7 @@ class Host:
             self._itinerary.depart(here, (), now)
         if self._itinerary.due(now) and self._itinerary.reconvened(self.team.missing(), here, now):
             self._news_left = REPEATS
-        command = self._driver.step(self._itinerary.course, observation, now)
+        command = self._itinerary.step(observation, now)
         if command is not None:
             self._commands.append(command)
 
@@ -143,23 +140,6 @@ class Host:
     def wake_at(self) -> Time | None:
         """Return when the next heartbeat, or the next suspicion, is due."""
         return self._deadline
-
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain messages."""
-        return self._speech.drain()
-
-    def commands(self) -> list[Command]:
-        """Drain motion commands."""
-        commands, self._commands = self._commands, []
-        return commands
-
-    def events(self) -> list[Event]:
-        """Drain rows for the trace."""
-        if not self._events:
-            return []
-        events = self._events.copy()
-        self._events.clear()
-        return events
 
     def _set_deadline(self) -> None:
         silence = self.neighbours.next_silence()
@@ -182,16 +162,16 @@ class Host:
         if ways.version != self._told:
             self._told, self._plans_left, self._news_left = ways.version, REPEATS, REPEATS
         beat = self._heartbeat(now)
-        self._speech.say(beat)
+        self._radio.send(beat)
         if self._plans_left:
             self._plans_left -= 1
-            self._speech.say(self._plans())
+            self._radio.send(self._plans())
         if self.setup.hosts > 1:
             if self.parameters.long_radio != SHORT:  # robots with one radio have said it already
-                self._speech.say(beat, radio=self.parameters.long_radio)
+                self._radio.send(beat, radio=self.parameters.long_radio)
             if self._news_left:
                 self._news_left -= 1
-                self._speech.say(self._news(), radio=self.parameters.long_radio)
+                self._radio.send(self._news(), radio=self.parameters.long_radio)
 
     def _follow_searchers(self, now: Time) -> None:
         """At the end of a mobile integrator's way go amid the searchers' new tours, if all of them can be told."""
@@ -212,7 +192,7 @@ class Host:
         return Plans((self._itinerary.plan, *self.neighbours.plans()))
 
     def _news(self) -> News:
-        members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roll.members.items()))
+        members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roster.members.items()))
         visited = bitmap(self.findings.visited, self._posts)
         return News(self.findings.all_targets(), visited, members, self._itinerary.plan)
 
@@ -265,7 +245,7 @@ class Host:
         if one.plan is not None and one.members:
             visited = bitmap(self.findings.visited, self._posts)
             news = News(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
-            self._speech.say(news, host, self.parameters.long_radio)
+            self._radio.send(news, host, self.parameters.long_radio)
 
     def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
         """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""

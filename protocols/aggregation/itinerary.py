@@ -1,16 +1,28 @@
-"""A host's ways, one after the other: which it has told, when it stands and waits, how it finds back to the others."""
+"""A host's ways, one after the other: which it has told, when it stands and waits, how it finds back to the others.
+
+A host keeps to the way that it has told: it heads for where its plan has it a little later. Its body may be faster than
+its plan: then it is there too early, and waits; so it is never far from where it should be, and catches up when it has
+been held up.
+"""
+
+from typing import Final
 
 from cosim.geometry.planning import Point
-from cosim.machine import Address, Event
-from cosim.units import Time, from_seconds
-from protocols.aggregation.counts import following
+from cosim.machine import Address, Command, Event
+from cosim.observation import Observation
+from cosim.units import S, Time, from_seconds
 from protocols.aggregation.course import Course, plan_of
 from protocols.aggregation.events import Departed, Reconvened
+from protocols.aggregation.frames import following
 from protocols.aggregation.messages import Plan
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.setup import Tours
 from protocols.aggregation.strategies import Strategy
+from protocols.aggregation.touring import Feet
+
+AHEAD: Final[Time] = 4 * S
+"""How far ahead of the present place on its plan a host heads, and the shortest interval at which it looks."""
 
 
 class Itinerary:
@@ -21,6 +33,7 @@ class Itinerary:
         parameters: Parameters,
         host: Address,
         strategy: Strategy,
+        feet: Feet,
         neighbours: Neighbours,
         events: list[Event],
         here_m: Point,
@@ -35,6 +48,10 @@ class Itinerary:
         self.astray = False
         self._host = host
         self._strategy = strategy
+        self._feet = feet
+        self._followed: Course | None = None
+        """The course that the body has been sent along."""
+        self._next: Time = 0
         self._neighbours = neighbours
         self._events = events
         self._meets = parameters.strategy == "mrp"
@@ -58,6 +75,13 @@ class Itinerary:
             self._go(self._strategy.to(self._neighbours.centroid(here_m), here_m, now))
         else:
             self._go(self._strategy.course(here_m, tours, self.round, now))
+
+    def step(self, observation: Observation, now: Time) -> Command | None:
+        """Return the next order along the course, if there is a new one."""
+        if self.course is not self._followed or (now >= self._next and self._feet.arrived):
+            self._followed, self._next = self.course, now + AHEAD
+            self._feet.head_for(self.course.place(now + AHEAD))
+        return self._feet.step(observation)
 
     def due(self, now: Time) -> bool:
         """Return whether the period is over, so that the host stands and waits for its searchers."""

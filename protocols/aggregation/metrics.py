@@ -10,11 +10,14 @@ import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from cosim.protocol import Metric
+from cosim.arrays import Floats
+from cosim.machine import Address
+from cosim.protocol import Death, Metric, Referee
 from cosim.units import Time, to_seconds
 from protocols.aggregation.counters import Counters
 from protocols.aggregation.host import Host
 from protocols.aggregation.searcher import Searcher
+from protocols.aggregation.setup import Setup
 
 Team: TypeAlias = Sequence[Host | Searcher]
 
@@ -119,3 +122,26 @@ def _suspicions(machines: Team, end: Time) -> dict[str, float]:
         "false_suspicions": float(wrong[Host]),
         "false_failures": float(wrong[Searcher]),
     }
+
+
+class SearchReferee(Referee):
+    """The truth about a search: who is dead. What counts else is what hosts know, which no body shows.
+
+    A run goes on until all living robots have stopped, no host lives any more, or its time is over.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._hosts = setup.hosts
+        self._dead: set[Address] = set()
+
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
+        """Return whether no host lives any more: then nobody can be told anything."""
+        return all(host in self._dead for host in range(self._hosts))
+
+    def died(self, death: Death) -> None:
+        """Note who is dead."""
+        self._dead.add(death.robot)
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return how many hosts live."""
+        return {"hosts_alive": float(self._hosts - sum(host in self._dead for host in range(self._hosts)))}

@@ -6,10 +6,10 @@ from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
 from cosim.units import Time
-from protocols.aggregation.frames import instant
-from protocols.aggregation.lives import Life
+from protocols.aggregation.frames import CLOCK_MS, instant
 from protocols.aggregation.messages import Heartbeat, News, Plan
 from protocols.detection.detectors import Detector
+from protocols.detection.incarnations import Incarnation
 
 
 class Neighbour:
@@ -17,7 +17,7 @@ class Neighbour:
 
     def __init__(self, detector: Detector, period: Time) -> None:
         self.detector = detector
-        self.life = Life(period)
+        self.incarnation = Incarnation(period, CLOCK_MS)
         self.number = -1
         """Its last heartbeat."""
         self.suspected = False
@@ -46,7 +46,7 @@ class Neighbours:
     def heard(self, host: Address, beat: Heartbeat, now: Time) -> bool:
         """Take a heartbeat; return whether the host had been suspected, is heard first, or has begun anew."""
         one = self.hosts[host]
-        anew = one.life.anew(beat)
+        anew = one.incarnation.is_new(beat.number, beat.stamp_ms)
         first = one.number < 0
         if anew or first:  # only now it is known when its count began
             began = instant(beat.stamp_ms, now) - beat.number * self._period

@@ -10,17 +10,18 @@ on with what is left of its tour once it has a receipt; only who has nothing lef
 """
 
 import math
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
 
 from cosim.geometry.planning import Point
-from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, Command, Drains, LinkEvent, Reception, next_state
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
-from protocols.aggregation.errands import Errand, Turn, next_errand
 from protocols.aggregation.events import ErrandChanged, HostFailed, Joined, TargetFound
-from protocols.aggregation.findings import Camera, Findings
-from protocols.aggregation.lives import Life
-from protocols.aggregation.membership import Membership
+from protocols.aggregation.findings import Camera, Findings, Reports
+from protocols.aggregation.frames import CLOCK_MS
 from protocols.aggregation.messages import (
     Assign,
     Confirm,
@@ -35,23 +36,96 @@ from protocols.aggregation.messages import (
     Stopped,
 )
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.pursuit import Pursuit
-from protocols.aggregation.reports import Reports
+from protocols.aggregation.radio import Radio
+from protocols.aggregation.rendezvous import Rendezvous
+from protocols.aggregation.roster import Membership
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.speech import Speech
 from protocols.aggregation.touring import Legs
+from protocols.detection.incarnations import Incarnation
 
 GREETING_BEATS = 5
 """A searcher that lacks nothing says hello at every so many heartbeats."""
 
 
-class Searcher:
+class Errand(StrEnum):
+    """What a searcher does."""
+
+    SEARCH = "search"
+    """Visit the posts of its tour, or stroll."""
+    MEET = "meet"
+    """Get into radio contact with its host, and report."""
+    WAIT = "wait"
+    """Stay in contact, until there is something to do."""
+    CHANGE = "change"
+    """Find another host, and join its sub-team."""
+    STOP = "stop"
+    """The task is over."""
+
+
+class Turn(StrEnum):
+    """What happens to a searcher that makes it do something else."""
+
+    FOUND = "found"
+    """It has found a target that its host does not know, and is to tell it at once."""
+    DONE = "done"
+    """Its tour is finished."""
+    DUE = "due"
+    """The time to meet has come: the period's end, or the time-out."""
+    TOLD = "told"
+    """The host knows all that it has to tell, and there is work left."""
+    IDLE = "idle"
+    """The same, but there is nothing to do before the host says so."""
+    WORK = "work"
+    """There is something to do again."""
+    ALONE = "alone"
+    """Out of contact while it should wait."""
+    FAILED = "failed"
+    """Its host has failed, as far as it can tell."""
+    JOINED = "joined"
+    """Another host has confirmed."""
+    HEARD = "heard"
+    """The host that it had given up is there after all."""
+    OVER = "over"
+    """A host says that all targets are known."""
+
+
+_S, _M, _W, _C = Errand.SEARCH, Errand.MEET, Errand.WAIT, Errand.CHANGE
+
+TABLE: Final = MappingProxyType(
+    {
+        (_S, Turn.FOUND): (None, _M),
+        (_S, Turn.DONE): (None, _M),
+        (_S, Turn.DUE): (None, _M),
+        (_S, Turn.JOINED): (None, _S),
+        (_M, Turn.TOLD): (None, _S),
+        (_M, Turn.IDLE): (None, _W),
+        (_M, Turn.FAILED): (None, _C),
+        (_M, Turn.JOINED): (None, _M),
+        (_W, Turn.WORK): (None, _S),
+        (_W, Turn.ALONE): (None, _M),
+        (_W, Turn.JOINED): (None, _W),
+        (_C, Turn.JOINED): (None, _M),
+        (_C, Turn.HEARD): (None, _M),
+        (_C, Turn.FAILED): (None, _C),
+        **{(errand, Turn.OVER): (None, Errand.STOP) for errand in Errand},
+    }
+)
+
+
+def next_errand(errand: Errand, turn: Turn) -> Errand:
+    """Return what a searcher does after a *turn*; raise LocalProtocolError for one that things cannot take then."""
+    following: Errand = next_state(TABLE, errand, turn)[1]
+    return following
+
+
+class Searcher(Drains):
     """The machine of a searcher. It lives on observations and on what it hears, and has no deadlines."""
 
     def __init__(
         self, parameters: Parameters, setup: Setup, me: Address, legs: Legs, start: Time, booted: bool
     ) -> None:
         """Begin in the sub-team that everybody knows, or, having *booted* again, in none."""
+        super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
         self.findings = Findings()
@@ -59,15 +133,13 @@ class Searcher:
         self.setup = setup
         self.errand = Errand.WAIT
         self.membership = Membership(None if booted else setup.host_of(me), 0)
-        self._events: list[Event] = []
-        self._commands: list[Command] = []
-        self._speech = Speech(me, self.counters, self._events)
+        self._radio = Radio(me, self.counters, self._outbox, self._events)
         self._reports = Reports(self.findings, len(setup.ground.posts_m))
         self._camera = Camera(setup.targets_m, parameters.camera_m)
         self._legs = legs
         self._posts = len(setup.ground.posts_m)
         self._hosts = setup.hosts
-        self._pursuit = Pursuit(parameters, self.membership, legs, setup.speeds_mps[me])
+        self._rendezvous = Rendezvous(parameters, self.membership, legs, setup.speeds_mps[me])
         self._fresh = from_seconds(parameters.fresh_s)
         self._lost = from_seconds(parameters.lost_s)
         self._muster = start + from_seconds(parameters.muster_s)
@@ -76,7 +148,7 @@ class Searcher:
         self._assignment = 0
         self._heard = start
         """When the own host was heard last; at the start all are in contact."""
-        self._life = Life(from_seconds(parameters.heartbeat_s))
+        self._incarnation = Incarnation(from_seconds(parameters.heartbeat_s), CLOCK_MS)
         self._greeting = from_seconds(GREETING_BEATS * parameters.heartbeat_s)
         self._greeted = start - self._greeting
         """When it has said hello to it last."""
@@ -92,7 +164,7 @@ class Searcher:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a message of a host; others mean nothing to a searcher."""
-        heard = self._speech.hear(data, reception)
+        heard = self._radio.receive(data, reception)
         if heard is None or heard[0] >= self._hosts:
             return
         sender, message = heard
@@ -114,9 +186,9 @@ class Searcher:
             case Heartbeat():
                 self.counters.contacts += now - self._heard > self._fresh
                 self._heard = now
-                if self._life.anew(message):
+                if self._incarnation.is_new(message.number, message.stamp_ms):
                     self._tell_anew()
-                self._pursuit.heard(now)
+                self._rendezvous.heard(now)
             case Leave(epoch=epoch) if epoch == self.membership.epoch:
                 self.membership.host = None
             case Receipt(number=number):
@@ -154,23 +226,6 @@ class Searcher:
         """Return None."""
         return None
 
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain messages."""
-        return self._speech.drain()
-
-    def commands(self) -> list[Command]:
-        """Drain motion commands."""
-        commands, self._commands = self._commands, []
-        return commands
-
-    def events(self) -> list[Event]:
-        """Drain rows for the trace."""
-        if not self._events:
-            return []
-        events = self._events.copy()
-        self._events.clear()
-        return events
-
     # ------------------------------------------------------------ talking
 
     def _answer(self, host: Address, beat: Heartbeat, now: Time) -> None:
@@ -180,27 +235,28 @@ class Searcher:
         ours = self.membership
         if host == ours.host:
             if self._reports.pending and not self._over:
-                self._speech.say(self._reports.make(ours.epoch), host)
+                self._radio.send(self._reports.make(ours.epoch), host)
             lacks = self._legs.done or beat.plan != ours.plans or beat.syncing or beat.over
             if lacks or now - self._greeted >= self._greeting:
                 self._greeted = now
-                self._speech.say(Hello(ours.epoch, *self._here, self._assignment, ours.plans), host)
+                self._radio.send(Hello(ours.epoch, *self._here, self._assignment, ours.plans), host)
             return
         if ours.leaves(host):
-            self._speech.say(Leave(ours.epoch), host)
+            self._radio.send(Leave(ours.epoch), host)
         forgotten = now - self._heard > self._lost  # for so long that its host has struck it off
         orphaned = ours.host is None or forgotten or (ours.host in beat.silent and not self._in_contact(now))
         if not self._over and (self.errand is Errand.CHANGE or orphaned or beat.over):
-            self._speech.say(Join(ours.ask(host, now), *self._here), host)
+            self._radio.send(Join(ours.ask(host, now), *self._here), host)
 
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
             return
         self.counters.joins.append(self.counters.told(now))
         self._events.append(Joined(host, epoch))
-        self._heard, self._life = now, Life(from_seconds(self.parameters.heartbeat_s))
+        self._heard = now
+        self._incarnation = Incarnation(from_seconds(self.parameters.heartbeat_s), CLOCK_MS)
         self._tell_anew()
-        self._pursuit.joined()
+        self._rendezvous.joined()
         if not self._over:
             self._follow(Turn.JOINED, now)
 
@@ -211,7 +267,7 @@ class Searcher:
 
     def _stop(self, host: Address, now: Time) -> None:
         """Stop, and say so, however often it is asked."""
-        self._speech.say(Stopped(), host)
+        self._radio.send(Stopped(), host)
         if not self._over:
             self._over = True
             self.counters.stopped_at = self.counters.told(now)
@@ -260,7 +316,7 @@ class Searcher:
             if self._reports.pending:
                 return None
             return Turn.IDLE if self._legs.done or self._due(now) else Turn.TOLD
-        return Turn.FAILED if self._pursuit.failed(observation, now) else None
+        return Turn.FAILED if self._rendezvous.failed(observation, now) else None
 
     def _turn_of_waiting(self, now: Time) -> Turn | None:
         if not self._in_contact(now):
@@ -270,20 +326,20 @@ class Searcher:
     def _turn_of_change(self, observation: Observation, now: Time) -> Turn | None:
         if self._in_contact(now):
             return Turn.HEARD
-        return Turn.FAILED if self._pursuit.failed(observation, now) else None
+        return Turn.FAILED if self._rendezvous.failed(observation, now) else None
 
     def _follow(self, turn: Turn, now: Time) -> None:
         """Change the errand, and begin what it demands."""
-        if turn is Turn.FAILED and self._pursuit.host is not None:
-            self.counters.failures.append((self._pursuit.host, self.counters.told(now)))
-            self._events.append(HostFailed(self._pursuit.host))
+        if turn is Turn.FAILED and self._rendezvous.host is not None:
+            self.counters.failures.append((self._rendezvous.host, self.counters.told(now)))
+            self._events.append(HostFailed(self._rendezvous.host))
         before, self.errand = self.errand, next_errand(self.errand, turn)
         if self.errand is not before or turn is Turn.FAILED:
             self._events.append(ErrandChanged(self.errand.value, turn.value))
         if self.errand is Errand.MEET:
-            self._pursuit.to_own_host(now)
+            self._rendezvous.to_own_host(now)
         elif self.errand is Errand.CHANGE:
-            self._pursuit.to_another(now)
+            self._rendezvous.to_another(now)
 
     # ------------------------------------------------------------ walking
 
@@ -291,5 +347,5 @@ class Searcher:
         if self.errand is Errand.SEARCH:
             return self._legs.search(observation)
         if self.errand in (Errand.MEET, Errand.CHANGE) and not self._in_contact(now):
-            return self._pursuit.step(observation, now)
+            return self._rendezvous.step(observation, now)
         return self._legs.stand(observation)

@@ -15,18 +15,13 @@ from cosim.units import Time, from_seconds
 from protocols.aggregation.events import EVENTS
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
-from protocols.aggregation.leading import Work
-from protocols.aggregation.metrics import METRICS, measure
+from protocols.aggregation.metrics import METRICS, SearchReferee, measure
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.pedestrian import Pedestrian
-from protocols.aggregation.referee import SearchReferee
 from protocols.aggregation.searcher import Searcher
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.strategies import Strategy
-from protocols.aggregation.stroller import Stroller
-from protocols.aggregation.touring import Legs
+from protocols.aggregation.touring import Legs, RandomWalk
 from protocols.aggregation.tours import regions
-from protocols.aggregation.walking import Walker
+from protocols.aggregation.walking import Pedestrian, Walker
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
@@ -163,19 +158,16 @@ def _rooms(surroundings: Surroundings) -> Sequence[tuple[float, float, float, fl
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Machine:
     """Return the machine of robot *me*; one that is made after the start has booted again."""
     booted = start > 0
-    at_random = parameters.strategy == "random"
     body = setup.ground, setup.radii_m[me], setup.speeds_mps[me], setup.tick, parameters.walking
     if me >= setup.hosts:
         human = me in parameters.humans
         feet = Pedestrian(*body) if human else Walker(*body)
         length_m = math.dist if human else setup.ground.length_m  # who has no planner knows only the straight line
-        stroll = Stroller(setup.ground, parameters.walking, setup.tick, stream)
-        legs = Legs(setup.ground, feet, stroll, length_m, stream, at_random)
+        random_walk = RandomWalk(setup.ground, parameters.walking, setup.tick, stream)
+        legs = Legs(setup.ground, feet, random_walk, length_m, stream, parameters.strategy == "random")
         return Searcher(parameters.of(me), setup, me, legs, start, booted)
-    rallies = [Strategy(parameters, setup, host).rally_m for host in range(setup.hosts)]
-    work = Work(setup, me, rallies, at_random)
     phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))
-    return Host(parameters, setup, me, Strategy(parameters, setup, me), work, Walker(*body), phase, start, booted)
+    return Host(parameters, setup, me, Walker(*body), phase, start, booted)
 
 
 def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:

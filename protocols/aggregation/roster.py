@@ -1,15 +1,77 @@
-"""A searcher's side of a sub-team: whose it is, whom it has asked to be taken in, which plans of hosts it knows.
+"""Who is in which sub-team: the host's list of its searchers, and a searcher's side of it.
 
 Memberships are told apart by an epoch, which the searcher chooses: greater than any before, and the time in seconds at
 least, so that one that has been rebooted and remembers nothing outdoes what it was before. (Who joins, is rebooted, and
 joins another host within a second is in two lists until one of them forgets it.)
 """
 
+from collections.abc import Collection
+
+from cosim.geometry.planning import Point
 from cosim.machine import Address
 from cosim.units import S, Time
-from protocols.aggregation.counts import COUNTS
 from protocols.aggregation.course import Course, course_of
+from protocols.aggregation.frames import COUNTS, following
 from protocols.aggregation.messages import Plans
+
+LEAVES = 3
+"""How often a host that was left is told so, when it is heard: its sub-team's list is mended by the others, too."""
+
+
+class Member:
+    """A searcher of the sub-team."""
+
+    def __init__(self, epoch: int, now: Time) -> None:
+        self.epoch = epoch
+        self.heard = now
+        self.place_m: Point | None = None
+        self.number = 0
+        """Of its last assignment; 0 before the first."""
+        self.posts: tuple[int, ...] = ()
+        self.stopped = False
+        self.round = -1
+        """The last meeting of all that it has reported to."""
+
+    def give(self, posts: tuple[int, ...]) -> None:
+        """Note a new assignment."""
+        self.posts = posts
+        self.number = following(self.number)
+
+    def left(self, visited: Collection[int]) -> tuple[int, ...]:
+        """Return its posts that are not *visited*."""
+        return tuple(post for post in self.posts if post not in visited)
+
+
+class Roster:
+    """The members of one sub-team."""
+
+    def __init__(self) -> None:
+        self.members: dict[Address, Member] = {}
+
+    def add(self, searcher: Address, epoch: int, now: Time) -> bool:
+        """Take *searcher* in, or note that it has been heard; return whether it is new here, or has joined anew."""
+        member = self.members.get(searcher)
+        if member is None or epoch > member.epoch:
+            self.members[searcher] = Member(epoch, now)
+            return True
+        member.heard = now
+        return False
+
+    def remove(self, searcher: Address, epoch: int) -> bool:
+        """Strike *searcher* off unless it has joined with a newer *epoch*; return whether it was there."""
+        member = self.members.get(searcher)
+        if member is None or member.epoch > epoch:
+            return False
+        del self.members[searcher]
+        return True
+
+    def forgotten(self, since: Time) -> list[Address]:
+        """Return who has not been heard *since*."""
+        return [searcher for searcher, member in self.members.items() if member.heard < since]
+
+    def taken(self, visited: Collection[int]) -> set[int]:
+        """Return the posts that members are to visit yet."""
+        return {post for member in self.members.values() for post in member.left(visited)}
 
 
 class Membership:
@@ -70,7 +132,3 @@ class Membership:
                 self.courses[plan.host] = course
         if sender == self.host:
             self.plans = message.plans[0].version
-
-
-LEAVES = 3
-"""How often a host that was left is told so, when it is heard: its sub-team's list is mended by the others, too."""
