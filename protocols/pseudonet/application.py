@@ -7,13 +7,15 @@ after the time that a step takes; a robot that is polled while it still drives s
 The number of cells is known, so each robot finds completion by itself.
 
 A new team first makes its knowledge equal (module ``reconciliation``), then plans. A robot that loses its team drives
-to the cell that it is on the way to, and stands there until it is called up again.
+to the cell that it is on the way to, and stands there, back in the initialisation phase, until it is called up again.
 """
 
 from collections.abc import Callable, Mapping
+from enum import Enum, auto
+from typing import Final
 
 from cosim.geometry.grids import Cell
-from cosim.machine import Address, next_state
+from cosim.machine import Address, Command, GoTo, next_state
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.broadcast import Broadcast
@@ -32,13 +34,117 @@ from protocols.pseudonet.events import (
 from protocols.pseudonet.messages import Message
 from protocols.pseudonet.messaging import Messaging, Stance
 from protocols.pseudonet.parameters import TeamParameters
-from protocols.pseudonet.phases import TABLE, Input, Phase
-from protocols.pseudonet.reconciliation import Reconciliation
+from protocols.pseudonet.reconciliation import Equality, Reconciliation
 from protocols.pseudonet.relay import Relay
 from protocols.pseudonet.setup import Setup
-from protocols.pseudonet.speech import Speech
-from protocols.pseudonet.steering import Progress, Steering
 from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, MessageWanted, TeamChanged, Upcall
+
+ARRIVAL_TOLERANCE_M: Final = 1e-6
+PATIENCE_TICKS: Final = 30
+"""World ticks that a robot pushes against something before it drives back to the cell that it came from."""
+
+
+class Phase(Enum):
+    """The four phases of Figs 4 and 5; robots drive while they wait for the next exchange."""
+
+    INITIALISATION = auto()
+    STATE_EXCHANGE = auto()
+    DECISION = auto()
+    TERMINATION = auto()
+
+
+class Input(Enum):
+    """What moves the application from phase to phase."""
+
+    TEAM = auto()
+    """A team, or a new one, is called up."""
+    ARRIVED = auto()
+    """The robot stands in the cell that it was to go to."""
+    EXCHANGED = auto()
+    DISAGREED = auto()
+    AGREED = auto()
+    DONE = auto()
+    """Everything is covered, or the step limit is reached."""
+    BROKEN = auto()
+    """The team is no more, or goes on without this robot."""
+
+
+TABLE: Final = {
+    (Phase.INITIALISATION, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
+    (Phase.INITIALISATION, Input.ARRIVED): ("stand", Phase.INITIALISATION),
+    (Phase.INITIALISATION, Input.BROKEN): ("stand", Phase.INITIALISATION),
+    (Phase.STATE_EXCHANGE, Input.TEAM): ("answer_roll_call", Phase.STATE_EXCHANGE),
+    (Phase.STATE_EXCHANGE, Input.ARRIVED): ("move_next_step", Phase.STATE_EXCHANGE),
+    (Phase.STATE_EXCHANGE, Input.EXCHANGED): ("decide", Phase.DECISION),
+    (Phase.STATE_EXCHANGE, Input.BROKEN): ("stand_by", Phase.INITIALISATION),
+    (Phase.DECISION, Input.DISAGREED): ("talk_on", Phase.STATE_EXCHANGE),
+    (Phase.DECISION, Input.AGREED): ("drive", Phase.STATE_EXCHANGE),
+    (Phase.DECISION, Input.DONE): ("finish", Phase.TERMINATION),
+    (Phase.TERMINATION, Input.TEAM): ("stand", Phase.TERMINATION),
+    (Phase.TERMINATION, Input.ARRIVED): ("stand", Phase.TERMINATION),
+    (Phase.TERMINATION, Input.EXCHANGED): ("stand", Phase.TERMINATION),
+    (Phase.TERMINATION, Input.BROKEN): ("stand", Phase.TERMINATION),
+}
+"""The state diagram of Figs 4 and 5: (phase, input) -> (action, next phase)."""
+
+
+class Progress(Enum):
+    """What an observation says about the drive."""
+
+    NONE = auto()
+    ARRIVED = auto()
+    TURNED_BACK = auto()
+    """Something that the team does not know of stands in the way: the robot drives back."""
+    STUCK = auto()
+    """The way back, or to the middle of its cell, is obstructed as well: the robot stays where it is."""
+
+
+class Steering:
+    """One robot's drive to its next cell."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.motion: list[Command] = []
+        self._grid = setup.grid
+        self._goal: tuple[float, float] | None = None
+        self._cell: Cell = -1
+        self._origin: Cell = -1
+        self._pushed = 0
+
+    @property
+    def under_way(self) -> bool:
+        """Whether the robot has not arrived yet."""
+        return self._goal is not None
+
+    def centred(self, cell: Cell, observation: Observation) -> bool:
+        """Return whether the robot stands in the middle of *cell*."""
+        x_m, y_m = self._grid.centre_m(cell)
+        return max(abs(observation.x_m - x_m), abs(observation.y_m - y_m)) < ARRIVAL_TOLERANCE_M
+
+    def go(self, cell: Cell, origin: Cell) -> None:
+        """Drive to *cell*, and back to *origin* if that cannot be done."""
+        self._cell = cell
+        self._origin = origin
+        self._pushed = 0
+        self._goal = self._grid.centre_m(cell)
+        self.motion.append(GoTo(*self._goal))
+
+    def observe(self, observation: Observation) -> Progress:
+        """Notice that the robot has arrived, or that something keeps it from arriving."""
+        if self._goal is None:
+            return Progress.NONE
+        if observation.arrived and self.centred(self._cell, observation):
+            self._goal = None
+            return Progress.ARRIVED
+        if observation.blocked:
+            self._pushed += 1
+        if self._pushed <= PATIENCE_TICKS:
+            return Progress.NONE
+        if self._origin != self._cell:
+            self.go(self._origin, self._origin)
+            return Progress.TURNED_BACK
+        self._goal = None
+        self.motion.append(GoTo(observation.x_m, observation.y_m))
+        return Progress.STUCK
 
 
 class Application:
@@ -69,8 +175,9 @@ class Application:
         self.messaging = Messaging(me, setup)
         self.coordination = coordination
         self.steering = Steering(setup)
-        reconciliation = Reconciliation(setup, parameters.map_bytes)
-        self._speech = Speech(self.messaging, self.coordination, reconciliation, self.steering)
+        self._reconciliation = Reconciliation(setup, parameters.map_bytes)
+        self._form: Callable[[int], Message] = self._waiting
+        """Forms the next message, when the number of its exchange is known."""
         self.broadcast = broadcast
         self._alone = alone
         self._setup = setup
@@ -149,7 +256,7 @@ class Application:
 
     def _submit_unready(self, now: Time) -> None:
         if self.placed and not self.finished:
-            message = self._speech.busy(self.broadcast.exchange)
+            message = self.messaging.busy(self.broadcast.exchange, self._cell())
             self.journal.note(MessageSent(message.kind.name.lower()))
             self.broadcast.load(message, now)
 
@@ -175,7 +282,7 @@ class Application:
         action, self.phase = next_state(TABLE, self.phase, event)
         match action:
             case "answer_roll_call":
-                self._speech.wait()
+                self._form = self._waiting
                 self._load(now)
             case "move_next_step":
                 self._move_next_step(now)
@@ -196,7 +303,7 @@ class Application:
     def _move_next_step(self, now: Time) -> None:
         """The action of Fig. 12: localize, evaluate, communicate."""
         if self.coordination.plan_due or self.coordination.obstructed is not None:
-            self._speech.wait()
+            self._form = self._waiting
         else:
             self._evaluate()
         if not self.broadcast.loaded():
@@ -207,7 +314,7 @@ class Application:
         self.journal.call(1, "coordination", "localize", self._setup.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
         self.journal.call(1, "coordination", "evaluate_actions", evaluation)
-        self._speech.say(Stance.PROPOSE)
+        self._speak(Stance.PROPOSE)
 
     def _decide(self, messages: Mapping[Address, Message], now: Time) -> None:
         """The decision phase: what follows from everybody's messages, computed alike by every robot."""
@@ -215,7 +322,7 @@ class Application:
         if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
             self.counters.busy()
             self._talk_on(now, self._times.retry)
-        elif self.coordination.plan_due and not self._speech.reconciled(messages):
+        elif self.coordination.plan_due and not self._reconciled(messages):
             self._talk_on(now)
         elif self.coordination.complete() and not self.coordination.try_again():
             self._input(Input.DONE, now)
@@ -227,7 +334,7 @@ class Application:
             self._agreed(messages, now)
         else:
             self._answer_those_in_trouble(messages)
-            self._speech.say(self.coordination.negotiate(messages))
+            self._speak(self.coordination.negotiate(messages))
             self._talk_on(now)
 
     def _answer_those_in_trouble(self, messages: Mapping[Address, Message]) -> None:
@@ -279,7 +386,7 @@ class Application:
         self.rest_until = None
         if not self.placed or (self.steering.under_way and not self.broadcast.polled):
             return
-        message = self._speech.next(self.broadcast.exchange)
+        message = self._next_message(self.broadcast.exchange)
         self.journal.note(MessageSent(message.kind.name.lower()))
         self.journal.call(1, "coordination", "communicate")
         self.journal.call(2, "messaging", message.kind.name.lower(), message)
@@ -290,3 +397,36 @@ class Application:
         else:
             self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
         self.broadcast.load(message, now)
+
+    def _next_message(self, exchange: int) -> Message:
+        """Return the message of *exchange*; a robot that drives has nothing else to say."""
+        return (self._waiting if self.steering.under_way else self._form)(exchange)
+
+    def _speak(self, stance: Stance) -> None:
+        """Speak with this *stance* about the present evaluation from now on."""
+        evaluation = self.coordination.evaluation
+        self._form = lambda exchange: self.messaging.speak(stance, exchange, self._cell(), evaluation)
+
+    def _reconciled(self, messages: Mapping[Address, Message]) -> bool:
+        """Return whether all know the same, so that a plan is due; else send next what is wanted for that."""
+        match self._reconciliation.take(self.coordination.view, messages):
+            case Equality.EQUAL:
+                return True
+            case Equality.ROLL_WANTED:
+                self._form = self._waiting
+            case Equality.MAP_WANTED:
+                self._form = self._map
+        return False
+
+    def _waiting(self, exchange: int) -> Message:
+        """Return the message of a robot that waits for a plan, or drives."""
+        verdicts = self.coordination.obstruction()
+        if self.steering.under_way:
+            return self.messaging.busy(exchange, self._cell(), verdicts)
+        digest = self._reconciliation.digest(self.coordination.view)
+        return self.messaging.roll(exchange, self._cell(), verdicts, digest)
+
+    def _map(self, exchange: int) -> Message:
+        """Return the message with the next piece of this robot's map."""
+        marks = self._reconciliation.marks(self.coordination.view)
+        return self.messaging.map(exchange, self._cell(), self._reconciliation.chunk, marks)

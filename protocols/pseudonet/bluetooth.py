@@ -41,7 +41,7 @@ FULL_WAITS: Final = 2
 """Robots that may be dead for which the whole stagger is waited; for any others a quarter of it."""
 
 
-class Setup(Enum):
+class LinkState(Enum):
     """Where a robot's radio is in the set-up."""
 
     OFF = auto()
@@ -56,7 +56,7 @@ class Setup(Enum):
     """About to leave all piconets, once the last words are said."""
 
 
-class Input(Enum):
+class LinkInput(Enum):
     """What moves the set-up on."""
 
     INITIATE = auto()
@@ -74,24 +74,24 @@ class Input(Enum):
 
 
 TABLE: Final = {
-    **{(state, Input.WAIT): ("scan", Setup.SCANNING) for state in Setup},
-    **{(state, Input.BREAK_UP): ("linger", Setup.CLOSING) for state in Setup},
-    (Setup.OFF, Input.INITIATE): ("inquire", Setup.INQUIRING),
-    (Setup.SCANNING, Input.INITIATE): ("inquire", Setup.INQUIRING),
-    (Setup.SCANNING, Input.ALONE): ("ready", Setup.LEADING),
-    (Setup.INQUIRING, Input.TOO_FEW): ("inquire", Setup.INQUIRING),
-    (Setup.INQUIRING, Input.ENOUGH): ("page", Setup.PAGING),
-    (Setup.INQUIRING, Input.ALONE): ("ready", Setup.LEADING),
-    (Setup.PAGING, Input.NEXT): ("page", Setup.PAGING),
-    (Setup.PAGING, Input.ALL_PAGED): ("ready", Setup.LEADING),
-    (Setup.OFF, Input.PAGED): ("refuse", Setup.OFF),
-    (Setup.SCANNING, Input.PAGED): ("join", Setup.JOINED),
-    (Setup.INQUIRING, Input.PAGED): ("refuse", Setup.INQUIRING),
-    (Setup.PAGING, Input.PAGED): ("refuse", Setup.PAGING),
-    (Setup.JOINED, Input.PAGED): ("refuse", Setup.JOINED),
-    (Setup.LEADING, Input.PAGED): ("change_sides", Setup.JOINED),
-    (Setup.CLOSING, Input.PAGED): ("refuse", Setup.CLOSING),
-    (Setup.JOINED, Input.ASSIGNED): ("page", Setup.PAGING),
+    **{(state, LinkInput.WAIT): ("scan", LinkState.SCANNING) for state in LinkState},
+    **{(state, LinkInput.BREAK_UP): ("linger", LinkState.CLOSING) for state in LinkState},
+    (LinkState.OFF, LinkInput.INITIATE): ("inquire", LinkState.INQUIRING),
+    (LinkState.SCANNING, LinkInput.INITIATE): ("inquire", LinkState.INQUIRING),
+    (LinkState.SCANNING, LinkInput.ALONE): ("ready", LinkState.LEADING),
+    (LinkState.INQUIRING, LinkInput.TOO_FEW): ("inquire", LinkState.INQUIRING),
+    (LinkState.INQUIRING, LinkInput.ENOUGH): ("page", LinkState.PAGING),
+    (LinkState.INQUIRING, LinkInput.ALONE): ("ready", LinkState.LEADING),
+    (LinkState.PAGING, LinkInput.NEXT): ("page", LinkState.PAGING),
+    (LinkState.PAGING, LinkInput.ALL_PAGED): ("ready", LinkState.LEADING),
+    (LinkState.OFF, LinkInput.PAGED): ("refuse", LinkState.OFF),
+    (LinkState.SCANNING, LinkInput.PAGED): ("join", LinkState.JOINED),
+    (LinkState.INQUIRING, LinkInput.PAGED): ("refuse", LinkState.INQUIRING),
+    (LinkState.PAGING, LinkInput.PAGED): ("refuse", LinkState.PAGING),
+    (LinkState.JOINED, LinkInput.PAGED): ("refuse", LinkState.JOINED),
+    (LinkState.LEADING, LinkInput.PAGED): ("change_sides", LinkState.JOINED),
+    (LinkState.CLOSING, LinkInput.PAGED): ("refuse", LinkState.CLOSING),
+    (LinkState.JOINED, LinkInput.ASSIGNED): ("page", LinkState.PAGING),
 }
 
 
@@ -113,7 +113,7 @@ class Bluetooth:
         taken: Callable[[Time], None],
     ) -> None:
         self.me = me
-        self.state = Setup.OFF
+        self.state = LinkState.OFF
         self.out: list[Outgoing | LinkCommand] = []
         self.deadline: Time | None = None
         self.hop = (0, 0)
@@ -148,8 +148,8 @@ class Bluetooth:
     def start(self, now: Time) -> None:
         """Begin the set-up: look for the others, or wait to be found."""
         if self._wanted == 0:
-            self._move(Input.WAIT, now)
-            self._move(Input.ALONE, now)
+            self._move(LinkInput.WAIT, now)
+            self._move(LinkInput.ALONE, now)
         elif self._rank == 0:
             self._initiate(now)
         else:
@@ -181,19 +181,19 @@ class Bluetooth:
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links."""
         match event:
-            case Discovered(peer=peer) if peer not in self.found and self.state is Setup.INQUIRING:
+            case Discovered(peer=peer) if peer not in self.found and self.state is LinkState.INQUIRING:
                 self.found.append(peer)
-            case InquiryComplete() if self.state is Setup.INQUIRING:
+            case InquiryComplete() if self.state is LinkState.INQUIRING:
                 self._inquired(now)
             case Connected(peer=peer, role=Role.SLAVE):
                 self._paged_by(peer, now)
-            case Connected(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
+            case Connected(peer=peer) if self.state is LinkState.PAGING and peer == self._to_page[0][0]:
                 self.hop = (event.hop_address, event.hop_clock)
                 self.links[peer] = Role.MASTER
                 self._paged(now)
             case Connected(peer=peer):  # the answer to a page that I have given up
                 self.out.append(Disconnect(peer))
-            case PageFailed(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
+            case PageFailed(peer=peer) if self.state is LinkState.PAGING and peer == self._to_page[0][0]:
                 self._page_failed(now)
             case Lost(peer=peer) if peer in self.links:
                 self._lost(peer, now)
@@ -204,42 +204,42 @@ class Bluetooth:
             return
         self.deadline = None
         match self.state:
-            case Setup.SCANNING if self._wanted == 0:
-                self._move(Input.ALONE, now)
-            case Setup.SCANNING:
+            case LinkState.SCANNING if self._wanted == 0:
+                self._move(LinkInput.ALONE, now)
+            case LinkState.SCANNING:
                 self._initiate(now)
-            case Setup.INQUIRING:
+            case LinkState.INQUIRING:
                 self._inquired(now)
-            case Setup.PAGING:
+            case LinkState.PAGING:
                 self._page_failed(now)
-            case Setup.CLOSING:
+            case LinkState.CLOSING:
                 self._close(now)
-            case Setup.JOINED | Setup.LEADING:  # found, but never called up
+            case LinkState.JOINED | LinkState.LEADING:  # found, but never called up
                 self.reform(tuple(self.links), now)
 
     # ------------------------------------------------------------ waiting and being found
 
     def _wait(self, now: Time) -> None:
-        self._move(Input.WAIT, now)
+        self._move(LinkInput.WAIT, now)
         waits, more = min(self._rank, FULL_WAITS), max(0, self._rank - FULL_WAITS)
         self.deadline = now + waits * self._times.stagger + more * self._times.stagger // 4
 
     def _paged_by(self, peer: Address, now: Time) -> None:
-        if self._left or (self.state is Setup.LEADING and self.links):
+        if self._left or (self.state is LinkState.LEADING and self.links):
             self.out.append(Disconnect(peer))
             return
-        self._move(Input.PAGED, now, peer)
+        self._move(LinkInput.PAGED, now, peer)
 
     def _lost(self, peer: Address, now: Time) -> None:
         del self.links[peer]
         if self.links or self._left:
             return
-        if self.state is Setup.LEADING:
+        if self.state is LinkState.LEADING:
             self.out.append(Scan(enabled=True))
-        elif self.state is Setup.JOINED and self.deadline is not None:
+        elif self.state is LinkState.JOINED and self.deadline is not None:
             self.reform((peer,), now)
 
-    def _move(self, event: Input, now: Time, peer: Address | None = None) -> None:
+    def _move(self, event: LinkInput, now: Time, peer: Address | None = None) -> None:
         action, self.state = next_state(TABLE, self.state, event)
         match action:
             case "scan":
@@ -281,7 +281,7 @@ class Bluetooth:
         self._found_before = 0
         self._inquiries_left = self._inquiries
         self.out.append(Scan(enabled=False))
-        self._move(Input.INITIATE, now)
+        self._move(LinkInput.INITIATE, now)
 
     def _look_again(self) -> bool:
         """Return whether another inquiry is worth its time: robots are missing, and the last one was not in vain."""
@@ -292,10 +292,10 @@ class Bluetooth:
     def _inquired(self, now: Time) -> None:
         self.inquiry_time += now - self._since
         if self._look_again():
-            self._move(Input.TOO_FEW, now)
+            self._move(LinkInput.TOO_FEW, now)
             return
         self._to_page = [(peer, self._page_attempts) for peer in self.found]
-        self._move(Input.ENOUGH if self._to_page else Input.ALONE, now)
+        self._move(LinkInput.ENOUGH if self._to_page else LinkInput.ALONE, now)
 
     def _page_failed(self, now: Time) -> None:
         peer, attempts = self._to_page[0]
@@ -306,4 +306,4 @@ class Bluetooth:
     def _paged(self, now: Time) -> None:
         self.page_time += now - self._since
         self._to_page.pop(0)
-        self._move(Input.NEXT if self._to_page else Input.ALL_PAGED, now)
+        self._move(LinkInput.NEXT if self._to_page else LinkInput.ALL_PAGED, now)

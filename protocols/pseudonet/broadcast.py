@@ -16,10 +16,11 @@ the slave's message of it, which the slave loads only after it has completed thi
 same exchanges, one after the other, and no robot is ever behind by more than one.
 """
 
+from collections.abc import Callable
+
 from cosim.errors import WireError
-from cosim.machine import Address, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Disconnect, Fate, LinkCommand, Outcome, Outgoing, Reception
 from cosim.units import Time
-from protocols.pseudonet.leading import Leading
 from protocols.pseudonet.messages import Acknowledgement, Kind, Message, Missing, Packet, Sync, decode, encode
 from protocols.pseudonet.upcalls import (
     EXCHANGES,
@@ -29,21 +30,115 @@ from protocols.pseudonet.upcalls import (
     Garbage,
     MessageWanted,
     TeamChanged,
+    Upcall,
     ahead_of,
 )
 
 
-class Broadcast(Leading):
+class Polls:
+    """Whom the master polls in an exchange, how often, and how long it waits (paper 003, sections IV.A and V).
+
+    What is sent goes to *out*, which the broadcast room shares.
+    """
+
+    def __init__(self, timeout: Time, most_retries: int, out: list[Outgoing | LinkCommand]) -> None:
+        self.pending: list[Address] = []
+        """Slaves whose messages are wanted; the first is being polled."""
+        self.deadline: Time | None = None
+        self.retries = 0
+        """How often the present slave was polled again since anything came from it."""
+        self.token = 0
+        """Of the last poll."""
+        self._timeout = timeout
+        self._most_retries = most_retries
+        self._out = out
+        self._answered = False
+
+    def begin(self, poll: bytes, now: Time) -> None:
+        """Poll the first of the pending slaves."""
+        self.retries = 0
+        self._poll(poll, now)
+
+    def again(self, poll: bytes, now: Time) -> bool:
+        """Poll the same slave once more, or return False if that was done too often."""
+        if self.retries >= self._most_retries:
+            return False
+        self.retries += 1
+        self._poll(poll, now)
+        return True
+
+    def fate(self, fate: Fate) -> bool | None:
+        """Return whether the present poll was acknowledged; None if *fate* is that of something else."""
+        if not self.pending or fate.token != self.token or self._answered:
+            return None
+        self._answered = fate.outcome == Outcome.DELIVERED
+        return self._answered
+
+    def stop(self) -> None:
+        """Poll nobody any more."""
+        self.pending = []
+        self.deadline = None
+
+    def _poll(self, poll: bytes, now: Time) -> None:
+        self.token += 1
+        self._answered = False
+        self.deadline = now + self._timeout
+        self._out.append(Outgoing(self.pending[0], poll, self.token))
+
+
+class Broadcast:
     """The exchanges as one robot sees them, master or slave. What it has to say to the room above goes to *tell*."""
 
     polled = True
     """Messages are asked for, whether they are ready or not."""
     piconets = 1
 
+    def __init__(
+        self,
+        me: Address,
+        times: tuple[Time, Time],
+        poll_retries: int,
+        acknowledge: bool,
+        tell: Callable[[Upcall, Time], None],
+    ) -> None:
+        """Take the poll time-out and the repair time as *times*."""
+        self.me = me
+        self.master: Address | None = None
+        self.members: tuple[Address, ...] = (me,)
+        self.exchange = 0
+        self.out: list[Outgoing | LinkCommand] = []
+        self.hop = (0, 0)
+        self.polls = Polls(times[0], poll_retries, self.out)
+        self._repair = times[1]
+        self._repair_at: Time | None = None
+        self._asked = False
+        self._acknowledge = acknowledge
+        self._tell = tell
+        self._heard: dict[Address, Message] = {}
+        self._before: dict[Address, Message] = {}
+        self._early: dict[Address, Message] = {}
+        self._submitted = False
+        self._last: bytes | None = None
+        self._roll_call = False
+
+    def find_master(self) -> Address | None:
+        """Return the master's address, or None before there is one (Fig. 12)."""
+        return self.master
+
+    def leads(self) -> bool:
+        """Return whether this robot begins the exchanges."""
+        return self.master == self.me
+
     @property
     def deadline(self) -> Time | None:
         """When this room is to be woken."""
         return self.polls.deadline if self.leads() else self._repair_at
+
+    def assemble(self, members: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+        """As the master, announce a team of *members* (myself included) and begin its roll call."""
+        self.master = self.me
+        self.hop = hop
+        self._announce(members, now)
 
     def load(self, message: Message, now: Time) -> None:
         """Hand over my *message* of the present exchange: the master begins it, a slave waits for its poll."""
@@ -72,6 +167,14 @@ class Broadcast(Leading):
         elif self._repair_at is not None and now >= self._repair_at:
             self._ask(now)
 
+    def fate(self, fate: Fate, now: Time) -> None:
+        """Take the fate of a poll."""
+        delivered = self.polls.fate(fate)
+        if delivered:
+            self._proceed(now)
+        elif delivered is not None:
+            self._drop(self.polls.pending[0], now)
+
     def lost(self, peer: Address, now: Time) -> None:
         """Take notice that a link is gone."""
         if self.leads():
@@ -79,6 +182,93 @@ class Broadcast(Leading):
                 self._drop(peer, now)
         elif peer == self.master:
             self._tell(Broken((peer,)), now)
+
+    # ------------------------------------------------------------ the master's side (Fig. 9a)
+
+    def _begin(self, message: Message, now: Time) -> None:
+        self._heard[self.me] = message
+        self.polls.pending = [member for member in self.members if member != self.me]
+        if self.polls.pending:
+            self._send_to_all(encode(message))
+        self._poll_next(now)
+
+    def _announce(self, members: tuple[Address, ...], now: Time) -> None:
+        self.members = members
+        self._before = {}
+        self._join((self.exchange + 1) % EXCHANGES)
+        self._roll_call = True
+        self.polls.stop()
+        if len(members) > 1:
+            self._send_to_all(encode(self._sync()))
+        self._tell(TeamChanged(members), now)
+
+    def _sync(self) -> Sync:
+        return Sync(self.me, self.exchange, self.members, self._roll_call, *self.hop)
+
+    def _send_to_all(self, data: bytes) -> None:
+        """The service broadcast_to_robots of Fig. 12."""
+        self.out.append(Outgoing(BROADCAST, data))
+
+    def _poll_next(self, now: Time) -> None:
+        if self.polls.pending:
+            self.polls.begin(encode(self._sync()), now)
+        else:
+            self.polls.stop()
+            self._complete(now)
+
+    def _proceed(self, now: Time) -> None:
+        """Go on if the polled slave has answered; poll it again if its answer was empty, but not for ever."""
+        slave = self.polls.pending[0]
+        message = self._heard.get(slave)
+        if message is not None:
+            self.polls.pending.pop(0)
+            self._send_to_all(encode(message))
+            self._poll_next(now)
+        elif not self.polls.again(encode(self._sync()), now):
+            self._drop(slave, now)
+
+    def _drop(self, slave: Address, now: Time) -> None:
+        """A robot that misses its poll is unlikely to come back (section IV.A): the others learn the new team."""
+        self.out.append(Disconnect(slave))
+        self._announce(tuple(member for member in self.members if member != slave), now)
+
+    def _refuse(self, reason: str, reception: Reception, now: Time) -> None:
+        self._tell(Garbage(reason), now)
+        if self._acknowledge and self.leads() and reception.source in self.members:
+            negative = encode(Acknowledgement(self.me, self.exchange, negative=True))
+            self.out.append(Outgoing(reception.source, negative))
+
+    def _receive_as_master(self, packet: Packet, data: bytes, reception: Reception, now: Time) -> None:
+        if packet.source not in self.members or reception.source != packet.source:
+            return
+        self.polls.retries = 0
+        if isinstance(packet, Missing):
+            self._send_again(packet)
+        if not isinstance(packet, Message):
+            return
+        if packet.kind == Kind.ANSWER and packet.addressee is not None:
+            self._forward(packet, data, now)
+            return
+        ahead = ahead_of(self.exchange, packet.exchange)
+        if ahead == 0:
+            self._heard.setdefault(packet.source, packet)
+        elif ahead == 1:  # a slave loads its next message once it has heard all others
+            self._early.setdefault(packet.source, packet)
+        if self._acknowledge and packet.kind in (Kind.HELP, Kind.TRAP):
+            self.out.append(Outgoing(packet.source, encode(Acknowledgement(self.me, packet.exchange))))
+
+    def _send_again(self, missing: Missing) -> None:
+        behind = ahead_of(missing.exchange, self.exchange)
+        known = self._before if behind == 1 else {} if behind else self._heard
+        for robot in missing.robots:
+            if robot in known and robot != missing.source:
+                self.out.append(Outgoing(missing.source, encode(known[robot])))
+
+    def _forward(self, message: Message, data: bytes, now: Time) -> None:
+        if message.addressee == self.me:
+            self._tell(Answered(message), now)
+        elif message.addressee in self.members:
+            self.out.append(Outgoing(message.addressee, data))
 
     # ------------------------------------------------------------ the slaves' side
 
@@ -194,6 +384,15 @@ class Broadcast(Leading):
             decode(data)
         except WireError as error:
             self._tell(Garbage(str(error)), now)
+
+    def _join(self, exchange: int) -> None:
+        self.exchange = exchange
+        self._heard = {}
+        self._early = {}
+        self._submitted = False
+        self._roll_call = False
+        self._repair_at = None
+        self._asked = False
 
     def _complete(self, now: Time) -> None:
         if len(self._heard) < len(self.members):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from cosim.machine import Call, Event
+from cosim.machine import Call, Event, drained
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,5 +79,4 @@ class Journal:
 
     def drain(self) -> list[Event]:
         """Return what was reported since the last time."""
-        events, self._events = self._events, []
-        return events
+        return drained(self._events)

@@ -2,7 +2,19 @@
 
 from functools import partial
 
-from cosim.machine import Address, Command, Event, Fate, LinkCommand, LinkEvent, Lost, Outgoing, Reception, Role
+from cosim.machine import (
+    Address,
+    Command,
+    Event,
+    Fate,
+    LinkCommand,
+    LinkEvent,
+    Lost,
+    Outgoing,
+    Reception,
+    Role,
+    drained,
+)
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.application import Application
@@ -155,23 +167,15 @@ class Pseudonet:
     # ------------------------------------------------------------ outputs
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain what the two lower rooms have for the device."""
-        broadcast = self.application.broadcast
-        if not self.bluetooth.out and not broadcast.out:
-            return []
-        out = self.bluetooth.out + broadcast.out
-        self.bluetooth.out.clear()
-        broadcast.out.clear()
-        return out
+        """Drain what the two lower layers have for the device."""
+        return drained(self.bluetooth.out) + drained(self.application.broadcast.out)
 
     def commands(self) -> list[Command]:
         """Drain where to drive."""
-        steering = self.application.steering
-        motion, steering.motion = steering.motion, []
-        return motion
+        return drained(self.application.steering.motion)
 
     def events(self) -> list[Event]:
-        """Drain the journal."""
+        """Drain what there is to report."""
         return self.application.journal.drain()
 
 
