@@ -1,9 +1,9 @@
 """A host: leads its sub-team, gathers what the searchers report, and shares it with the other hosts.
 
-It lives on two deadlines: its next heartbeat, and the instant at which the next of the other hosts will have been
-silent for too long. News among hosts are not acknowledged: they are said with a few heartbeats after each change, and
-again whenever a heartbeat shows that its sender knows less. A host that has been rebooted remembers nothing (paper 002
-does not speak of that): the others tell it whom it led, and its searchers tell it all they know.
+It has two deadlines: its next heartbeat, and the instant at which the next of the other hosts will be suspected. Status
+broadcasts among hosts are not acknowledged: they are sent with a few heartbeats after each change, and again whenever a
+heartbeat shows that its sender knows less. A host that has been rebooted remembers nothing (paper 002 does not mention
+that): the other hosts send it its last members, and its searchers report everything again.
 """
 
 import math
@@ -24,9 +24,9 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
-    News,
     Plans,
     Report,
+    Status,
     Stopped,
 )
 from protocols.aggregation.neighbours import Neighbours
@@ -35,11 +35,11 @@ from protocols.aggregation.radio import SHORT, Radio
 from protocols.aggregation.setup import Setup
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import SubTeam, Work
-from protocols.aggregation.touring import Feet
+from protocols.aggregation.touring import Mover
 from protocols.detection.detectors import Detector, make_detector
 
 REPEATS = 3
-"""Broadcast news are said at so many heartbeats: nobody acknowledges them."""
+"""Number of heartbeats with which a status broadcast is repeated, as it is not acknowledged."""
 
 
 class Host(Drains):
@@ -50,12 +50,12 @@ class Host(Drains):
         parameters: Parameters,
         setup: Setup,
         me: Address,
-        feet: Feet,
+        mover: Mover,
         phase: Time,
         start: Time,
-        booted: bool,
+        rebooted: bool,
     ) -> None:
-        """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
+        """Send the first heartbeat *phase* after *start*; a host that was *rebooted* knows no members."""
         super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
@@ -72,19 +72,19 @@ class Host(Drains):
         strategies = [Strategy(parameters, setup, host) for host in range(setup.hosts)]
         work = Work(setup, me, [strategy.rally_m for strategy in strategies], parameters.strategy == "random")
         self._itinerary = Itinerary(
-            parameters, me, strategies[me], feet, self.neighbours, self._events, self._here, start
+            parameters, me, strategies[me], mover, self.neighbours, self._events, self._here, start
         )
         self.team = SubTeam(
             parameters, work, self.findings, self._radio, self._events, self.neighbours, self._itinerary
         )
         self._beats = 0
         self._beat_at = self._deadline = start + phase
-        self._news_left = REPEATS
+        self._status_left = REPEATS
         self._plans_left = REPEATS
-        self._told = 0
-        """The version of the plans that are being told."""
-        self._lies_anywhere = booted
-        if not booted:
+        self._announced = 0
+        """Version of the plans that were announced last."""
+        self._unplaced = rebooted
+        if not rebooted:
             tours = self.team.begin(setup.searchers_of(me), parameters.strategy == "random", start)
             self._itinerary.depart(self._here, tours, start + from_seconds(parameters.muster_s))
 
@@ -92,11 +92,11 @@ class Host(Drains):
 
     @property
     def finished(self) -> bool:
-        """Whether the task is over, and all searchers of the sub-team have said that they have stopped."""
+        """True if the task is over and all searchers of the sub-team have reported that they have stopped."""
         return self.over and self.team.stopped
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a message of a searcher or of another host."""
+        """Process a message of a searcher or of another host."""
         heard = self._radio.receive(data, reception)
         if heard is None:
             return
@@ -107,30 +107,30 @@ class Host(Drains):
             self._hear_searcher(sender, message, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take no notice: what counts is said by robots, not by radios."""
+        """Ignore link events: the protocol relies on messages only."""
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Move on, and see whether it is time to meet."""
+        """Drive on, and begin or end a meeting when it is time."""
         here = observation.x_m, observation.y_m
         self.counters.moved(math.dist(here, self._here) if self.counters.ways_m else 0.0, now)
         self._here = here
-        if self._lies_anywhere:  # booted again: only now it knows where it is
-            self._lies_anywhere = False
+        if self._unplaced:  # rebooted: only now it knows where it is
+            self._unplaced = False
             self._itinerary.depart(here, (), now)
         if self._itinerary.due(now) and self._itinerary.reconvened(self.team.missing(), here, now):
-            self._news_left = REPEATS
+            self._status_left = REPEATS
         command = self._itinerary.step(observation, now)
         if command is not None:
             self._commands.append(command)
 
     def wake(self, now: Time) -> None:
-        """Send a heartbeat if it is time; note who has been silent for too long."""
+        """Suspect hosts that have been silent for too long; send a heartbeat if it is time."""
         silent = self.neighbours.fall_silent(now)
         for host in silent:
-            self.counters.failures.append((host, self.counters.told(now)))
+            self.counters.failures.append((host, self.counters.true_time(now)))
             self._events.append(HostSuspected(host))
         if silent:
-            self._news_left = REPEATS
+            self._status_left = REPEATS
             if self.neighbours.alone():
                 self._itinerary.go_back(self._here, now)
         if now >= self._beat_at:
@@ -138,7 +138,7 @@ class Host(Drains):
         self._set_deadline()
 
     def wake_at(self) -> Time | None:
-        """Return when the next heartbeat, or the next suspicion, is due."""
+        """Return the instant of the next heartbeat or the next suspicion."""
         return self._deadline
 
     def _set_deadline(self) -> None:
@@ -146,35 +146,35 @@ class Host(Drains):
         self._deadline = self._beat_at if silence is None else min(self._beat_at, silence)
 
     def _watching(self, now: Time, began: Time) -> Detector:
-        """Return what watches another host from *now* on, whose count of heartbeats began at *began*."""
+        """Return a detector that watches from *now* on a host whose count of heartbeats began at *began*."""
         return make_detector(self.parameters.detector, self._period, now, began)
 
-    # ------------------------------------------------------------ what it says
+    # ------------------------------------------------------------ sending
 
     def _beat(self, now: Time) -> None:
-        """Tell everybody in reach of either radio that this host lives, and what has changed."""
+        """Broadcast a heartbeat by both radios, and what has changed."""
         self._beat_at += self._period * (1 + (now - self._beat_at) // self._period)
         self.team.forget(now)
         self._follow_searchers(now)
         if self.team.changed:
-            self.team.changed, self._news_left = False, REPEATS
+            self.team.changed, self._status_left = False, REPEATS
         ways = self._itinerary
-        if ways.version != self._told:
-            self._told, self._plans_left, self._news_left = ways.version, REPEATS, REPEATS
+        if ways.version != self._announced:
+            self._announced, self._plans_left, self._status_left = ways.version, REPEATS, REPEATS
         beat = self._heartbeat(now)
         self._radio.send(beat)
         if self._plans_left:
             self._plans_left -= 1
             self._radio.send(self._plans())
         if self.setup.hosts > 1:
-            if self.parameters.long_radio != SHORT:  # robots with one radio have said it already
+            if self.parameters.long_radio != SHORT:  # robots with one radio have sent it already
                 self._radio.send(beat, radio=self.parameters.long_radio)
-            if self._news_left:
-                self._news_left -= 1
-                self._radio.send(self._news(), radio=self.parameters.long_radio)
+            if self._status_left:
+                self._status_left -= 1
+                self._radio.send(self._status(), radio=self.parameters.long_radio)
 
     def _follow_searchers(self, now: Time) -> None:
-        """At the end of a mobile integrator's way go amid the searchers' new tours, if all of them can be told."""
+        """Take a way amid the new tours at the end of a mobile integrator's way, if all searchers can be informed."""
         ways, ends_at = self._itinerary, self._itinerary.course.ends_at()
         over = ends_at is not None and now >= ends_at and not ways.astray
         if over and ways.integrates and self.team.reassigned and self.team.gathered(now):
@@ -191,12 +191,12 @@ class Host(Drains):
     def _plans(self) -> Plans:
         return Plans((self._itinerary.plan, *self.neighbours.plans()))
 
-    def _news(self) -> News:
+    def _status(self) -> Status:
         members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roster.members.items()))
         visited = bitmap(self.findings.visited, self._posts)
-        return News(self.findings.all_targets(), visited, members, self._itinerary.plan)
+        return Status(self.findings.all_targets(), visited, members, self._itinerary.plan)
 
-    # ------------------------------------------------------------ what it hears
+    # ------------------------------------------------------------ receiving
 
     def _hear_searcher(self, searcher: Address, message: Message, now: Time) -> None:
         match message:
@@ -204,7 +204,7 @@ class Host(Drains):
                 self.team.hello(searcher, message, self.over, self._plans, now)
             case Report():
                 ours = self.team.report(searcher, message, now)
-                new = self._learn(searcher, message.targets, message.visited, now)  # whosever member it is
+                new = self._learn(searcher, message.targets, message.visited, now)  # whichever host's member it is
                 self.counters.reported += new if ours else 0
             case Join():
                 self.team.join(searcher, message, self.over, now)
@@ -217,46 +217,46 @@ class Host(Drains):
         match message:
             case Heartbeat():
                 self._hear_heartbeat(host, message, now)
-            case News(targets=targets, visited=visited, members=members, plan=plan):
+            case Status(targets=targets, visited=visited, members=members, plan=plan):
                 if plan.host == self.me:
                     self.team.recall(members, now)
                 elif plan.host == host:
-                    if self.neighbours.told(host, message):
+                    if self.neighbours.take_status(host, message):
                         self._itinerary.renew()
                     self.team.claimed(members)
                 self._learn(host, targets, visited, now)
 
     def _hear_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
-        if self.neighbours.heard(host, beat, now):
+        if self.neighbours.take_heartbeat(host, beat, now):
             self._events.append(HostTrusted(host))
-            self._news_left = REPEATS
+            self._status_left = REPEATS
             self._remind(host)
         silent_at = self.neighbours.hosts[host].detector.suspects_at()
-        if silent_at is not None and silent_at < self._deadline:  # later ones are looked for at the next deadline
+        if silent_at is not None and silent_at < self._deadline:  # a later one is found at the next deadline
             self._deadline = max(silent_at, now)
         if beat.found < len(self.findings.targets) or beat.visited < len(self.findings.visited):
-            self._news_left = max(self._news_left, 1)
+            self._status_left = max(self._status_left, 1)
         if self._itinerary.astray and not self.neighbours.alone():
             self._itinerary.found_back(self._here, self.team.tours, now)
 
     def _remind(self, host: Address) -> None:
-        """Tell a host that may have been rebooted whom it led, as far as it has told."""
+        """Send a host that may have been rebooted its last members, as far as they are known."""
         one = self.neighbours.hosts[host]
         if one.plan is not None and one.members:
             visited = bitmap(self.findings.visited, self._posts)
-            news = News(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
-            self._radio.send(news, host, self.parameters.long_radio)
+            status = Status(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
+            self._radio.send(status, host, self.parameters.long_radio)
 
     def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
-        """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""
+        """Add the findings of *source*, to be sent to the other hosts; return the number of new targets."""
         wanted = len(self.setup.targets_m)
         new = self.findings.add(finding for finding in targets if finding.number < wanted)
         grown = self.findings.visit(post for post in posts_in(visited) if post < self._posts)
         if new or grown:
-            self._news_left = REPEATS
+            self._status_left = REPEATS
         self._events += [TargetKnown(finding.number, source) for finding in new]
         if not self.over and len(self.findings.targets) == wanted:
             self.over = True
-            self.counters.known_at = self.counters.told(now)
+            self.counters.known_at = self.counters.true_time(now)
             self._events.append(AllKnown(wanted))
         return len(new)

@@ -15,13 +15,13 @@ from protocols.aggregation.messages import Message
 from protocols.wire import BadBytes
 
 SHORT: Final = 0
-"""The radio within a sub-team."""
+"""Number of the radio within a sub-team."""
 SEND_J: Final = (454e-6, 1.9e-6)
-"""Unicast: joules a frame, and a byte."""
+"""Energy of sending a unicast: joules per frame, and per byte."""
 BROADCAST_J: Final = (266e-6, 1.9e-6)
 RECEIVE_J: Final = (356e-6, 0.5e-6)
 HEAR_J: Final = (56e-6, 0.5e-6)
-"""A broadcast that is received."""
+"""Energy of receiving a broadcast."""
 
 
 class Radio:
@@ -37,7 +37,7 @@ class Radio:
         self._events = events
 
     def send(self, message: Message, destination: Address = BROADCAST, radio: int = SHORT) -> None:
-        """Send *message* to one robot, or to all in reach."""
+        """Send *message* to one robot, or to all in reach, by one of the robot's radios."""
         data = encode(self.me, message)
         self._counters.frames += 1
         self._counters.payload_bytes += len(data)
@@ -45,7 +45,7 @@ class Radio:
         self._outbox.append(Outgoing(destination, data, None, radio))
 
     def receive(self, data: bytes, reception: Reception) -> tuple[Address, Message] | None:
-        """Return who has sent what; None, and an event, for bytes that are no message or the robot's own."""
+        """Return sender and message; None for the robot's own frames, and None with an event for bad bytes."""
         self._counters.spend(HEAR_J if reception.broadcast else RECEIVE_J, len(data))
         try:
             sender, message = decode(data)

@@ -1,8 +1,8 @@
-"""How a searcher gets to a host: where it must be by its plan, where it is seen, and when it is taken for failed.
+"""Rendezvous of a searcher with a host: where to head for, and when the host is suspected.
 
-Radio when in reach; else the camera, if it sees the host; else the place that the host's last plan foretells (paper
-002, sections IV and V). A host of which nothing has been heard from close by for a time has failed; then the searcher
-heads for the closest of the others (section VI.A).
+The radio serves when the host is in reach; else the camera, if it sees the host; else the place that follows from the
+host's last plan (paper 002, sections IV and V). A host from which nothing is received for a time, close to its place,
+is suspected; then the searcher heads for the closest of the others (section VI.A).
 """
 
 import math
@@ -16,17 +16,17 @@ from cosim.units import S, Time, from_seconds
 from protocols.aggregation.course import Course, interception
 from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.roster import Membership
-from protocols.aggregation.touring import Legs
+from protocols.aggregation.touring import Motion
 
 REPLAN: Final[Time] = 5 * S
 """Interval after which the meeting with a moving host is predicted again."""
 
 
 class Approach:
-    """The way to one host."""
+    """The approach to one host."""
 
     def __init__(self, parameters: Parameters, host: Address, course: Course | None, now: Time) -> None:
-        """Head for *host*; without a *course* of it, it is expected here."""
+        """Head for *host*; without a *course* of it, the host is expected here."""
         self.host = host
         self.course = course
         self._vision_m = parameters.vision_m
@@ -40,12 +40,12 @@ class Approach:
         self._goal_m: Point | None = None
 
     def update(self, course: Course) -> None:
-        """Head for where a new plan of the host foretells it."""
+        """Head for the host's place by a new plan."""
         if course != self.course:
             self.course, self._planned = course, None
 
     def seen_m(self, observation: Observation) -> Point | None:
-        """Return where the camera sees the host, if it does."""
+        """Return the place at which the camera sees the host; None if it does not."""
         for address, x, y in observation.sightings:
             if address == self.host:
                 near = math.hypot(x - observation.x_m, y - observation.y_m) <= self._vision_m
@@ -55,7 +55,7 @@ class Approach:
     def goal_m(
         self, observation: Observation, speed_mps: float, way_m: Callable[[Point], float | None], now: Time
     ) -> Point | None:
-        """Return where to go; None if nothing is known of the host."""
+        """Return the place to go to; None if nothing is known of the host."""
         seen = self.seen_m(observation)
         if seen is not None:
             self._planned = None
@@ -69,7 +69,7 @@ class Approach:
         return self._goal_m
 
     def failed(self, observation: Observation, now: Time) -> bool:
-        """Return whether the host has failed, as it seems to who is not in contact with it now."""
+        """Return whether the host is suspected now; to be asked while there is no contact with it."""
         expected = self.seen_m(observation) or (None if self.course is None else self.course.place(now))
         here = observation.x_m, observation.y_m
         if expected is not None and math.dist(expected, here) > self._close_m:
@@ -80,25 +80,25 @@ class Approach:
         return now - self._close_since >= self._patience
 
     def heard(self, now: Time) -> None:
-        """Begin to wait anew: the host has been heard."""
+        """Restart the time-outs, as the host has been heard."""
         self._since, self._close_since = now, None
 
 
 class Rendezvous:
-    """How one searcher gets into contact with a host."""
+    """One searcher's ways into contact with its host or another."""
 
-    def __init__(self, parameters: Parameters, membership: Membership, legs: Legs, speed_mps: float) -> None:
+    def __init__(self, parameters: Parameters, membership: Membership, motion: Motion, speed_mps: float) -> None:
         self._parameters = parameters
         self._membership = membership
-        self._legs = legs
+        self._motion = motion
         self._speed_mps = speed_mps
         self._approach: Approach | None = None
         self._tried: set[Address] = set()
-        """Hosts that were not where they should be, since the last that was."""
+        """Hosts that were not found at their places since the last that was."""
 
     @property
     def host(self) -> Address | None:
-        """Whom the searcher is heading for; None if it knows of none."""
+        """The host that the searcher is heading for; None if it knows none."""
         return None if self._approach is None else self._approach.host
 
     def to_own_host(self, now: Time) -> None:
@@ -120,31 +120,31 @@ class Rendezvous:
             self._approach = Approach(self._parameters, closest, courses[closest], now)
 
     def heard(self, now: Time) -> None:
-        """Begin to wait anew: the own host has been heard."""
+        """Restart the time-outs, as the own host has been heard."""
         self._tried.clear()
         if self._approach is not None:
             self._approach.heard(now)
 
     def joined(self) -> None:
-        """Forget who was tried: another host has been found."""
+        """Forget the hosts that were tried, as another host has been found."""
         self._tried.clear()
 
     def failed(self, observation: Observation, now: Time) -> bool:
-        """Return whether the host that is headed for has failed, as it seems to who hears nothing of it."""
+        """Return whether the host that the searcher is heading for is suspected now."""
         return self._approach is not None and self._approach.failed(observation, now)
 
     def step(self, observation: Observation, now: Time) -> Command | None:
-        """Return the next order on the way to where the host is to be met; about the floor if none is known of."""
+        """Return the next order on the way to the host; wander about the floor if nothing is known of one."""
         approach = self._approach
         if approach is None:
-            return self._legs.wander(observation)
+            return self._motion.wander(observation)
         course = self._membership.courses.get(approach.host)
         if course is not None:
             approach.update(course)
-        goal_m = approach.goal_m(observation, self._speed_mps, self._legs.way_m, now)
-        return self._legs.wander(observation) if goal_m is None else self._legs.approach(goal_m, observation)
+        goal_m = approach.goal_m(observation, self._speed_mps, self._motion.way_m, now)
+        return self._motion.wander(observation) if goal_m is None else self._motion.approach(goal_m, observation)
 
     def _way_to(self, host: Address, now: Time) -> float:
-        """Return how far it is to where a host is now by its plan; inf if no way leads there."""
-        way_m = self._legs.way_m(self._membership.courses[host].place(now))
+        """Return the length of the way to a host's present place by its plan, metres; inf if no way leads there."""
+        way_m = self._motion.way_m(self._membership.courses[host].place(now))
         return math.inf if way_m is None else way_m

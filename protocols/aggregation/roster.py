@@ -1,8 +1,8 @@
-"""Who is in which sub-team: the host's list of its searchers, and a searcher's side of it.
+"""Who is in which sub-team: the host's roster of its searchers, and the searcher's side, its membership.
 
-Memberships are told apart by an epoch, which the searcher chooses: greater than any before, and the time in seconds at
-least, so that one that has been rebooted and remembers nothing outdoes what it was before. (Who joins, is rebooted, and
-joins another host within a second is in two lists until one of them forgets it.)
+Memberships are distinguished by an epoch, which the searcher chooses: greater than any before, and at least the time in
+seconds, so that a searcher that has been rebooted and remembers nothing supersedes its former membership. (A searcher
+that joins, is rebooted, and joins another host within a second is in two rosters until one of them forgets it.)
 """
 
 from collections.abc import Collection
@@ -15,7 +15,7 @@ from protocols.aggregation.frames import COUNTS, following
 from protocols.aggregation.messages import Plans
 
 LEAVES = 3
-"""How often a host that was left is told so, when it is heard: its sub-team's list is mended by the others, too."""
+"""Number of times that a host that was left is sent a Leave when it is heard; other hosts correct its roster, too."""
 
 
 class Member:
@@ -26,14 +26,14 @@ class Member:
         self.heard = now
         self.place_m: Point | None = None
         self.number = 0
-        """Of its last assignment; 0 before the first."""
+        """Number of its last assignment; 0 before the first."""
         self.posts: tuple[int, ...] = ()
         self.stopped = False
         self.round = -1
-        """The last meeting of all that it has reported to."""
+        """Round of the last meeting that it came to."""
 
     def give(self, posts: tuple[int, ...]) -> None:
-        """Note a new assignment."""
+        """Assign *posts* to it."""
         self.posts = posts
         self.number = following(self.number)
 
@@ -49,7 +49,7 @@ class Roster:
         self.members: dict[Address, Member] = {}
 
     def add(self, searcher: Address, epoch: int, now: Time) -> bool:
-        """Take *searcher* in, or note that it has been heard; return whether it is new here, or has joined anew."""
+        """Add *searcher*, or note that it has been heard; return True if it is new here, or has joined again."""
         member = self.members.get(searcher)
         if member is None or epoch > member.epoch:
             self.members[searcher] = Member(epoch, now)
@@ -58,7 +58,7 @@ class Roster:
         return False
 
     def remove(self, searcher: Address, epoch: int) -> bool:
-        """Strike *searcher* off unless it has joined with a newer *epoch*; return whether it was there."""
+        """Remove *searcher* unless it has joined with a newer *epoch*; return True if it was removed."""
         member = self.members.get(searcher)
         if member is None or member.epoch > epoch:
             return False
@@ -66,42 +66,42 @@ class Roster:
         return True
 
     def forgotten(self, since: Time) -> list[Address]:
-        """Return who has not been heard *since*."""
+        """Return the searchers that have not been heard *since*."""
         return [searcher for searcher, member in self.members.items() if member.heard < since]
 
     def taken(self, visited: Collection[int]) -> set[int]:
-        """Return the posts that members are to visit yet."""
+        """Return the posts that members still have to visit."""
         return {post for member in self.members.values() for post in member.left(visited)}
 
 
 class Membership:
-    """Whose sub-team a searcher is in."""
+    """A searcher's membership in a sub-team, and the plans of hosts that it knows."""
 
     def __init__(self, host: Address | None, epoch: int) -> None:
         """Begin in the sub-team of *host*, or in none."""
         self.host = host
         self.epoch = epoch
         self.asked: Address | None = None
-        """The host that has been asked, and has not confirmed yet."""
+        """Host that has been asked and has not confirmed yet."""
         self.former: dict[Address, int] = {}
-        """Hosts that have to be told that the searcher has left, and how often yet."""
+        """Hosts that are to be sent a Leave -> how many times more."""
         self.courses: dict[Address, Course] = {}
-        """The last plan of each host."""
+        """Course of the last plan of each host."""
         self.plans = 0
-        """The version of the own host's plans, as it counts them."""
+        """Version of the own host's plans, by the host's count."""
         self._asked_epoch = epoch
 
     def ask(self, host: Address, now: Time) -> int:
-        """Return the epoch with which to ask *host*, the same until another is asked."""
+        """Return the epoch for a request to join *host*; the same until another host is asked."""
         if self.asked != host:
             self.asked = host
             self._asked_epoch = min(max(self._asked_epoch + 1, now // S), COUNTS - 1)
         return self._asked_epoch
 
     def confirmed(self, host: Address, epoch: int) -> bool:
-        """Take a confirmation; return whether *host* is the own host from now on, and was not before.
+        """Process a confirmation; return True if *host* has become the own host.
 
-        One that comes late, after another host has been asked, counts for nothing: that host is told so.
+        One that comes late, after another host has been asked, is void: that host will be sent a Leave.
         """
         if host == self.host:
             return False
@@ -115,7 +115,7 @@ class Membership:
         return True
 
     def leaves(self, host: Address) -> bool:
-        """Return whether *host*, which has just been heard, is to be told (once more) that the searcher has left."""
+        """Return True if *host*, which has just been heard, is to be sent a Leave (once more)."""
         left = self.former.get(host, 0)
         if left == 1:
             del self.former[host]
@@ -124,7 +124,7 @@ class Membership:
         return left > 0
 
     def learn(self, sender: Address, message: Plans, now: Time) -> None:
-        """Take plans that *sender*, a host, has told: its own first, then those of its neighbours as far as newer."""
+        """Store the plans of *sender*, a host: its own first, then those of its neighbours where they are newer."""
         for plan in message.plans:
             course = course_of(plan, now)
             known = self.courses.get(plan.host)

@@ -1,4 +1,4 @@
-"""How robots get to goals, and how a searcher moves: by posts, to a rendezvous, at random, or not at all."""
+"""How a searcher moves: from post to post, to a rendezvous, at random, or not at all."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,42 +16,42 @@ from protocols.aggregation.parameters import WalkingParameters
 from protocols.aggregation.walking import STAND, in_the_way
 
 Measure: TypeAlias = Callable[[Point, Point], float | None]
-"""Returns how far a searcher takes it to be from one place to another, m; None if it knows that no way leads there."""
+"""Returns the length of a way between two places as a searcher estimates it, m; None if it knows of no way."""
 _TRIES: Final = 16
 """Number of directions drawn until one leads farther than to a robot that is near; else the farthest is taken."""
 _THERE_M: Final = 0.05
 _LOOK_S: Final = 1.0
 
 
-class Feet(Protocol):
-    """What takes a robot to a goal, or about: a walker, a pedestrian or a random walk."""
+class Mover(Protocol):
+    """What moves a robot to a goal, or about: a walker, a pedestrian or a random walk."""
 
     @property
     def arrived(self) -> bool:
-        """Whether it is at the goal."""
+        """True if the robot is at the goal."""
 
     def head_for(self, goal_m: Point | None) -> None:
-        """Go to a goal; stand still if it is None. The same goal again is no news."""
+        """Go to a goal; stand still if it is None. The same goal again changes nothing."""
 
     def step(self, observation: Observation) -> Command | None:
         """Return the next order, if there is a new one; to be called once a tick."""
 
 
-class Legs:
-    """The ways of one searcher."""
+class Motion:
+    """How one searcher moves."""
 
     def __init__(
         self,
         ground: Ground,
-        feet: Feet,
-        random_walk: Feet,
+        mover: Mover,
+        random_walk: Mover,
         length_m: Measure,
         stream: np.random.Generator,
         at_random: bool,
     ) -> None:
         """Search by posts, or, *at_random*, without any; draw from *stream* where to wander."""
         self._ground = ground
-        self._feet = feet
+        self._mover = mover
         self._random_walk = random_walk
         self._length_m = length_m
         self._random = at_random
@@ -64,21 +64,21 @@ class Legs:
 
     @property
     def done(self) -> bool:
-        """Whether no post is left to visit; who searches at random is never done."""
+        """True if no post is left to visit; a searcher at random is never done."""
         return not self._posts and not self._random
 
     @property
     def reached(self) -> int | None:
         """The post that the robot has just come to on its tour."""
-        return self._posts[0] if self._touring and self._posts and self._feet.arrived else None
+        return self._posts[0] if self._touring and self._posts and self._mover.arrived else None
 
     def assign(self, posts: Sequence[int]) -> None:
-        """Visit *posts* from now on, in this order, and no others."""
+        """Visit *posts* and no others from now on, in this order."""
         self._posts = list(posts)
         self._touring = False
 
     def next(self, seen: bool) -> None:
-        """Go on to the next post; come back to this one at the end of the tour if it has not been *seen*."""
+        """Go on to the next post; return to this one at the end of the tour if it has not been *seen*."""
         post = self._posts.pop(0)
         if not seen:
             self._posts.append(post)
@@ -90,25 +90,25 @@ class Legs:
             return self.walk_at_random(observation)
         if not self._posts:
             return self.stand(observation)
-        self._feet.head_for(self._ground.posts_m[self._posts[0]])
+        self._mover.head_for(self._ground.posts_m[self._posts[0]])
         self._touring = True
         return self._step(observation)
 
     def approach(self, goal_m: Point, observation: Observation) -> Command | None:
         """Return the next order on the way to a place."""
         self._touring = False
-        self._feet.head_for(goal_m)
+        self._mover.head_for(goal_m)
         return self._step(observation)
 
     def stand(self, observation: Observation) -> Command | None:
         """Return the order to stand still, if it has to be given."""
         self._touring = False
-        self._feet.head_for(None)
+        self._mover.head_for(None)
         return self._step(observation)
 
     def wander(self, observation: Observation) -> Command | None:
         """Return the next order on the way from one post of the floor to another, drawn at random."""
-        if self._wandering_to is None or self._feet.arrived:
+        if self._wandering_to is None or self._mover.arrived:
             posts_m = self._ground.posts_m
             self._wandering_to = posts_m[int(self._stream.integers(len(posts_m)))]
         return self.approach(self._wandering_to, observation)
@@ -124,16 +124,16 @@ class Legs:
         return self._random_walk.step(observation)
 
     def way_m(self, point_m: Point) -> float | None:
-        """Return how far the robot takes it to be to a place; None if no way leads there."""
+        """Return the estimated length of the way to a place, metres; None if no way leads there."""
         return None if self._here is None else self._length_m(self._here, point_m)
 
     def _step(self, observation: Observation) -> Command | None:
         self._here = observation.x_m, observation.y_m
-        if self._walking_at_random:  # the one who gave the last order has to take it back
+        if self._walking_at_random:  # what gave the last order has to take it back
             self._walking_at_random = False
             self._random_walk.head_for(None)
             return self._random_walk.step(observation)
-        return self._feet.step(observation)
+        return self._mover.step(observation)
 
 
 class RandomWalk:
@@ -159,7 +159,7 @@ class RandomWalk:
         """The end of the present piece."""
         self.arrived = False
         self.stuck = False
-        """The robot can go nowhere."""
+        """True if the robot cannot move in any direction tried."""
 
     def head_for(self, goal_m: Point | None) -> None:
         """Stand still for None; else walk at random, whatever the goal."""
@@ -205,7 +205,7 @@ class RandomWalk:
         if observation.arrived or math.dist(here, self.goal_m) <= _THERE_M:
             return True
         if self._ticks < self._calm_from:
-            return False  # it takes a body a while to turn away from what is ahead
+            return False  # a body needs a while to turn away from what is ahead
         return observation.blocked or any(
             math.dist(here, (x, y)) < self._near_m and in_the_way(here, self.goal_m, (x, y), self._room_m)
             for _, x, y in observation.sightings

@@ -1,8 +1,8 @@
-"""Walking: along planned ways from point to point, and past whoever stands or walks there.
+"""Walking: along planned ways from point to point, and past other robots that stand or walk there.
 
 A robot on its way is given one order for each straight piece; its body brakes and turns itself. Nothing else happens
 until it is near the end of the piece, or another robot is ahead of it and near, or it is held: then see ``Evasion``. It
-never gives up; where no way leads to its goal it stands, and looks for one again and again, after longer and longer.
+never gives up; where no way leads to its goal it stands and plans again, after longer and longer pauses.
 
 ``Pedestrian`` is a walker without a map or a planner.
 """
@@ -96,12 +96,12 @@ class Track:
 
     @property
     def place(self) -> Point:
-        """Where the robot goes straight to now."""
+        """Way point that the robot goes straight to."""
         return self._points[0]
 
     @property
     def following(self) -> Point | None:
-        """The way point after that, if there is one."""
+        """Way point after that, if there is one."""
         return self._points[1] if len(self._points) > 1 else None
 
     @property
@@ -124,11 +124,11 @@ class Track:
         self._begin = here
 
     def left_m(self, here: Point) -> float:
-        """Return how long the way is that is left, from *here*."""
+        """Return the length of the way that is left from *here*, metres."""
         return length_m((here, *self._points))
 
     def off_m(self, here: Point) -> float:
-        """Return how far *here* is off the straight piece that the robot follows."""
+        """Return the distance of *here* from the straight piece that the robot follows, metres."""
         return off_m(here, self._begin, self._points[0])
 
 
@@ -152,13 +152,13 @@ class Walker:
         self._evasion = Evasion(ground, radius_m, self._step_m, own)
         self.goal_m: Point | None = None
         self.arrived = True
-        """The robot is within ``arrival_m`` of its goal, or as near to it as one can stand or as others let it."""
+        """True if the robot is within ``arrival_m`` of its goal, or as near to it as walls and other robots allow."""
         self.plans = 0
-        """How many ways have been planned."""
+        """Number of ways that have been planned."""
         self._ticks = 0
         self._order: Command | None = None
-        self._is_news = True
-        """The next order is to be given even if it is the last one: the body may have had others in between."""
+        self._order_again = True
+        """True if the next order is to be given even if it equals the last: the body may have had others in between."""
         self._halt = False
         self._track: Track | None = None
         self._look_at = 0
@@ -168,10 +168,10 @@ class Walker:
         self._attempts = 0
         self._plan_at: int | None = 0
 
-    # ---------------------------------------------------------------- what others ask
+    # ---------------------------------------------------------------- goals
 
     def head_for(self, goal_m: Point | None) -> None:
-        """Take a goal, and plan the way there at the next step; None: stand still. The same goal again is no news."""
+        """Set a goal and plan the way at the next step; None: stand still. The same goal again changes nothing."""
         if goal_m == self.goal_m:
             return
         if self.arrived or goal_m is None or self.goal_m is None or math.dist(goal_m, self.goal_m) > _SAME_M:
@@ -183,15 +183,15 @@ class Walker:
         self._track = None
         self._look_at = 0
         self._plan_at = self._ticks
-        self._is_news = True
+        self._order_again = True
 
     @property
     def stuck(self) -> bool:
-        """There is no way, or the robot has come nowhere for longer than its patience; it goes on trying."""
+        """True if there is no way, or no progress for longer than the robot's patience; it goes on trying."""
         return not self.arrived and self._attempts > 0
 
     def remaining_m(self, here: Point) -> float:
-        """Return how long the way to the goal is in metres, from *here*; 0 without a goal, inf without a way."""
+        """Return the length of the way to the goal from *here*, metres; 0 without a goal, inf without a way."""
         if self.goal_m is None:
             return 0.0
         if self._track is not None:
@@ -216,9 +216,9 @@ class Walker:
             else:
                 return None
         order = self._decide(observation)
-        if order == self._order and not self._is_news:
+        if order == self._order and not self._order_again:
             return None
-        self._order, self._is_news = order, False
+        self._order, self._order_again = order, False
         return order
 
     def _decide(self, observation: Observation) -> Command | None:
@@ -256,7 +256,7 @@ class Walker:
         return STAND
 
     def _rest_here(self, track: Track, observation: Observation, here: Point) -> Command:
-        """Return the order for who has arrived: to the goal exactly, if nothing is there; look if it is carried off."""
+        """Return the order at the goal: to the exact place if no robot is there; plan again if carried off."""
         self._look_at = self._ticks + _LOOK_TICKS
         if math.dist(here, track.end) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
             self.arrived = False
@@ -266,7 +266,7 @@ class Walker:
         return self._stand() if held else GoTo(*track.end)
 
     def _evade(self, track: Track, observation: Observation, here: Point) -> Command:
-        """Return the order for who has something in the way."""
+        """Return the order while something is in the way."""
         while track.following is not None and self._ground.open(here, track.following):
             self._go_on(track, here)
         body = self._evasion.standing(observation, here, track.place, self._ticks)
@@ -286,7 +286,7 @@ class Walker:
     # ---------------------------------------------------------------- ways
 
     def route(self, here: Point, goal_m: Point) -> list[Point] | None:
-        """Return the way points that lead from *here* to a goal, or None; for those who find their ways otherwise."""
+        """Return the way points from *here* to a goal, or None; to be overridden by what finds its ways otherwise."""
         return self._ground.way(here, goal_m)
 
     def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
@@ -299,7 +299,7 @@ class Walker:
         self._take(here, self.route(here, self.goal_m))
 
     def _take(self, here: Point, way: list[Point] | None) -> None:
-        """Begin to follow a *way*; without one, stand for longer and longer."""
+        """Begin to follow a *way*; without one, stand for a longer and longer pause."""
         if not way:
             self._track = None
             self._plan_at = self._ticks + (self._pause << min(self._attempts, _MOST_DOUBLINGS))
@@ -318,7 +318,7 @@ class Walker:
             self._track.restart(here)
 
     def _advance(self, track: Track, observation: Observation, here: Point) -> None:
-        """Note progress, way points that have been passed, and whether the robot is at its goal."""
+        """Update progress, the way points that have been passed, and whether the robot is at its goal."""
         distance = math.dist(here, track.place)
         while track.following is not None and distance <= self._own.pass_m:
             if distance > _AT_WAY_POINT_M and not self._ground.open(here, track.following):
@@ -347,7 +347,7 @@ class Walker:
         return is_taken(place, here, observation, self._contact_m, self._own.arrival_m)
 
     def _cruise(self, here: Point) -> Command:
-        """Return the order for the straight piece, and think when the next look is due."""
+        """Return the order for the straight piece, and set the tick of the next look."""
         if self._track is not None and self._track.off_m(here) > self._own.off_way_m:
             self._plan(here)
         if self._track is None:
@@ -357,13 +357,13 @@ class Walker:
         return GoTo(*self._track.place)
 
     def _attempt(self, observation: Observation, here: Point) -> None:
-        """Try something else: to go round the nearest body, to make way for it, another way around all bodies near."""
+        """Try in turn to go round the nearest body, to make way for it, and another way around all bodies near."""
         assert self.goal_m is not None
         assert self._track is not None
         number, self._attempts = self._attempts, self._attempts + 1
         self._progress_at = self._ticks
         self._stuck_m = self.remaining_m(here)
-        self._is_news = True  # whatever has become of the last order
+        self._order_again = True  # the last order may not have been followed
         bodies = self._evasion.bodies(observation, here)
         kind = number % _KINDS
         if bodies and kind < _KINDS - 1:
@@ -404,7 +404,7 @@ class Evasion:
         self._ground = ground
         self._own = own
         self.goal_m: Point = (0.0, 0.0)
-        """Where the way ends: a robot that stands there is not to be passed."""
+        """End of the way: a robot that stands there is not to be passed."""
         self._contact_m = 2.0 * radius_m
         self._room_m = self._contact_m + own.safety_m + _SIDE_M
         self._step_m = step_m
@@ -430,19 +430,19 @@ class Evasion:
         self._vfh.restart()
 
     def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
-        """Return whether the robot is to evade on the way to *place*, as something is in the way, or just was."""
+        """Return whether the robot is to evade on the way to *place*: something is in the way, or was until lately."""
         if observation.blocked or self.is_ahead(observation, here, place):
             self._until = ticks + self._own.clear_ticks
         return ticks < self._until
 
     @property
     def ends(self) -> bool:
-        """The way has just become clear; to be asked once."""
+        """True if the way has just become clear; to be asked once."""
         ended, self._until = self._until >= 0, -1
         return ended
 
     def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
-        """Return whether another robot is near and in the way to *place*; who stands at the goal is not."""
+        """Return whether another robot is near and in the way to *place*; one at the goal does not count."""
         return any(
             math.dist(here, (x, y)) < self._own.near_m
             and in_the_way(here, place, (x, y), self._room_m)
@@ -453,7 +453,7 @@ class Evasion:
     def standing(self, observation: Observation, here: Point, place: Point, ticks: int) -> Point | None:
         """Return the place of the nearest robot in the way that has not moved for a while, if there is one.
 
-        To be asked at every tick of an evasion. The same is not reported again and again.
+        To be asked at every tick of an evasion. The same robot is not reported again for a while.
         """
         found = None
         for number, x, y in observation.sightings:
@@ -473,7 +473,7 @@ class Evasion:
         return found
 
     def steer(self, observation: Observation, here: Point, place: Point, order: Command | None, ticks: int) -> Command:
-        """Return where VFH+ leads on the way to *place*; *order* is where the robot goes now."""
+        """Return the order of VFH+ on the way to *place*; *order* is the present one."""
         if isinstance(order, GoTo) and order is self._ordered and self._is_kept(observation, here, order, ticks):
             return order
         chosen = self._chosen(observation, here, place, order)
@@ -482,9 +482,9 @@ class Evasion:
         return chosen
 
     def _is_kept(self, observation: Observation, here: Point, order: GoTo, ticks: int) -> bool:
-        """Return whether an *order* has only just been given: bodies brake and turn for a while before they follow.
+        """Return whether an *order* is so new that it is kept: bodies brake and turn for a while before they follow.
 
-        VFH+ would take a robot that turns on the spot for one that is held.
+        Without that VFH+ would treat a robot that turns on the spot as one that is held.
         """
         since = ticks - self._ordered_at
         if observation.blocked or math.dist(here, order) < _THERE_M:
@@ -513,14 +513,14 @@ class Evasion:
         return sorted((place for place in places if math.dist(here, place) < near), key=lambda it: math.dist(here, it))
 
     def go_round(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> bool:
-        """Begin to go round a *body* on the way to *place*, if there is room; *pause* ticks are for each turn."""
+        """Begin to go round a *body* on the way to *place* if there is room; allow *pause* ticks for each turn."""
         script = way_round(self._ground, here, place, body, number % 2 == 0)
         if script is not None:
             self._begin(here, script, ticks, pause * (1 + len(script)), waits=False)
         return script is not None
 
     def make_way(self, here: Point, body: Point, ticks: int, pause: int) -> None:
-        """Go out of the way of a *body*, or stay where the other one is to; for *pause* ticks."""
+        """Go out of the way of a *body* for *pause* ticks, or stay if the other robot is the one to go."""
         back = retreat(self._ground, here, body) if here < body else None
         self._begin(here, [back or here], ticks, pause, waits=True)
 
@@ -533,11 +533,11 @@ class Evasion:
 
     @property
     def scripted(self) -> bool:
-        """An attempt is under way."""
+        """True if an attempt is under way."""
         return bool(self._script)
 
     def follow(self, observation: Observation, here: Point, ticks: int) -> GoTo | None:
-        """Return the next place of the attempt under way, None if it is over, or something is in its way."""
+        """Return the next place of the attempt under way; None if it is over or the robot is held."""
         self._held_ticks = self._held_ticks + 1 if observation.blocked else 0
         if math.dist(here, self._script[0]) <= _THERE_M and (len(self._script) > 1 or not self._waits):
             del self._script[0]
@@ -595,10 +595,10 @@ def _past(ground: Ground, here: Point, place: Point, body: Point, slack_m: float
 
 
 def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
-    """Return where to go, in sight, to be out of the way of an *other* robot that comes towards *here* and passes on.
+    """Return a place in sight that is out of the way of an *other* robot that comes towards *here* and passes on.
 
-    That is off the line from it through *here*, or, where nothing leads off it, farther along. None if one can only
-    stay.
+    The place is off the line from it through *here*, or, where nothing leads off it, farther along. None if the robot
+    can only stay.
     """
     dx, dy = here[0] - other[0], here[1] - other[1]
     apart = math.hypot(dx, dy)
@@ -646,14 +646,14 @@ class Pedestrian(Walker):
         self._ask_at = 0
         self._underway = False
         self._at_last = False
-        """The goal itself is what the pedestrian heads for."""
+        """True if the pedestrian heads for the goal itself."""
 
     def remaining_m(self, here: Point) -> float:
-        """Return how far the goal is in metres, in a straight line: nothing else is known."""
+        """Return the straight distance to the goal, metres: nothing else is known."""
         return 0.0 if self.goal_m is None else math.dist(here, self.goal_m)
 
     def route(self, here: Point, goal_m: Point) -> list[Point] | None:
-        """Return the place to head for next, or None if it is proved that no way leads to the goal."""
+        """Return the place to head for next; None if VisBug has proved that no way leads to the goal."""
         place_m = self._ground.stands(goal_m)
         if place_m is None:
             return None
@@ -673,7 +673,7 @@ class Pedestrian(Walker):
         return [place_m if self._at_last else place]
 
     def _keeps_on(self, here: Point, place: Point) -> bool:
-        """Return whether the next place lies elsewhere than the present one, which the pedestrian has not reached yet.
+        """Return whether the pedestrian keeps to its present place, as the next one lies in another direction.
 
         A body that turns away under way slides on, and may lose sight of where it was to go.
         """
@@ -684,7 +684,7 @@ class Pedestrian(Walker):
         return abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
 
     def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
-        """Return None: who has no map plans no way around anything."""
+        """Return None: without a map no way around a body can be planned."""
         return None
 
     def _is_at_goal(self, place: Point, observation: Observation, here: Point) -> bool:

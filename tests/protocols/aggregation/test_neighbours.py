@@ -20,6 +20,6 @@ def test_who_boots_late_misses_another_as_soon_as_others_do(settings: NfdSSettin
 
     late = Neighbours([1], S, make, 300 * S)
     for number in range(300, 310):
-        late.heard(1, beat(number, number * S), number * S + 5 * MS)
+        late.take_heartbeat(1, beat(number, number * S), number * S + 5 * MS)
     assert late.fall_silent(309 * S + 500 * MS) == []
     assert late.fall_silent(320 * S) == [1]
