@@ -196,7 +196,7 @@ class BroadcastMember(_Endpoint):
 
     def __init__(self, me: Address, size: int, start: Time) -> None:
         super().__init__(me, size, start)
-        self.room = Broadcast(me, (TIMES.poll_timeout, TIMES.repair), 4, acknowledge=False, tell=self._upcall)
+        self.room = Broadcast(me, (TIMES.poll_timeout, TIMES.repair), 4, acknowledge=False, upcall=self._upcall)
 
     def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         super()._ready(slaves, hop, now)

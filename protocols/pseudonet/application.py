@@ -1,10 +1,10 @@
-"""The application room: area coverage in the four phases of paper 003 (section IV, Figs 4, 5).
+"""The application layer: area coverage in the four phases of paper 003 (section IV, Figs 4, 5).
 
 A step of the team: every robot localizes itself, evaluates its actions and loads its message; the exchange makes all
-messages known to all; conflicts take further exchanges; an exchange in which everybody accepts ends the step, and the
+messages known to all; conflicts take further exchanges; an exchange in which all robots accept ends the step, and the
 robots drive to their next cells. The master begins the next step when it has arrived, or, having stayed where it was,
-after the time that a step takes; a robot that is polled while it still drives says so, and the exchange is repeated.
-The number of cells is known, so each robot finds completion by itself.
+after the time that a step takes; a robot that is polled while it still drives answers "busy", and the exchange is
+repeated. The number of cells is known, so each robot notices completion by itself.
 
 A new team first makes its knowledge equal (module ``reconciliation``), then plans. A robot that loses its team drives
 to the cell that it is on the way to, and stands there, back in the initialisation phase, until it is called up again.
@@ -23,8 +23,8 @@ from protocols.pseudonet.coordination import Coordination, accepted, in_trouble
 from protocols.pseudonet.counters import Counters
 from protocols.pseudonet.events import (
     BadBytes,
+    Events,
     Finished,
-    Journal,
     MessageSent,
     RobotDropped,
     Stepped,
@@ -41,7 +41,7 @@ from protocols.pseudonet.upcalls import Answered, Broken, Exchanged, Garbage, Me
 
 ARRIVAL_TOLERANCE_M: Final = 1e-6
 PATIENCE_TICKS: Final = 30
-"""World ticks that a robot pushes against something before it drives back to the cell that it came from."""
+"""World ticks for which a robot pushes against something before it drives back to the cell that it came from."""
 
 
 class Phase(Enum):
@@ -54,7 +54,7 @@ class Phase(Enum):
 
 
 class Input(Enum):
-    """What moves the application from phase to phase."""
+    """The inputs of the state diagram."""
 
     TEAM = auto()
     """A team, or a new one, is called up."""
@@ -89,7 +89,7 @@ TABLE: Final = {
 
 
 class Progress(Enum):
-    """What an observation says about the drive."""
+    """What an observation shows of the drive."""
 
     NONE = auto()
     ARRIVED = auto()
@@ -112,7 +112,7 @@ class Steering:
 
     @property
     def under_way(self) -> bool:
-        """Whether the robot has not arrived yet."""
+        """True if the robot has not arrived yet."""
         return self._goal is not None
 
     def centred(self, cell: Cell, observation: Observation) -> bool:
@@ -148,7 +148,7 @@ class Steering:
 
 
 class Application:
-    """One robot's share of the team's task, on top of the coordination, messaging and broadcast rooms."""
+    """One robot's share of the team's task, on top of the coordination, messaging and broadcast layers."""
 
     def __init__(
         self,
@@ -161,23 +161,23 @@ class Application:
         broadcast: Broadcast | Relay,
         alone: Callable[[tuple[Address, ...], Time], None],
     ) -> None:
-        """Have *alone* called, with those who are known to be dead, when this robot has lost its team."""
+        """Call *alone*, with the robots that are known to be dead, when this robot has lost its team."""
         self.me = me
         self.finished = False
         self.phase = Phase.INITIALISATION
         self.steps = 0
         self.begin_at: Time | None = None
-        """When the next exchange is to begin, for the master."""
+        """Instant at which the master is to begin the next exchange."""
         self.rest_until: Time | None = None
-        """When a step is over in which the master stays where it is."""
+        """Instant at which a step ends in which the master stays where it is."""
         self.counters = Counters(start)
-        self.journal = Journal(parameters.trace_calls)
+        self.events = Events(parameters.trace_calls)
         self.messaging = Messaging(me, setup)
         self.coordination = coordination
         self.steering = Steering(setup)
         self._reconciliation = Reconciliation(setup, parameters.map_bytes)
         self._form: Callable[[int], Message] = self._waiting
-        """Forms the next message, when the number of its exchange is known."""
+        """Function that forms the next message from the number of its exchange."""
         self.broadcast = broadcast
         self._alone = alone
         self._setup = setup
@@ -186,17 +186,17 @@ class Application:
 
     @property
     def placed(self) -> bool:
-        """Whether the robot knows where it stands."""
+        """True if the robot knows where it stands."""
         return self.me in self.coordination.view.cells
 
     # ------------------------------------------------------------ inputs
 
     def lost(self, peer: Address, now: Time) -> None:
-        """Take notice that the link to *peer* is gone."""
+        """Process the loss of the link to *peer*."""
         self.broadcast.lost(peer, now)
 
     def break_up(self, dead: tuple[Address, ...], now: Time) -> None:
-        """Take notice that there is no team for this robot any more; *dead* are known to be gone."""
+        """Process the loss of the team; the robots *dead* are known to be gone."""
         if not self.finished:
             self.stand_by(now)
             self._alone(dead, now)
@@ -206,7 +206,7 @@ class Application:
         if self.finished:
             return
         if self.broadcast.find_master() is not None:
-            self.journal.note(TeamLost(len(self.broadcast.members)))
+            self.events.note(TeamLost(len(self.broadcast.members)))
             self.counters.broken(now)
         self.begin_at = None
         self.rest_until = None
@@ -214,7 +214,7 @@ class Application:
         self.broadcast.leave()
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Localize, or notice the progress of a drive."""
+        """Localize the robot, or follow the progress of its drive."""
         if not self.placed:
             self._take_place(observation, now)
             return
@@ -236,10 +236,10 @@ class Application:
             self._input(Input.ARRIVED, now)
         self.broadcast.wake(now)
 
-    # ------------------------------------------------------------ upcalls of the broadcast room
+    # ------------------------------------------------------------ upcalls of the broadcast layer
 
-    def hear(self, upcall: Upcall, now: Time) -> None:
-        """Take what *broadcast*, the room below, has to tell."""
+    def take_upcall(self, upcall: Upcall, now: Time) -> None:
+        """Process an upcall of *broadcast*, the layer below."""
         match upcall:
             case Exchanged(messages=messages):
                 self._exchanged(messages, now)
@@ -250,23 +250,23 @@ class Application:
             case Answered(message=message):
                 self.coordination.directed(message)
             case Garbage(reason=reason):
-                self.journal.note(BadBytes(reason))
+                self.events.note(BadBytes(reason))
             case Broken(dead=dead):
                 self.break_up(dead, now)
 
     def _submit_unready(self, now: Time) -> None:
         if self.placed and not self.finished:
             message = self.messaging.busy(self.broadcast.exchange, self._cell())
-            self.journal.note(MessageSent(message.kind.name.lower()))
+            self.events.note(MessageSent(message.kind.name.lower()))
             self.broadcast.load(message, now)
 
     def _team_changed(self, members: tuple[Address, ...], now: Time) -> None:
         if self.finished:
             return
         for gone in sorted(set(self.coordination.view.members) - set(members)):
-            self.journal.note(RobotDropped(gone))
+            self.events.note(RobotDropped(gone))
         self.counters.team(now)
-        self.journal.note(TeamFormed(len(members), self.broadcast.piconets))
+        self.events.note(TeamFormed(len(members), self.broadcast.piconets))
         self.coordination.team_changed(members)
         self._input(Input.TEAM, now)
 
@@ -290,7 +290,7 @@ class Application:
                 self.finished = True
                 self.begin_at = None
                 self.rest_until = None
-                self.journal.note(Finished(event.name.lower()))
+                self.events.note(Finished(event.name.lower()))
 
     def _take_place(self, observation: Observation, now: Time) -> None:
         cell = self.coordination.localize(observation.x_m, observation.y_m)
@@ -301,7 +301,7 @@ class Application:
             self._load(now)
 
     def _move_next_step(self, now: Time) -> None:
-        """The action of Fig. 12: localize, evaluate, communicate."""
+        """Localize, evaluate and communicate: the action of Fig. 12."""
         if self.coordination.plan_due or self.coordination.obstructed is not None:
             self._form = self._waiting
         else:
@@ -310,14 +310,14 @@ class Application:
             self._load(now)
 
     def _evaluate(self) -> None:
-        self.journal.call(0, "application", "move_next_step", f"step {self.steps + 1}")
-        self.journal.call(1, "coordination", "localize", self._setup.place(self._cell()))
+        self.events.call(0, "application", "move_next_step", f"step {self.steps + 1}")
+        self.events.call(1, "coordination", "localize", self._setup.place(self._cell()))
         evaluation = self.coordination.evaluate_actions()
-        self.journal.call(1, "coordination", "evaluate_actions", evaluation)
+        self.events.call(1, "coordination", "evaluate_actions", evaluation)
         self._speak(Stance.PROPOSE)
 
     def _decide(self, messages: Mapping[Address, Message], now: Time) -> None:
-        """The decision phase: what follows from everybody's messages, computed alike by every robot."""
+        """Decide what follows from all messages; every robot computes the same (decision phase)."""
         self.coordination.take_positions(messages)
         if any(message.busy for message in messages.values()) or not self.coordination.all_placed():
             self.counters.busy()
@@ -344,8 +344,8 @@ class Application:
             target = self.coordination.direction_for(asker, messages)
             if target is not None:
                 answer = self.messaging.direct(self.broadcast.exchange, self._cell(), asker, target)
-                self.journal.note(MessageSent(answer.kind.name.lower()))
-                self.journal.call(2, "messaging", "answer", answer)
+                self.events.note(MessageSent(answer.kind.name.lower()))
+                self.events.call(2, "messaging", "answer", answer)
                 self.broadcast.answer(answer)
 
     def _talk_on(self, now: Time, pause: Time = 0) -> None:
@@ -362,7 +362,7 @@ class Application:
         before = self._cell()
         cell = self.coordination.commit(messages)
         action = self.coordination.evaluation.action
-        self.journal.note(Stepped(self.steps, action.name.lower(), *self._setup.place(cell)))
+        self.events.note(Stepped(self.steps, action.name.lower(), *self._setup.place(cell)))
         if self._step_limit is not None and self.steps >= self._step_limit:
             self._input(Input.DONE, now)
             return
@@ -374,41 +374,41 @@ class Application:
         else:
             self._input(Input.ARRIVED, now)
 
-    # ------------------------------------------------------------ talking
+    # ------------------------------------------------------------ messages
 
     def _cell(self) -> Cell:
-        """Return where I am, or will be when I have arrived."""
+        """Return the cell in which the robot is, or will be when it has arrived."""
         return self.coordination.view.cells[self.me]
 
     def _load(self, now: Time) -> None:
-        """The service communicate of Fig. 12: hand the message of the present exchange to the room below."""
+        """Hand the message of the present exchange to the layer below: the service communicate of Fig. 12."""
         self.begin_at = None
         self.rest_until = None
         if not self.placed or (self.steering.under_way and not self.broadcast.polled):
             return
         message = self._next_message(self.broadcast.exchange)
-        self.journal.note(MessageSent(message.kind.name.lower()))
-        self.journal.call(1, "coordination", "communicate")
-        self.journal.call(2, "messaging", message.kind.name.lower(), message)
-        self.journal.call(3, "broadcast", "find_master", self.broadcast.find_master())
+        self.events.note(MessageSent(message.kind.name.lower()))
+        self.events.call(1, "coordination", "communicate")
+        self.events.call(2, "messaging", message.kind.name.lower(), message)
+        self.events.call(3, "broadcast", "find_master", self.broadcast.find_master())
         if self.broadcast.leads():
-            self.journal.call(3, "broadcast", "broadcast_to_robots", f"exchange {message.exchange}")
+            self.events.call(3, "broadcast", "broadcast_to_robots", f"exchange {message.exchange}")
             self.counters.began(now)
         else:
-            self.journal.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
+            self.events.call(3, "broadcast", "send_to_master", f"exchange {message.exchange}")
         self.broadcast.load(message, now)
 
     def _next_message(self, exchange: int) -> Message:
-        """Return the message of *exchange*; a robot that drives has nothing else to say."""
+        """Return the message of *exchange*; a robot that drives sends only that it is busy."""
         return (self._waiting if self.steering.under_way else self._form)(exchange)
 
     def _speak(self, stance: Stance) -> None:
-        """Speak with this *stance* about the present evaluation from now on."""
+        """Send this *stance* on the present evaluation from now on."""
         evaluation = self.coordination.evaluation
         self._form = lambda exchange: self.messaging.speak(stance, exchange, self._cell(), evaluation)
 
     def _reconciled(self, messages: Mapping[Address, Message]) -> bool:
-        """Return whether all know the same, so that a plan is due; else send next what is wanted for that."""
+        """Return whether all maps are equal and a plan is due; else prepare the message that is wanted for that."""
         match self._reconciliation.take(self.coordination.view, messages):
             case Equality.EQUAL:
                 return True

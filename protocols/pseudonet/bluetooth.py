@@ -1,15 +1,16 @@
-"""The Bluetooth room: sets up the piconet (paper 003, section IV.B, Fig. 6) and tells the room above who is in it.
+"""The Bluetooth layer: sets up the piconet (paper 003, section IV.B, Fig. 6) and reports its members upwards.
 
 The initiating robot looks for its neighbours by inquiry, then pages one after the other and becomes the master; the
 others scan. The calls on the way down are those of a Bluetooth host: a connection request of L2CAP becomes an HCI
 command, that a procedure of the link manager, that a state of the link controller; from HCI on they happen in the
 device, which is the channel's.
 
-The paper appoints the initiator and says nothing of its death. Here robots stand in for it in the order of their
+The paper appoints the initiator and does not treat its death. Here robots stand in for it in the order of their
 numbers: each waits to be found for as many times the stagger as robots of the last team with a lower number may be
-alive, then looks for others itself. So the first of those who are left forms the next team, and who is found by nobody,
-or finds nobody, goes on alone. Every wait has a deadline, also those for answers of the own device, as a host is not
-told that its radio is dead. A robot that works alone can be found and joins the team of who pages it.
+alive, then looks for others itself. So the first of the remaining robots forms the next team, and a robot that is not
+found and finds no other goes on alone. Every wait has a deadline, also those for answers of the own device, as a host
+does not learn that its radio is dead. A robot that works alone can be found and joins the team of the robot that pages
+it.
 """
 
 from collections.abc import Callable, Iterable
@@ -38,11 +39,11 @@ from cosim.units import Time
 from protocols.pseudonet.parameters import TeamParameters, Timing
 
 FULL_WAITS: Final = 2
-"""Robots that may be dead for which the whole stagger is waited; for any others a quarter of it."""
+"""Number of robots, possibly dead, for which the whole stagger is waited; for any others a quarter of it."""
 
 
 class LinkState(Enum):
-    """Where a robot's radio is in the set-up."""
+    """The state of a robot's radio in the set-up."""
 
     OFF = auto()
     SCANNING = auto()
@@ -51,13 +52,13 @@ class LinkState(Enum):
     JOINED = auto()
     """A slave."""
     LEADING = auto()
-    """The master, maybe of nobody."""
+    """The master, maybe without slaves."""
     CLOSING = auto()
-    """About to leave all piconets, once the last words are said."""
+    """About to leave all piconets, once the last messages are sent."""
 
 
 class LinkInput(Enum):
-    """What moves the set-up on."""
+    """The inputs of the set-up."""
 
     INITIATE = auto()
     WAIT = auto()
@@ -69,7 +70,7 @@ class LinkInput(Enum):
     PAGED = auto()
     """Another robot has become the master of this one."""
     ASSIGNED = auto()
-    """The coordinator has told this robot whose master it is to be."""
+    """The coordinator has assigned this robot its slaves."""
     BREAK_UP = auto()
 
 
@@ -120,13 +121,13 @@ class Bluetooth:
         self.inquiry_time: Time = 0
         self.page_time: Time = 0
         self.links = links
-        """The own role in the link to each neighbour."""
+        """Own role in the link to each neighbour."""
         self.found: list[Address] = []
         self._others: tuple[Address, ...] = tuple(other for other in range(size) if other != me)
-        """Those who may be alive."""
+        """Other robots that may be alive."""
         self._times = times
         self._patience = times.stagger
-        """How long a robot that was found waits to be called up."""
+        """Time for which a robot that was found waits to be called up."""
         self._inquiries = parameters.inquiries
         self._page_attempts = parameters.page_attempts
         self._ready = ready
@@ -156,7 +157,7 @@ class Bluetooth:
             self._wait(now)
 
     def reform(self, dead: Iterable[Address], now: Time) -> None:
-        """Leave all piconets and begin anew, without those who are known to be *dead*."""
+        """Leave all piconets and begin again without the robots that are known to be *dead*."""
         self._others = tuple(other for other in self._others if other not in set(dead))
         self._close(now)
 
@@ -167,19 +168,19 @@ class Bluetooth:
         self._wait(now + self._times.settle)
 
     def called_up(self, members: tuple[Address, ...]) -> None:
-        """Take notice that this robot is in a team of *members*."""
+        """Process that this robot is in a team of *members*."""
         self._others = tuple(member for member in members if member != self.me)
         self.deadline = None
 
     def leave(self) -> None:
-        """Be found by nobody any more: the task is done."""
+        """Stop scanning for good, as the task is done."""
         self.deadline = None
         if not self._left:
             self._left = True
             self.out.append(Scan(enabled=False))
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Process a link event."""
         match event:
             case Discovered(peer=peer) if peer not in self.found and self.state is LinkState.INQUIRING:
                 self.found.append(peer)
@@ -191,7 +192,7 @@ class Bluetooth:
                 self.hop = (event.hop_address, event.hop_clock)
                 self.links[peer] = Role.MASTER
                 self._paged(now)
-            case Connected(peer=peer):  # the answer to a page that I have given up
+            case Connected(peer=peer):  # the answer to a page that was given up
                 self.out.append(Disconnect(peer))
             case PageFailed(peer=peer) if self.state is LinkState.PAGING and peer == self._to_page[0][0]:
                 self._page_failed(now)
@@ -199,7 +200,7 @@ class Bluetooth:
                 self._lost(peer, now)
 
     def wake(self, now: Time) -> None:
-        """Act on the deadline: nobody has come, or the device does not answer."""
+        """Act on the deadline: no robot has come, or the device does not answer."""
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
@@ -269,7 +270,7 @@ class Bluetooth:
                 self.out.append(Disconnect(peer))
 
     def fate(self, fate: Fate, now: Time) -> None:
-        """Nothing that this room sends has a token."""
+        """Ignore fates: nothing that this layer sends has a token."""
 
     # ------------------------------------------------------------ looking for others
 
@@ -284,7 +285,7 @@ class Bluetooth:
         self._move(LinkInput.INITIATE, now)
 
     def _look_again(self) -> bool:
-        """Return whether another inquiry is worth its time: robots are missing, and the last one was not in vain."""
+        """Return whether another inquiry is worth its time: robots are missing, and the last one found some."""
         fruitful = len(self.found) > self._found_before or not self.found
         self._found_before = len(self.found)
         return len(self.found) < self._wanted and self._inquiries_left > 0 and fruitful

@@ -1,19 +1,19 @@
-"""The broadcast room: one exchange after another, in each of which every robot's message reaches the whole team.
+"""The broadcast layer: one exchange after another, in each of which every robot's message reaches the whole team.
 
-A slave hears nobody but the master, so a message takes two hops (paper 003, section V, Figs 8 and 9a): the master
+A slave hears only the master, so a message takes two hops (paper 003, section V, Figs 8 and 9a): the master
 broadcasts its own message, then for each slave polls it, takes its message and broadcasts that. On the air a broadcast
-has LT_ADDR 0 and is answered by nobody, so that the poll is a frame of its own (the paper puts both into one slot).
+has LT_ADDR 0 and is not answered, so that the poll is a frame of its own (the paper puts both into one slot).
 
 Exchanges are numbered modulo 256. A robot has one message in an exchange: it is loaded before the poll, as a link
-controller can only answer with what it holds. The exchange is complete for a robot once it has heard all others. A
-slave that is asked while it has nothing to say yet says "busy", which makes the team repeat itself. A polled slave that
-does not answer within the poll time-out is dropped, and a roll call tells the others the new team.
+controller can only answer with what it holds. The exchange is complete for a robot once it has received all other
+messages. A slave that is asked before it has a message sends "busy", and the team repeats the exchange. A polled slave
+that does not answer within the poll time-out is dropped, and a roll call announces the new team to the others.
 
-Broadcasts are acknowledged by nobody, so that a slave may miss some. It asks the master for those that it lacks when it
-hears of the next exchange, or when nothing has come for the repair time; the master keeps the messages of two exchanges
-and sends them to that slave alone, by acknowledged packets. The master cannot complete the next exchange before it has
-the slave's message of it, which the slave loads only after it has completed this one: so all robots of a team see the
-same exchanges, one after the other, and no robot is ever behind by more than one.
+Broadcasts are not acknowledged, so that a slave may miss some. It asks the master for those that it lacks when it
+learns of the next exchange, or when nothing has come for the repair time; the master keeps the messages of two
+exchanges and sends them to that slave alone, by acknowledged packets. The master cannot complete the next exchange
+before it has the slave's message of it, which the slave loads only after it has completed this one: so all robots of a
+team see the same exchanges, one after the other, and no robot is ever behind by more than one.
 """
 
 from collections.abc import Callable
@@ -36,9 +36,9 @@ from protocols.pseudonet.upcalls import (
 
 
 class Polls:
-    """Whom the master polls in an exchange, how often, and how long it waits (paper 003, sections IV.A and V).
+    """The master's polls of one exchange, with retries and time-outs (paper 003, sections IV.A and V).
 
-    What is sent goes to *out*, which the broadcast room shares.
+    What is to be sent goes to *out*, the queue of the broadcast layer.
     """
 
     def __init__(self, timeout: Time, most_retries: int, out: list[Outgoing | LinkCommand]) -> None:
@@ -46,9 +46,9 @@ class Polls:
         """Slaves whose messages are wanted; the first is being polled."""
         self.deadline: Time | None = None
         self.retries = 0
-        """How often the present slave was polled again since anything came from it."""
+        """Number of polls of the present slave since anything came from it, less one."""
         self.token = 0
-        """Of the last poll."""
+        """Token of the last poll."""
         self._timeout = timeout
         self._most_retries = most_retries
         self._out = out
@@ -60,7 +60,7 @@ class Polls:
         self._poll(poll, now)
 
     def again(self, poll: bytes, now: Time) -> bool:
-        """Poll the same slave once more, or return False if that was done too often."""
+        """Poll the same slave once more; return False if its retries are used up."""
         if self.retries >= self._most_retries:
             return False
         self.retries += 1
@@ -75,7 +75,7 @@ class Polls:
         return self._answered
 
     def stop(self) -> None:
-        """Poll nobody any more."""
+        """Stop polling."""
         self.pending = []
         self.deadline = None
 
@@ -87,10 +87,10 @@ class Polls:
 
 
 class Broadcast:
-    """The exchanges as one robot sees them, master or slave. What it has to say to the room above goes to *tell*."""
+    """The exchanges as one robot sees them, master or slave; *upcall* informs the layer above."""
 
     polled = True
-    """Messages are asked for, whether they are ready or not."""
+    """True: messages are asked for, whether they are ready or not."""
     piconets = 1
 
     def __init__(
@@ -99,7 +99,7 @@ class Broadcast:
         times: tuple[Time, Time],
         poll_retries: int,
         acknowledge: bool,
-        tell: Callable[[Upcall, Time], None],
+        upcall: Callable[[Upcall, Time], None],
     ) -> None:
         """Take the poll time-out and the repair time as *times*."""
         self.me = me
@@ -113,7 +113,7 @@ class Broadcast:
         self._repair_at: Time | None = None
         self._asked = False
         self._acknowledge = acknowledge
-        self._tell = tell
+        self._upcall = upcall
         self._heard: dict[Address, Message] = {}
         self._before: dict[Address, Message] = {}
         self._early: dict[Address, Message] = {}
@@ -131,24 +131,24 @@ class Broadcast:
 
     @property
     def deadline(self) -> Time | None:
-        """When this room is to be woken."""
+        """Instant at which this layer is to be woken."""
         return self.polls.deadline if self.leads() else self._repair_at
 
     def assemble(self, members: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
-        """As the master, announce a team of *members* (myself included) and begin its roll call."""
+        """Announce a team of *members*, this robot included, as its master, and begin its roll call."""
         self.master = self.me
         self.hop = hop
         self._announce(members, now)
 
     def load(self, message: Message, now: Time) -> None:
-        """Hand over my *message* of the present exchange: the master begins it, a slave waits for its poll."""
+        """Load this robot's *message* of the present exchange: the master begins it, a slave waits for its poll."""
         if self.leads():
             self._begin(message, now)
         else:
             self._submit(message, now)
 
     def loaded(self) -> bool:
-        """Return whether the present exchange has my message already, or, for the master, is under way."""
+        """Return whether this robot's message is loaded already, or, for the master, the exchange is under way."""
         return bool(self.polls.pending) if self.leads() else self._submitted
 
     def leave(self) -> None:
@@ -160,7 +160,7 @@ class Broadcast:
         self.polls.stop()
 
     def wake(self, now: Time) -> None:
-        """Give up the polled slave when its time is over; as a slave, ask for what is missing."""
+        """Drop the polled slave when its time is over; as a slave, ask for what is missing."""
         if self.leads():
             if self.polls.deadline is not None and now >= self.polls.deadline:
                 self._drop(self.polls.pending[0], now)
@@ -168,7 +168,7 @@ class Broadcast:
             self._ask(now)
 
     def fate(self, fate: Fate, now: Time) -> None:
-        """Take the fate of a poll."""
+        """Process the fate of a poll."""
         delivered = self.polls.fate(fate)
         if delivered:
             self._proceed(now)
@@ -176,12 +176,12 @@ class Broadcast:
             self._drop(self.polls.pending[0], now)
 
     def lost(self, peer: Address, now: Time) -> None:
-        """Take notice that a link is gone."""
+        """Process the loss of a link."""
         if self.leads():
             if peer in self.members and peer != self.me:
                 self._drop(peer, now)
         elif peer == self.master:
-            self._tell(Broken((peer,)), now)
+            self._upcall(Broken((peer,)), now)
 
     # ------------------------------------------------------------ the master's side (Fig. 9a)
 
@@ -200,13 +200,13 @@ class Broadcast:
         self.polls.stop()
         if len(members) > 1:
             self._send_to_all(encode(self._sync()))
-        self._tell(TeamChanged(members), now)
+        self._upcall(TeamChanged(members), now)
 
     def _sync(self) -> Sync:
         return Sync(self.me, self.exchange, self.members, self._roll_call, *self.hop)
 
     def _send_to_all(self, data: bytes) -> None:
-        """The service broadcast_to_robots of Fig. 12."""
+        """Broadcast *data*: the service broadcast_to_robots of Fig. 12."""
         self.out.append(Outgoing(BROADCAST, data))
 
     def _poll_next(self, now: Time) -> None:
@@ -217,7 +217,7 @@ class Broadcast:
             self._complete(now)
 
     def _proceed(self, now: Time) -> None:
-        """Go on if the polled slave has answered; poll it again if its answer was empty, but not for ever."""
+        """Go on if the polled slave has answered; poll it again if its answer was empty, as often as allowed."""
         slave = self.polls.pending[0]
         message = self._heard.get(slave)
         if message is not None:
@@ -228,12 +228,13 @@ class Broadcast:
             self._drop(slave, now)
 
     def _drop(self, slave: Address, now: Time) -> None:
-        """A robot that misses its poll is unlikely to come back (section IV.A): the others learn the new team."""
+        """Drop *slave* and announce the new team."""
+        # a robot that misses its poll is unlikely to come back (section IV.A)
         self.out.append(Disconnect(slave))
         self._announce(tuple(member for member in self.members if member != slave), now)
 
     def _refuse(self, reason: str, reception: Reception, now: Time) -> None:
-        self._tell(Garbage(reason), now)
+        self._upcall(Garbage(reason), now)
         if self._acknowledge and self.leads() and reception.source in self.members:
             negative = encode(Acknowledgement(self.me, self.exchange, negative=True))
             self.out.append(Outgoing(reception.source, negative))
@@ -266,7 +267,7 @@ class Broadcast:
 
     def _forward(self, message: Message, data: bytes, now: Time) -> None:
         if message.addressee == self.me:
-            self._tell(Answered(message), now)
+            self._upcall(Answered(message), now)
         elif message.addressee in self.members:
             self.out.append(Outgoing(message.addressee, data))
 
@@ -284,7 +285,7 @@ class Broadcast:
             self.out.append(Outgoing(self.master, data))
 
     def answer(self, message: Message) -> None:
-        """Send an answer to one robot alone, through the master."""
+        """Send an answer to one robot alone, by way of the master."""
         data = encode(message)
         if self.leads():
             self.out.append(Outgoing(self.me if message.addressee is None else message.addressee, data))
@@ -292,12 +293,12 @@ class Broadcast:
             self._send_to_master(data)
 
     def _ask_once(self, now: Time) -> None:
-        """The others are one exchange further: I have missed something."""
+        """Ask the master once for what was missed, as the others are one exchange further."""
         if not self._asked:
             self._ask(now)
 
     def _ask(self, now: Time) -> None:
-        """Ask the master for the messages of this exchange that I have not heard."""
+        """Ask the master for the missing messages of this exchange."""
         missing = tuple(member for member in self.members if member not in self._heard)
         self._asked = True
         self._repair_at = now + self._repair if missing else None
@@ -314,14 +315,14 @@ class Broadcast:
                 self._synchronise(packet, now)
             case Message(kind=Kind.ANSWER, addressee=addressee) if addressee is not None:
                 if addressee == self.me:
-                    self._tell(Answered(packet), now)
+                    self._upcall(Answered(packet), now)
             case Message():
                 self._hear(packet, now)
             case Acknowledgement(negative=True) if self._last is not None:
                 self._send_to_master(self._last)
 
     def _enlist(self, sync: Sync, master: Address, now: Time) -> None:
-        """Take the first roll call of a team."""
+        """Process the first roll call of a team."""
         self.master = master
         self.hop = (sync.hop_address, sync.hop_clock)
         self._begin_roll_call(sync, now)
@@ -336,16 +337,16 @@ class Broadcast:
         elif ahead == 0:
             self._repair_at = now + self._repair
             if not self._submitted:
-                self._tell(MessageWanted(), now)
+                self._upcall(MessageWanted(), now)
 
     def _begin_roll_call(self, sync: Sync, now: Time) -> None:
         self._join(sync.exchange)
         if self.me not in sync.members:
-            self._tell(Broken(), now)
+            self._upcall(Broken(), now)
             return
         self.members = sync.members
         self._roll_call = True
-        self._tell(TeamChanged(sync.members), now)
+        self._upcall(TeamChanged(sync.members), now)
 
     def _hear(self, message: Message, now: Time) -> None:
         if message.source not in self.members:
@@ -356,7 +357,7 @@ class Broadcast:
                 self._repair_at = now + self._repair
                 self._asked = False
                 if not self._submitted:
-                    self._tell(MessageWanted(), now)
+                    self._upcall(MessageWanted(), now)
                 self._complete(now)
             case 1:
                 self._early.setdefault(message.source, message)
@@ -365,7 +366,7 @@ class Broadcast:
     # ------------------------------------------------------------ both
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take bytes off the air."""
+        """Process received bytes."""
         try:
             packet = decode(data)
         except WireError as error:
@@ -379,11 +380,11 @@ class Broadcast:
             self._receive_as_slave(packet, reception, now)
 
     def overhear(self, data: bytes, now: Time) -> None:
-        """Take bytes of somebody without a link to this robot: they only matter if they are no packet."""
+        """Process bytes of a robot without a link to this one: they matter only if they are no packet."""
         try:
             decode(data)
         except WireError as error:
-            self._tell(Garbage(str(error)), now)
+            self._upcall(Garbage(str(error)), now)
 
     def _join(self, exchange: int) -> None:
         self.exchange = exchange
@@ -404,7 +405,7 @@ class Broadcast:
         self._join((self.exchange + 1) % EXCHANGES)
         if self.leads():
             self._heard = early
-        self._tell(Exchanged(messages, roll_call), now)
+        self._upcall(Exchanged(messages, roll_call), now)
         if not self.leads():
             for message in early.values():
                 self._hear(message, now)

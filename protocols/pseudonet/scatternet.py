@@ -1,9 +1,9 @@
-"""The Bluetooth room of teams that need several piconets: formation by a coordinator, after BTCP.
+"""The Bluetooth layer of teams that need several piconets: formation by a coordinator, after BTCP.
 
-BTCP (see ``topology``) elects its coordinator by meetings of pairs; here it is the paper's appointed initiator, or who
-stands in for it (``bluetooth``). The rest is BTCP's: the coordinator has found all others by inquiry, so that it knows
-their addresses and clocks; it pages as many as there must be masters, designs the topology, and tells each master which
-robots to page as its slaves, with their clocks relative to the master's:
+BTCP (see ``topology``) elects its coordinator by meetings of pairs; here it is the paper's appointed initiator, or the
+robot that stands in for it (``bluetooth``). The rest is BTCP's: the coordinator has found all others by inquiry, so
+that it knows their addresses and clocks; it pages as many as there must be masters, designs the topology, and sends
+each master the robots to page as its slaves, with their clocks relative to the master's:
 
     offset(master -> slave) = offset(coordinator -> slave) - offset(coordinator -> master)  mod 2**28
 
@@ -41,15 +41,15 @@ from protocols.pseudonet.wide import Assignment, Census, Welcome, encode
 
 CLOCK_RANGE = 1 << 28
 PAUSE_PERIODS = 2
-"""Periods of the piconets' time between two pages: a device that pages is absent from its piconets."""
+"""Pause between two pages, in periods of the piconets: a device that pages is absent from its piconets."""
 MORE_ATTEMPTS = 2
-"""A bridge may be paging others when it is paged."""
+"""Additional attempts to page a slave: a bridge may be paging others when it is paged."""
 NOBODY = Directory(())
 
 
 @dataclass(slots=True)
 class Job:
-    """A robot that is to be paged."""
+    """A page that is to be made."""
 
     peer: Address
     attempts: int
@@ -57,7 +57,7 @@ class Job:
 
 
 class Scatternet(Bluetooth):
-    """One robot's share of the formation of a scatternet; *relay* is the broadcast room above."""
+    """One robot's share of the formation of a scatternet; *relay* is the broadcast layer above."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class Scatternet(Bluetooth):
         taken: Callable[[Time], None],
     ) -> None:
         super().__init__(me, size, links, times, parameters, self._report, taken)
-        self._patience = times.stagger + times.stagger // 4  # the root gives up after the stagger, and says so
+        self._patience = times.stagger + times.stagger // 4  # the root gives up after the stagger, and announces it
         self._relay = relay
         self._topology = parameters.topology
         self._most = parameters.piconet_size
@@ -78,27 +78,28 @@ class Scatternet(Bluetooth):
         self._offsets: dict[Address, int] = {}
         self._jobs: list[Job] = []
         self._piconets: dict[int, Address] = {}
-        """The masters of the piconets that this robot is in, by number."""
+        """Masters of the piconets that this robot is in, by number of the piconet."""
         self._count = 0
         self._number = 0
         self._root: Address | None = None
+        """Coordinator of the formation that this robot is a part of."""
         self._formation = 0
-        """Of whose formation, and which of them, this robot is a part."""
+        """Number of that formation among the coordinator's."""
         self._formations = 0
         self._assigned: dict[int, Assignment] = {}
         self._connecting = False
-        """As the coordinator: the masters are being paged."""
+        """True while the coordinator pages the masters."""
         self._pausing = False
-        """Between two pages, so that the links that there are are not starved."""
+        """True between two pages: a pause, so that the present links are not starved."""
         self._called = False
         self._token = 0
         self._design: list[Piconet] = []
         self._untold: dict[int, Address] = {}
-        """By token of its last assignment, each master that has not been told everything yet."""
+        """Masters whose last assignment, with this token, has not been acknowledged yet."""
         self._leaving: set[Address] = set()
 
     def called_up(self, members: tuple[Address, ...]) -> None:
-        """Take notice that this robot is in a team of *members*."""
+        """Process that this robot is in a team of *members*."""
         super().called_up(members)
         if not self._called and self.links:
             self.out.append(Scan(enabled=False))
@@ -111,7 +112,7 @@ class Scatternet(Bluetooth):
         super()._close(now)
 
     def _forget(self) -> None:
-        """Be in no formation."""
+        """Forget the formation."""
         self._called = self._pausing = False
         self._root = None
         self._piconets.clear()
@@ -120,7 +121,7 @@ class Scatternet(Bluetooth):
         self._leaving.clear()
 
     def reform(self, dead: Iterable[Address], now: Time) -> None:
-        """Leave the scatternet, when there was time to pass on that it is dissolved, and begin anew."""
+        """Leave the scatternet, after a time to forward its dissolution, and begin the set-up again."""
         self._others = tuple(other for other in self._others if other not in set(dead))
         if not self.links:
             self._close(now)
@@ -129,7 +130,7 @@ class Scatternet(Bluetooth):
         self.deadline = now + self._times.settle
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Process a link event."""
         match event:
             case Discovered(peer=peer, clock_offset=offset):
                 self._offsets[peer] = offset
@@ -146,7 +147,7 @@ class Scatternet(Bluetooth):
                 super().link(event, now)
 
     def fate(self, fate: Fate, now: Time) -> None:
-        """Leave a master that has been told everything, unless it is to be a slave of this one."""
+        """Leave a master that has all its assignments, unless it is to be a slave of this one."""
         master = self._untold.pop(fate.token, None)
         if master is None:
             return
@@ -169,7 +170,7 @@ class Scatternet(Bluetooth):
     # ------------------------------------------------------------ as any robot: being given a place
 
     def instruct(self, packet: Assignment | Welcome, source: Address, now: Time) -> None:
-        """Take what a master says while the scatternet is formed."""
+        """Process what a master sends while the scatternet is formed."""
         if self.links.get(source) is not Role.SLAVE or self._called:
             return
         if self._root not in (None, packet.root) or (self._formation != packet.formation and self._root is not None):
@@ -192,7 +193,7 @@ class Scatternet(Bluetooth):
                     self._begin_own(packet, now)
 
     def _refuse(self, packet: Assignment | Welcome, source: Address, now: Time) -> None:
-        """Belong to one formation only; if the coordinator has begun anew, the one that I am a part of is void."""
+        """Refuse a second formation; if it is of the same coordinator, dissolve the first, which is void."""
         del self.links[source]
         self.out.append(Disconnect(source))
         if packet.root == self._root:
@@ -207,7 +208,7 @@ class Scatternet(Bluetooth):
         self._move(LinkInput.ASSIGNED, now)
 
     def _divide_time(self) -> None:
-        """Ask the device to be in each piconet during the part of its colour, if that is needed."""
+        """Have the device be in each piconet during the part of its colour, if that is needed."""
         if self._count < 2 or (len(self._piconets) < 2 and self.me not in self._piconets.values()):
             return
         slots = self._slots
@@ -216,12 +217,12 @@ class Scatternet(Bluetooth):
             for number, master in sorted(self._piconets.items())
         )
         if len({first for _, first, _ in parts}) < len(parts):
-            return  # no topology has a device in two piconets of one colour: some master does not know what it says
+            return  # no topology has a device in two piconets of one colour: some master is wrong
         self.out.append(Share(slots * colours(self._topology, self._count), parts, self._root or 0))
 
     def _connected(self, event: Connected, now: Time) -> None:
         if self.state is not LinkState.PAGING or not self._jobs or event.peer != self._jobs[0].peer:
-            self.out.append(Disconnect(event.peer))  # the answer to a page that I have given up
+            self.out.append(Disconnect(event.peer))  # the answer to a page that was given up
             return
         self.hop = (event.hop_address, event.hop_clock)
         self.links[event.peer] = Role.MASTER
@@ -257,7 +258,7 @@ class Scatternet(Bluetooth):
 
     def _report(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         """Report that all slaves are paged, and wait for the roll call."""
-        if self._root is None:  # nobody else may be alive
+        if self._root is None:  # no other robot may be alive
             self._coordinate()
             self._finish_design(now)
         self.deadline = None if self._root == self.me else now + self._patience
@@ -267,7 +268,7 @@ class Scatternet(Bluetooth):
         self._relay.placed(census, now)
 
     def _attend(self, master: Address) -> None:
-        """Be there for the welcome of a new master: without parts a device is where its last link came up."""
+        """Be present for the welcome of a new master: without parts a device is where its last link came up."""
         numbers = [number for number, piconet in enumerate(self._design) if piconet.master == master]
         if self._root == self.me and numbers:
             self._piconets[numbers[0]] = master
@@ -282,7 +283,7 @@ class Scatternet(Bluetooth):
         self.out.append(Page(job.peer, job.clock_offset))
 
     def _page_failed(self, now: Time) -> None:
-        if self._untold or not self._jobs:  # nobody was paged: some master has not acknowledged its assignments
+        if self._untold or not self._jobs:  # no robot was paged: some master has not acknowledged its assignments
             self._untold.clear()
             self._next(now)
             return
@@ -338,7 +339,7 @@ class Scatternet(Bluetooth):
         self._piconets = {0: self.me}
 
     def _finish_design(self, now: Time) -> None:
-        """Design the topology of all that were found, with those as masters that are connected."""
+        """Design the topology of all robots found, with those that are connected as masters."""
         self._connecting = False
         masters = self._masters()
         others = [peer for peer in self.found if peer not in masters]
