@@ -10,7 +10,7 @@ from protocols.detection.quality import History, Quality, quality
 
 
 class Incarnation:
-    """The incarnation of one peer, told by the instant at which its count of heartbeats must have begun."""
+    """The incarnation of one peer, recognised by the instant at which its count of heartbeats must have begun."""
 
     def __init__(self, period: Time, clock_ms: int) -> None:
         """Take heartbeats to be *period* apart, from number 0 on; their stamps are whole ms, modulo *clock_ms*."""
@@ -21,7 +21,7 @@ class Incarnation:
     def is_new(self, number: int, stamp_ms: int) -> bool:
         """Return whether this heartbeat is of another incarnation than the one before.
 
-        One whose clock has been stepped looks like a new one, too.
+        An incarnation whose clock was stepped looks like a new one, too.
         """
         began_ms = (stamp_ms - number * self._period // MS) % self._clock_ms
         before, self._began_ms = self._began_ms, began_ms
@@ -32,10 +32,10 @@ class Incarnation:
 
 
 class Watch:
-    """A detector that is told of heartbeats as they come, and asked when it is about to suspect."""
+    """One robot's watch over one incarnation of another: a detector and the history of its suspicions."""
 
     def __init__(self, detector: Detector, since: Time, begun: Time | None) -> None:
-        """*begun* names the life of the peer; None as long as it has not been heard of."""
+        """Watch from *since* on; *begun* names the incarnation of the peer, None before its first heartbeat."""
         self.begun = begun
         self.history = History()
         self._detector = detector
@@ -44,26 +44,26 @@ class Watch:
 
     @property
     def suspects(self) -> bool:
-        """Whether the peer is suspected, as was last found."""
+        """True if the peer was suspected at the last look."""
         return self.history.suspects
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived."""
+        """Process heartbeat *number*, received at *now*."""
         self._detector.heartbeat(number, now)
         self.look(now)
 
     def look(self, now: Time) -> None:
-        """Find out whether the peer is suspected now."""
+        """Ask the detector, and note what it answers."""
         found = self.history.transitions
         time = max(now, found[-1].time) if found else now  # the clock may have been set back
         self.history.note(time, self._detector.suspects(now))
 
     def due(self) -> Time | None:
-        """Return when the peer will be suspected if nothing comes; None if it is, or never will be."""
+        """Return the instant at which the peer will be suspected if nothing comes; None if it is, or never will be."""
         return None if self.suspects else self._detector.suspects_at()
 
     def close(self, now: Time) -> None:
-        """End the watch: that life of the peer is over."""
+        """End the watch, as that incarnation of the peer is over."""
         self._until = now
 
     def settled(self, now: Time) -> Quality:

@@ -87,7 +87,7 @@ class Oscard:
         guided = self._guided(view, open_steps)
         if guided is not None:
             return Evaluation(guided, verdicts)
-        if self._awaiting:  # help or trap was sent, and nobody has answered
+        if self._awaiting:  # help or trap was sent, and no robot has answered
             self._awaiting = False
             direction = self._draw(open_steps)
             self._forced = None if direction is None else (direction, self._k_forced)
