@@ -102,9 +102,9 @@ class Host(Drains):
             return
         sender, message = heard
         if sender < self.setup.hosts:
-            self._hear_host(sender, message, now)
+            self._receive_from_host(sender, message, now)
         elif sender < self.setup.size:
-            self._hear_searcher(sender, message, now)
+            self._receive_from_searcher(sender, message, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Ignore link events: the protocol relies on messages only."""
@@ -198,7 +198,7 @@ class Host(Drains):
 
     # ------------------------------------------------------------ receiving
 
-    def _hear_searcher(self, searcher: Address, message: Message, now: Time) -> None:
+    def _receive_from_searcher(self, searcher: Address, message: Message, now: Time) -> None:
         match message:
             case Hello():
                 self.team.hello(searcher, message, self.over, self._plans, now)
@@ -213,10 +213,10 @@ class Host(Drains):
             case Stopped():
                 self.team.stop(searcher)
 
-    def _hear_host(self, host: Address, message: Message, now: Time) -> None:
+    def _receive_from_host(self, host: Address, message: Message, now: Time) -> None:
         match message:
             case Heartbeat():
-                self._hear_heartbeat(host, message, now)
+                self._take_heartbeat(host, message, now)
             case Status(targets=targets, visited=visited, members=members, plan=plan):
                 if plan.host == self.me:
                     self.team.recall(members, now)
@@ -226,7 +226,7 @@ class Host(Drains):
                     self.team.claimed(members)
                 self._learn(host, targets, visited, now)
 
-    def _hear_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
+    def _take_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
         if self.neighbours.take_heartbeat(host, beat, now):
             self._events.append(HostTrusted(host))
             self._status_left = REPEATS

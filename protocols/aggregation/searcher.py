@@ -6,7 +6,7 @@ has itself, so that the host sends what it lacks. One that lacks nothing sends a
 
 Paper 002 contradicts itself on SRP: by section III.A a searcher goes to the rally point with its first find, by VII.B
 finds wait for "the static integration time"; ``report`` chooses. Either way it stops where the radio connects, and goes
-on with what is left of its tour once it has a receipt; only who has nothing left waits there.
+on with what is left of its tour once it has a receipt; a searcher that has nothing left waits there.
 """
 
 import math
@@ -90,7 +90,7 @@ class Input(StrEnum):
     HEARD = "heard"
     """The host that it had given up is there after all."""
     OVER = "over"
-    """A host says that all targets are known."""
+    """A host has reported that all targets are known."""
 
 
 _S, _M, _W, _C = State.SEARCH, State.MEET, State.WAIT, State.CHANGE

@@ -117,7 +117,7 @@ def measure(machines: Sequence[Monitor]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="monitoring",
-    about="Robots send heartbeats, and each tells by a failure detector whom it takes for dead.",
+    about="Robots send heartbeats, and each decides by a failure detector which others have failed.",
     parameters=Parameters,
     place=place,
     prepare=prepare,
