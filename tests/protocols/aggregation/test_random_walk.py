@@ -8,16 +8,16 @@ import pytest
 from scipy import stats
 
 from cosim.machine import Drive, GoTo
-from protocols.aggregation.stroller import Stroller
-from protocols.aggregation.walking import WalkingParameters
+from protocols.aggregation.parameters import WalkingParameters
+from protocols.aggregation.touring import RandomWalk
 from tests.protocols.aggregation.ground_scene import TICK, Stage, hall
 
 
-def strolling(on, starts, seed=1, drive="omni", **parameters):
+def walking(on, starts, seed=1, drive="omni", **parameters):
     scene = Stage(on, starts, drive)
     for robot in range(len(starts)):
         stream = np.random.default_rng([seed, robot])
-        scene.walkers[robot] = Stroller(on, WalkingParameters(**parameters), TICK, stream)
+        scene.walkers[robot] = RandomWalk(on, WalkingParameters(**parameters), TICK, stream)
     return scene
 
 
@@ -26,9 +26,9 @@ def ends_of(scene, robot=0):
 
 
 @pytest.mark.parametrize("drive", ["grid", "differential", "omni"])
-def test_a_stroller_goes_from_end_to_end_and_touches_no_wall(drive):
+def test_a_walk_goes_from_end_to_end_and_touches_no_wall(drive):
     on = hall(16.0, 8.0, [(8, 0, 8, 3), (8, 5, 8, 8)])
-    scene = strolling(on, [(3.0, 3.0)], drive=drive, leg_m=6.0)
+    scene = walking(on, [(3.0, 3.0)], drive=drive, leg_m=6.0)
     places = []
     for _ in range(3000):
         scene.tick()
@@ -48,7 +48,7 @@ def test_directions_are_uniform_where_nothing_is_in_the_way():
     on = hall(10.0, 10.0)
     turns = []
     for seed in range(250):
-        scene = strolling(on, [(5.0, 5.0)], seed, leg_m=2.0)
+        scene = walking(on, [(5.0, 5.0)], seed, leg_m=2.0)
         scene.tick()
         (end,) = ends_of(scene)
         assert math.dist(end, (5.0, 5.0)) == pytest.approx(2.0)
@@ -57,19 +57,19 @@ def test_directions_are_uniform_where_nothing_is_in_the_way():
     assert stats.kstest(np.abs(turns), stats.uniform(0, math.pi).cdf).pvalue > 1e-3
 
 
-def test_a_stroller_depends_on_its_stream_alone():
+def test_a_walk_depends_on_its_stream_alone():
     on = hall(16.0, 8.0)
     runs = []
     for seed in (1, 1, 2):
-        scene = strolling(on, [(3.0, 3.0)], seed)
+        scene = walking(on, [(3.0, 3.0)], seed)
         for _ in range(400):
             scene.tick()
         runs.append(ends_of(scene))
     assert runs[0] == runs[1] != runs[2]
 
 
-def test_a_stroller_stands_when_told_and_goes_on_when_told():
-    scene = strolling(hall(16.0, 8.0), [(3.0, 3.0)])
+def test_a_walk_stands_when_told_and_goes_on_when_told():
+    scene = walking(hall(16.0, 8.0), [(3.0, 3.0)])
     own = scene.walkers[0]
     for _ in range(20):
         scene.tick()
@@ -89,10 +89,10 @@ def test_a_stroller_stands_when_told_and_goes_on_when_told():
     assert math.dist(scene.place(0), at) > 0.5
 
 
-def test_a_stroller_does_not_set_out_towards_a_robot_that_is_near():
+def test_a_walk_does_not_set_out_towards_a_robot_that_is_near():
     on = hall(10.0, 10.0)
     for seed in range(60):
-        scene = strolling(on, [(5.0, 5.0), (5.8, 5.0)], seed)
+        scene = walking(on, [(5.0, 5.0), (5.8, 5.0)], seed)
         scene.walkers[1] = None
         scene.tick()
         (end,) = ends_of(scene)
@@ -101,9 +101,9 @@ def test_a_stroller_does_not_set_out_towards_a_robot_that_is_near():
             assert math.dist(there, (5.8, 5.0)) > 0.5
 
 
-def test_strollers_turn_away_from_each_other_and_keep_strolling():
+def test_walks_turn_away_from_each_other_and_keep_walking():
     on = hall(8.0, 5.0)
-    scene = strolling(on, [(1.0, 1.0), (7.0, 1.0), (1.0, 4.0), (7.0, 4.0), (4.0, 2.5)])
+    scene = walking(on, [(1.0, 1.0), (7.0, 1.0), (1.0, 4.0), (7.0, 4.0), (4.0, 2.5)])
     spots = [set() for _ in scene.walkers]
     for _ in range(3000):
         scene.tick()
@@ -113,7 +113,7 @@ def test_strollers_turn_away_from_each_other_and_keep_strolling():
     assert min(map(len, spots)) > 20, "each has been almost everywhere"
 
 
-def test_where_nothing_is_free_a_stroller_is_stuck():
-    scene = strolling(hall(0.9, 0.9, cell_m=0.1), [(0.45, 0.45)], leg_m=0.04)
+def test_where_nothing_is_free_a_walk_is_stuck():
+    scene = walking(hall(0.9, 0.9, cell_m=0.1), [(0.45, 0.45)], leg_m=0.04)
     scene.tick()
     assert scene.walkers[0].stuck

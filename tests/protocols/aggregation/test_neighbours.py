@@ -3,7 +3,6 @@
 import pytest
 
 from cosim.units import MS, S, Time
-from protocols.aggregation.lives import Life
 from protocols.aggregation.messages import Heartbeat
 from protocols.aggregation.neighbours import Neighbours
 from protocols.detection.chen import NfdESettings, NfdSSettings
@@ -21,14 +20,6 @@ def test_who_boots_late_misses_another_as_soon_as_others_do(settings: NfdSSettin
 
     late = Neighbours([1], S, make, 300 * S)
     for number in range(300, 310):
-        late.heard(1, beat(number, number * S), number * S + 5 * MS)
+        late.take_heartbeat(1, beat(number, number * S), number * S + 5 * MS)
     assert late.fall_silent(309 * S + 500 * MS) == []
     assert late.fall_silent(320 * S) == [1]
-
-
-def test_a_gap_in_the_count_is_no_reboot_whatever_the_period() -> None:
-    period = 33_350_000
-    life = Life(period)
-    assert not life.anew(beat(0, 0))
-    assert not life.anew(beat(1000, 1000 * period))
-    assert life.anew(beat(0, 1001 * period))
