@@ -1,25 +1,37 @@
-"""The algorithm A of a robot, as its parameters name it."""
+"""The algorithm A of a robot, as its parameters name it, and how it walks by VisBug.
+
+VisBug sends a robot from corner to corner of the grown walls. A robot that overshoots a corner by a step may be out of
+sight of its intermediate target, and a command acts a tick late. So VisBug is asked from where the robot will be when
+the answer takes effect. Bodies, of which VisBug knows nothing, are rounded as on a straight way.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from cosim.arrays import Floats
 from cosim.geometry.boundary import Boundary, packed_boundary
+from cosim.machine import Address
 from cosim.navigation.schemas import Vector
-from cosim.navigation.status import STATUSES, Status
+from cosim.navigation.status import STATUSES, STUCK, UNREACHABLE, Status
 from cosim.navigation.steering import AvoidPast, Navigator, PotentialField, Steer
 from cosim.navigation.visbug import MEMORY, visbug_packed
+from cosim.observation import Observation
 from cosim.randomness import Draws
+from cosim.units import Time
 from protocols.reflection.parameters import Parameters
+from protocols.reflection.setup import Point
+from protocols.reflection.straight import AHEAD_STEPS, Straight
 
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 RANDOM_PERSISTENCE = 30
 """Motion steps for which random motion keeps its direction."""
 VISBUG_NEAR_M = 0.01
 """Goals in sight are headed for before VisBug is asked: it only has to know when it is there."""
+WHOLE = 0.999
+"""The square of the length from which on a step is a whole one."""
 
 
 class HeadStraight:
@@ -78,6 +90,53 @@ class VisBug:
     def restart(self) -> None:
         """Begin a new search."""
         self._begun = False
+
+
+class LoopWalk:
+    """One robot's way by an algorithm that knows the walls and nothing else."""
+
+    def __init__(self, navigator: Navigator, straight: Straight, step_m: float, near_m: float) -> None:
+        """Take a robot within *near_m* to be what blocks this one."""
+        self._navigator = navigator
+        self._straight = straight
+        self._step_m = step_m
+        self._near_m = near_m
+
+    def choose(
+        self,
+        observation: Observation,
+        sightings: Mapping[Address, Point],
+        place: Point,
+        going: Point | None,
+        now: Time,
+    ) -> Point | None:
+        """Return where to go in order to come to *place*; None if that is proved impossible.
+
+        *going* is where the robot goes now.
+        """
+        here = observation.x_m, observation.y_m
+        x, y = here if observation.blocked or going is None else self._ahead(here, going)
+        steer = self._navigator.steer(x, y, place, (), (), self._step_m)
+        if steer.status == UNREACHABLE:
+            return None
+        whole = steer.dx * steer.dx + steer.dy * steer.dy > WHOLE
+        ahead = (AHEAD_STEPS if whole else 1.0) * self._step_m
+        there = x + ahead * steer.dx, y + ahead * steer.dy
+        if self._straight.rounding or (observation.blocked and self._held(here, sightings, steer.status)):
+            return self._straight.towards(there, 0.0, observation, now)
+        return there
+
+    def _ahead(self, here: Point, going: Point) -> Point:
+        """Return where the robot will be a tick from now."""
+        dx, dy = going[0] - here[0], going[1] - here[1]
+        distance = math.hypot(dx, dy)
+        if distance <= self._step_m:
+            return going
+        return here[0] + self._step_m * dx / distance, here[1] + self._step_m * dy / distance
+
+    def _held(self, here: Point, sightings: Mapping[Address, Point], status: Status) -> bool:
+        """Return whether it is a body that blocks the robot, as far as it knows."""
+        return status == STUCK or any(math.dist(here, peer) < self._near_m for peer in sightings.values())
 
 
 def algorithm(parameters: Parameters, loops: Boundary | None, stream: np.random.Generator) -> Navigator:

@@ -7,11 +7,12 @@ from pydantic import Field
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
 from cosim.settings import Count, Metres, Period, Seconds, Settings
 from protocols.reflection.promises import Renewal
-from protocols.reflection.trouble import ProgressMeasure, TroubleRule
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Place = tuple[Coordinate, Coordinate]
 Algorithm = Literal["potential_field", "avoid_past", "visbug", "straight"]
+TroubleRule = Literal["reaches", "equals"]
+ProgressMeasure = Literal["window", "nearest", "step", "motion"]
 
 
 class Parameters(Settings):

@@ -1,23 +1,15 @@
-"""What a robot without goals does: it stands, keeps a post or patrols its way points, and makes way for seekers."""
+"""What a robot without goals does: it stands, keeps a post or patrols its way points."""
 
 import math
 from collections.abc import Mapping, Sequence
 
-from cosim.machine import Address, Event
+from cosim.machine import Address
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.reflection.events import MadeWay
-from protocols.reflection.goals import GoalBook
-from protocols.reflection.promises import Ways
 from protocols.reflection.setup import Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.yielding import NEAR_CONTACTS, in_the_way, step_aside
 
-SLACK_M = 0.1
-"""How much more room than a touch a robot gives that makes way."""
-MAKING_WAY = 5 * S
-"""So long a robot with goals makes way for another."""
 LOST_STALLS = 2
 """A robot that has stalled on so many ways on end is lost."""
 LOST = 5 * S
@@ -26,83 +18,6 @@ AT_STEPS = 1.5
 """Nearer than so many steps a lost robot is at its way point: the algorithm A stops a step before it."""
 MOST_DOUBLINGS = 6
 """Avoid Past finds out of a room within five minutes, mostly."""
-
-
-class Courtesy:
-    """Making way for the robots that a way was promised to."""
-
-    def __init__(self, book: GoalBook, ways: Ways, radius_m: float, hold: Time, events: list[Event]) -> None:
-        self._book = book
-        self._ways = ways
-        self._radius_m = radius_m
-        self._room_m = 2.0 * radius_m + SLACK_M
-        self._hold = hold
-        self._events = events
-        self._until: Time | None = None
-        self._aside: Point = (0.0, 0.0)
-
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, or to stay, out of somebody's way; None if the robot may do what it likes."""
-        here = observation.x_m, observation.y_m
-        ways = self._ways.of
-        for seeker, place in sightings.items():
-            way = ways[seeker]
-            if way is None or not self._book.identifiers[seeker]:
-                continue
-            line_end = way.x_m, way.y_m
-            if in_the_way(here, place, line_end, self._room_m):
-                if self._until is None:
-                    self._events.append(MadeWay(seeker))
-                self._until = now + self._hold
-                self._aside = step_aside(here, place, line_end, observation.ranges_m, self._radius_m, self._room_m)
-                break
-        if self._until is None:
-            return None
-        if now >= self._until:
-            self._until = None
-            return None
-        return self._aside
-
-
-class Standoff:
-    """What ends it when two robots with goals want to pass the same door: who has the higher number makes way.
-
-    It takes the other one to want to go where it stands itself, and on. Both would else try again and again.
-    """
-
-    def __init__(self, me: Address, radius_m: float, patience: Time) -> None:
-        self._me = me
-        self._radius_m = radius_m
-        self._room_m = 2.0 * radius_m + SLACK_M
-        self._patience = patience
-        self._since: Time | None = None
-        self._at: Point = (0.0, 0.0)
-        self._until: Time = 0
-        self._peer: Address = me
-
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, out of somebody's way; None if the robot may do what it likes."""
-        here = observation.x_m, observation.y_m
-        if now < self._until:
-            return self._away(observation, here, sightings[self._peer]) if self._peer in sightings else None
-        peer = self._opponent(here, sightings)
-        if peer is None:
-            self._since = None
-        elif self._since is None or math.dist(here, self._at) > self._room_m:
-            self._since, self._at = now, here
-        elif now - self._since > self._patience:
-            self._since, self._until, self._peer = None, now + MAKING_WAY, peer
-        return None
-
-    def _opponent(self, here: Point, sightings: Mapping[Address, Point]) -> Address | None:
-        for peer, place in sightings.items():
-            if peer < self._me and math.dist(here, place) < NEAR_CONTACTS * self._room_m:
-                return peer
-        return None
-
-    def _away(self, observation: Observation, here: Point, peer_m: Point) -> Point:
-        beyond = 3.0 * here[0] - 2.0 * peer_m[0], 3.0 * here[1] - 2.0 * peer_m[1]
-        return step_aside(here, peer_m, beyond, observation.ranges_m, self._radius_m, self._room_m)
 
 
 class Patrol:

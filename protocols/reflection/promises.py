@@ -69,19 +69,21 @@ class Way:
 class Ways:
     """One robot's ways to everybody's goals, at most one for each."""
 
-    def __init__(self, me: Address, team: int, life: Time | None) -> None:
-        """Forget ways whose goal was not seen by anybody for *life* ns, if that is not None."""
-        self.me = me
-        self.of: list[Way | None] = [None] * team
+    def __init__(self, book: GoalBook, life: Time | None) -> None:
+        """Know the goals of *book*; forget ways whose goal no robot has seen for *life* ns, if that is not None."""
+        self.book = book
+        self.me = book.me
+        self.of: list[Way | None] = [None] * book.team
         self.bound_m = math.inf
         """Only shorter promises count for the own goal."""
         self._life = life
         self._last: Point | None = None
 
-    def points(self, book: GoalBook) -> list[Point]:
+    def points(self) -> list[Point]:
         """Return the places whose visibility ``look`` wants to know, in its order."""
         points: list[Point] = []
-        xs, ys, ways = book.x_m, book.y_m, self.of
+        book, ways = self.book, self.of
+        xs, ys = book.x_m, book.y_m
         for owner in book.known:
             points.append((xs[owner], ys[owner]))
             way = ways[owner]
@@ -89,14 +91,14 @@ class Ways:
                 points.append((way.x_m, way.y_m))
         return points
 
-    def look(self, book: GoalBook, visible: Sequence[bool], x_m: float, y_m: float, now: Time) -> None:
+    def look(self, visible: Sequence[bool], x_m: float, y_m: float, now: Time) -> None:
         """Note what is in sight from (x, y): *visible* answers all ``points``."""
         at, ways = 0, self.of
-        for owner in book.known:
+        for owner in self.book.known:
             way = ways[owner]
             ghost = 0 if way is None or way.direct or owner == self.me else 1  # its answer follows the goal's
             if visible[at]:
-                self._seen(owner, way, book, now)
+                self._seen(owner, way, now)
             elif way is not None:
                 self._unseen(owner, way, visible[at + 1] if ghost else not way.direct, now)
             at += 1 + ghost
@@ -141,7 +143,8 @@ class Ways:
         self.bound_m = math.inf
         self._last = None
 
-    def _seen(self, owner: Address, way: Way | None, book: GoalBook, now: Time) -> None:
+    def _seen(self, owner: Address, way: Way | None, now: Time) -> None:
+        book = self.book
         if way is None or not way.direct:
             self.of[owner] = Way(book.x_m[owner], book.y_m[owner], 0.0, now, self.me, True)
         else:

@@ -14,9 +14,8 @@ from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.reflection.counters import Counters
-from protocols.reflection.distress import Distress
 from protocols.reflection.events import (
+    Counters,
     GhostReached,
     GoalGivenUp,
     GoalReached,
@@ -24,14 +23,13 @@ from protocols.reflection.events import (
     PromiseForgotten,
     PromiseTaken,
 )
-from protocols.reflection.goals import GoalBook
+from protocols.reflection.guidance import LoopWalk
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.patrolling import Standoff
 from protocols.reflection.promises import Way, Ways
 from protocols.reflection.setup import Point, Setup
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.trouble import Trouble
-from protocols.reflection.walking import LoopWalk
+from protocols.reflection.trouble import HelpState, Trouble
+from protocols.reflection.yielding import Standoff
 
 FOLLOW_CONTACTS = 2.5
 """Who follows a helper stays so far behind, in distances of two bodies that touch: the helper has to turn round."""
@@ -63,7 +61,6 @@ class Seeker:
         self,
         parameters: Parameters,
         setup: Setup,
-        book: GoalBook,
         ways: Ways,
         navigator: Navigator,
         straight: Straight,
@@ -72,7 +69,7 @@ class Seeker:
         start: Time,
     ) -> None:
         """Take the first of the goals; *events* is where to report, *counters* where to count."""
-        self.me = book.me
+        self.me = ways.me
         self.finished = False
         self.target = ALGORITHM
         self._parameters = parameters
@@ -81,14 +78,14 @@ class Seeker:
         self._goals_m = setup.tasks[self.me].goals_m
         self._objects = parameters.goals == "object"
         self._epsilon_m = parameters.epsilon_m
-        self._book = book
+        self._book = ways.book
         self._ways = ways
         self._navigator = navigator
         self._straight = straight
         self._events = events
         self._counters = counters
         self._states_shared = parameters.states_shared
-        self._distress = Distress(parameters, self._step_m, events, counters)
+        self._help = HelpState(parameters, self._step_m, events, counters)
         self._standoff = Standoff(self.me, setup.radius_m, from_seconds(parameters.patience_s))
         self._detour = from_seconds(parameters.detour_s)
         self._give_up = from_seconds(parameters.give_up_s)
@@ -115,7 +112,7 @@ class Seeker:
     @property
     def trouble(self) -> Trouble:
         """Whether the robot is in trouble."""
-        return self._distress.trouble
+        return self._help.trouble
 
     @property
     def goal_m(self) -> Point:
@@ -144,7 +141,7 @@ class Seeker:
         """Begin anew from where somebody has put the robot."""
         self._followed = self._going = None
         self._navigator.restart()
-        self._distress.turn()
+        self._help.turn()
         self._straight.begin(now)
 
     def promised(self, now: Time) -> None:
@@ -191,7 +188,7 @@ class Seeker:
                 self._leave(way, now)
         if self._states_shared and not self.finished:
             keeps_up = self.target is HELPER and math.dist(here, place) < self._follow_m
-            self._distress.judge(here, place, keeps_up)
+            self._help.judge(here, place, keeps_up)
         self._going = going
         return going
 
@@ -214,7 +211,7 @@ class Seeker:
             return
         self._book.set_own(self._number, *self.goal_m)
         self._navigator.restart()
-        self._distress.new_goal()
+        self._help.new_goal()
         self._left_until = now
         self._detours = 0
         self._events.append(GoalSet(self._number))
@@ -251,7 +248,7 @@ class Seeker:
             if way.via != self.me:
                 return PROMISE, (way.x_m, way.y_m)
             return GOAL, (way.x_m, way.y_m) if way.direct else self._place
-        helper = self._distress.helper(here, sightings, states) if self._states_shared else None
+        helper = self._help.helper(here, sightings, states) if self._states_shared else None
         if helper is not None:
             return HELPER, helper
         if self._objects:  # nobody knows where it is: random motion has no use for a place
@@ -261,7 +258,7 @@ class Seeker:
     def _turn_to(self, target: Target, way: Way | None, here: Point, now: Time) -> None:
         """Begin to head for something else than before."""
         followed = self._followed
-        self._distress.turn()
+        self._help.turn()
         if target is not self.target:
             self._straight.begin(now)
         if target is PROMISE and way is not None and (followed is None or followed.via != way.via):
