@@ -28,9 +28,9 @@ from protocols.exploration.setup import Setup
 from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief, frame_of
-from protocols.mapping.runs import MOST_CELLS
+from protocols.mapping.frames import MOST_CELLS
 from protocols.mapping.sharing import Sharing
-from protocols.transport.star import MOST_ROBOTS, piconet_of
+from protocols.transport.star import MOST_ROBOTS
 
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
@@ -154,9 +154,7 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
     if belief is None:
         own, cells = parameters.sharing, setup.frame.nx * setup.frame.ny
         certain = not parameters.counted
-        period = from_seconds(own.period_s)
-        piconet = None if own.links is None else piconet_of(me, setup.size, own.links)
-        sharing = Sharing(me, setup.size, cells, period, own.octets, own.again, counters, start, certain, piconet)
+        sharing = Sharing(own, me, setup.size, cells, counters, start, certain)
         belief = Belief(setup.frame, _weights(parameters), setup.range_m)
     leader = _leader(parameters, setup, me, belief, sharing, counters, events, start)
     positioning = _positioning(parameters, setup, stream, events)

@@ -2,15 +2,21 @@
 
 Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). The paper
 (001) has one map in one memory, and prints no formats.
+
+Cells travel as runs: neighbours in a row that are in the same state. A run is a word of 32 bits: the first cell (22
+bits, so that a map has at most 4,194,304 cells), whether the cells are occupied or empty (1 bit), and their number less
+one (9 bits). Unknown cells are not sent.
 """
 
+from collections.abc import Sequence
 from struct import Struct, error
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.arrays import Words
+from cosim.arrays import Bools, Int32s, Words
 from cosim.errors import LocalProtocolError, WireError
+from cosim.geometry.grids import Cell
 from cosim.machine import Address
 from protocols.wire import CRC_BYTES, check, seal
 
@@ -21,7 +27,12 @@ MOST_PIECES: Final = 0xFFFF
 """Pieces of one stream: their numbers are smaller."""
 STAMPS: Final = 1 << 32
 """Stamps and lives are smaller: milliseconds of 49 days."""
+MOST_CELLS: Final = 1 << 22
+"""Cells of a map that runs can name."""
+LONGEST: Final = 1 << 9
+"""Cells of the longest run."""
 
+_OCCUPIED: Final = 1 << 9
 _HEAD: Final = Struct(">BBB")
 _PIECE: Final = Struct(">BIHI")
 _PLACE: Final = Struct(">ff")
@@ -50,7 +61,7 @@ class Stream(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Part of what the author of *stream* has seen for itself, its *number*-th from 0; runs as in ``runs``, (n,)."""
+    """Part of what the author of *stream* has seen for itself, its *number*-th from 0; runs (n,) of :func:`to_runs`."""
 
     stream: Stream
     number: int
@@ -131,3 +142,43 @@ def _summary(body: bytes) -> Summary:
         raise WireError("a place that is nowhere")
     entries = _ENTRY.iter_unpack(body[_PLACE.size :])
     return Summary(x_m, y_m, tuple(Entry(Stream(author, life), count, by) for author, life, count, by in entries))
+
+
+# ---------------------------------------------------------------- runs
+
+
+def to_runs(cells: Sequence[Cell] | Int32s, occupied: Sequence[bool] | Bools) -> Words:
+    """Return the runs (n,) of *cells*, in any order and without doubles, of which some are *occupied*.
+
+    A run may go on from the end of a row to the beginning of the next.
+    """
+    order = np.argsort(cells, kind="stable")
+    sorted_cells = np.asarray(cells, np.int64)[order]
+    states = np.asarray(occupied, np.bool_)[order]
+    if not len(sorted_cells):
+        return np.empty(0, np.uint32)
+    broken = (np.diff(sorted_cells) != 1) | (np.diff(states.view(np.int8)) != 0)
+    starts = np.concatenate(([0], np.flatnonzero(broken) + 1))
+    lengths = np.diff(np.concatenate((starts, [len(sorted_cells)])))
+    pieces = -(-lengths // LONGEST)
+    nth = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    firsts = np.repeat(sorted_cells[starts], pieces) + nth * LONGEST
+    sizes = np.minimum(np.repeat(lengths, pieces) - nth * LONGEST, LONGEST)
+    occupancy = np.where(np.repeat(states[starts], pieces), _OCCUPIED, 0)
+    words: Words = (firsts << 10 | occupancy | sizes - 1).astype(np.uint32)
+    return words
+
+
+def from_runs(words: Words) -> tuple[Int32s, Bools]:
+    """Return the cells (n,) that the runs name, and which of them are occupied (n,)."""
+    wide = words.astype(np.int64)
+    sizes = (wide & LONGEST - 1) + 1
+    firsts = np.repeat(wide >> 10, sizes)
+    nth = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return (firsts + nth).astype(np.int32), np.repeat(wide & _OCCUPIED != 0, sizes)
+
+
+def fits(words: Words, cells: int) -> bool:
+    """Return whether all runs lie on a map of so many *cells*."""
+    wide = words.astype(np.int64)
+    return bool(np.all((wide >> 10) + (wide & LONGEST - 1) < cells))

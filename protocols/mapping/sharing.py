@@ -21,10 +21,10 @@ from pydantic import Field
 from cosim.arrays import Bools, Int32s
 from cosim.errors import WireError
 from cosim.geometry.planning import Point
-from cosim.machine import BROADCAST, Address, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Event, LinkCommand, LinkEvent, Outgoing, Reception, drained
 from cosim.observation import Sighting
 from cosim.settings import Count, Period, Settings
-from cosim.units import MS, Time, to_seconds
+from cosim.units import MS, Time, from_seconds, to_seconds
 from protocols.mapping.frames import (
     ENTRY_BYTES,
     MOST_PIECES,
@@ -39,10 +39,11 @@ from protocols.mapping.frames import (
     Summary,
     decode,
     encode,
+    fits,
+    from_runs,
+    to_runs,
 )
-from protocols.mapping.ledger import Ledger
-from protocols.mapping.runs import fits, from_runs, to_runs
-from protocols.transport.star import MASTER, LinkParameters, Piconet
+from protocols.transport.star import MASTER, LinkParameters, piconet_of
 from protocols.wire import BadBytes
 
 AWAY_PERIODS: Final = 3
@@ -84,6 +85,35 @@ class Told(NamedTuple):
     """Whether that counts for more than what the robot has known of the cell."""
 
 
+class Ledger:
+    """The pieces that are known, by stream and number."""
+
+    def __init__(self) -> None:
+        self._pieces: dict[Stream, dict[int, Piece]] = {}
+        self.counts: dict[Stream, int] = {}
+        """How many pieces of each stream are known from the first on without a gap."""
+
+    def add(self, piece: Piece) -> bool:
+        """Note a piece; return whether it was not known."""
+        known = self._pieces.setdefault(piece.stream, {})
+        if piece.number in known:
+            return False
+        known[piece.number] = piece
+        count = self.counts.get(piece.stream, 0)
+        while count in known:
+            count += 1
+        self.counts[piece.stream] = count
+        return True
+
+    def count(self, stream: Stream) -> int:
+        """Return how many pieces of *stream* are known from the first on without a gap."""
+        return self.counts.get(stream, 0)
+
+    def beyond(self, stream: Stream, count: int) -> list[Piece]:
+        """Return the pieces of *stream* that somebody with the first *count* of them lacks, in order."""
+        return [self._pieces[stream][number] for number in range(count, self.count(stream))]
+
+
 class Sharing:
     """One robot's part in it.
 
@@ -95,32 +125,28 @@ class Sharing:
 
     def __init__(
         self,
+        parameters: SharingParameters,
         me: Address,
         size: int,
         cells: int,
-        period: Time,
-        octets: int,
-        most: int,
         counters: SharingCounters,
         start: Time,
         certain: bool = True,
-        piconet: Piconet | None = None,
     ) -> None:
-        """Tell maps of so many *cells* each *period*, in frames of at most so many *octets*, *most* again at a time.
+        """Share maps of so many *cells* in a team of *size*, as *parameters* say, from *start* on.
 
-        Robots tell one after the other, so that they do not all contend for the air. *certain*: there are no false
-        returns. What a robot has told before it booted again is to it what any other has told. Without a *piconet* all
-        in reach hear what it tells.
+        Robots send one after the other, so that they do not all contend for the air. *certain*: there are no false
+        returns. What a robot has sent before it booted again is to it what any other robot has sent.
         """
         self.me = me
         self.ledger = Ledger()
         self.bad: list[Event] = []
         self._size = size
         self._cells = cells
-        self._period = period
-        self._runs = (octets - PIECE_OVERHEAD) // RUN_BYTES
-        self._entries = (octets - SUMMARY_OVERHEAD) // ENTRY_BYTES
-        self._most = most
+        self._period = from_seconds(parameters.period_s)
+        self._runs = (parameters.octets - PIECE_OVERHEAD) // RUN_BYTES
+        self._entries = (parameters.octets - SUMMARY_OVERHEAD) // ENTRY_BYTES
+        self._again = parameters.again
         self._counters = counters
         self._versions: np.ndarray[Any, np.dtype[np.int64]] | None = None if certain else np.zeros(cells, np.int64)
         """Stamp and author of what is known of each cell; greatest for what is to be told."""
@@ -144,7 +170,7 @@ class Sharing:
         self.places_m: dict[Address, Point] = {}
         """Where the others were when they were heard or seen last."""
         self._here: Point | None = None
-        self._piconet = piconet
+        self._piconet = None if parameters.links is None else piconet_of(me, size, parameters.links)
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:
@@ -239,7 +265,7 @@ class Sharing:
 
     def drain(self) -> list[Outgoing | LinkCommand]:
         """Return what is to be sent, and the link commands, once."""
-        outbox, self._outbox = self._outbox, []
+        outbox = drained(self._outbox)
         return outbox if self._piconet is None else [*self._piconet.drain(), *outbox]
 
     def link(self, event: LinkEvent, now: Time) -> None:
@@ -318,6 +344,6 @@ class Sharing:
             for piece in self.ledger.beyond(stream, count)
             if (stream, piece.number) not in self._recent
         ]
-        for piece in sorted(lacking, key=lambda piece: (piece.stamp, piece.stream, piece.number))[: self._most]:
+        for piece in sorted(lacking, key=lambda piece: (piece.stamp, piece.stream, piece.number))[: self._again]:
             self._counters.pieces_again += 1
             self._tell(piece)

@@ -364,9 +364,9 @@ def _led(parameters: Parameters, known: Setup, me: Address, octets: int, now: Ti
     """Return an explorer with a map of its own, which begins *now* to tell of it in frames of *octets* at most."""
     own, weights = parameters.sharing, DOUBTFUL if parameters.counted else CERTAIN
     counters, events = Counters(), list[Event]()
-    cells, period = known.frame.nx * known.frame.ny, from_seconds(own.period_s)
-    most = min(own.octets, octets)
-    sharing = Sharing(me, known.size, cells, period, most, own.again, counters, now, not parameters.counted)
+    cells = known.frame.nx * known.frame.ny
+    fitted = own.model_copy(update={"octets": min(own.octets, octets)})
+    sharing = Sharing(fitted, me, known.size, cells, counters, now, not parameters.counted)
     belief = Belief(known.frame, weights, known.range_m)
     leader = _leader(parameters, known, me, belief, sharing, counters, events)
     return _Led(parameters, known, me, belief, leader, sharing, counters, events)
