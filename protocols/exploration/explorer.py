@@ -11,7 +11,7 @@ from cosim.machine import Address, Command, Drive, Event, LinkCommand, LinkEvent
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.exploration.counters import Counters
+from protocols.exploration.events import Counters
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.positioning import Given, Positioning, turned
 from protocols.exploration.setup import Setup

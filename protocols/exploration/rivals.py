@@ -20,8 +20,7 @@ from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.observation import Observation
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
+from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.targets import Targets
 
 _AHEAD_CELLS: Final = 5

@@ -15,9 +15,8 @@ from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, from_seconds
 from protocols.exploration.beacons import Tethered
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
 from protocols.exploration.escaping import Escape
-from protocols.exploration.events import EVENTS
+from protocols.exploration.events import EVENTS, Counters
 from protocols.exploration.explorer import Explorer, Leader
 from protocols.exploration.parameters import Parameters, SchemaParameters
 from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
@@ -31,6 +30,7 @@ from protocols.mapping.belief import Belief, frame_of
 from protocols.mapping.frames import MOST_CELLS
 from protocols.mapping.sharing import Sharing
 from protocols.transport.star import MOST_ROBOTS
+from protocols.wire import BadBytes
 
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
@@ -240,7 +240,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
-    events=(*EVENTS, *POSITIONING_EVENTS),
+    events=(*EVENTS, BadBytes, *POSITIONING_EVENTS),
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,

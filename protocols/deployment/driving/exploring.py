@@ -32,8 +32,7 @@ from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Place, Plan
 from protocols.exploration import spec as exploration
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
+from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.explorer import Explorer, Leader
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.rivals import Rival

@@ -16,7 +16,7 @@ from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S
-from protocols.exploration.counters import Counters
+from protocols.exploration.events import Counters
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters, PositioningParameters, SpeedControlParameters
 from protocols.exploration.positioning import (
