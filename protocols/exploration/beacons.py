@@ -26,7 +26,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from cosim.geometry.astar import Reading, lookouts, nearest
+from cosim.geometry.astar import lookouts, nearest
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address
@@ -35,7 +35,6 @@ from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.exploration.escaping import Escape
 from protocols.exploration.parameters import BeaconParameters
-from protocols.mapping.belief import Belief
 
 _AHEAD_CELLS: Final = 5
 """So far along a planned way a robot heads."""
@@ -93,11 +92,10 @@ def moves(me: Address, tick: int, slot_ticks: int) -> bool:
 class Rejoining:
     """Ways to where others can be seen."""
 
-    def __init__(self, belief: Belief, escape: Escape, reading: Reading, plan_ticks: int) -> None:
-        """Plan as *escape* does."""
-        self._belief = belief
+    def __init__(self, escape: Escape, plan_ticks: int) -> None:
+        """Plan as *escape* does, again after so many ticks."""
+        self._belief = escape.belief
         self._escape = escape
-        self._reading = reading
         self._every = plan_ticks
         self._age = 0
         self._share = _SURE
@@ -133,7 +131,7 @@ class Rejoining:
         watch = lookouts(ground.passable, ground.clear, target, reach)
         if not entry or not watch.any():
             return []
-        way = nearest(ground.passable, ground.extra, entry[-1], watch, self._reading)
+        way = nearest(ground.passable, ground.extra, entry[-1], watch, self._escape.cost)
         return [] if way is None else entry[:-1] + [int(cell) for cell in way]
 
 
@@ -144,11 +142,9 @@ class Tethered:
         self,
         parameters: BeaconParameters,
         explores: Explores,
-        belief: Belief,
         me: Address,
         size: int,
         escape: Escape,
-        reading: Reading,
         places_m: Mapping[Address, Point],
         start: Time,
         tick: Time,
@@ -159,7 +155,7 @@ class Tethered:
         """
         self._own = parameters
         self._explores = explores
-        self._belief = belief
+        self._belief = escape.belief
         self._me = me
         self._least = min(parameters.least, size - 1)
         self._told_m = places_m
@@ -168,7 +164,7 @@ class Tethered:
         self._tick = start // tick - 1
         self._slot = max(round(parameters.slot_s * S / tick), 1)
         self._patience = round(parameters.patience_s * S / tick)
-        self._rejoining = Rejoining(belief, escape, reading, max(round(_PLAN_S * S / tick), 1))
+        self._rejoining = Rejoining(escape, max(round(_PLAN_S * S / tick), 1))
         self._rejoins = False
         self._stands = round(_STANDS_S * S / tick)
         self._stood: tuple[Address, Point, int] | None = None

@@ -62,7 +62,10 @@ class Escape:
     def __init__(self, parameters: EscapeParameters, terrain: Terrain, radius_m: float, range_m: float) -> None:
         self._own = parameters
         self._terrain = terrain
-        self._belief = terrain.belief
+        self.belief = terrain.belief
+        """The map that ways are planned by."""
+        self.cost = parameters.cost
+        """How the cost of a way is computed."""
         self._radius_m = radius_m
         self._reach = range_m / terrain.belief.frame.cell_m
 
@@ -80,7 +83,7 @@ class Escape:
 
         Those that were *tried* are only looked at; from places that have been *looked* from nobody looks again.
         """
-        nx = self._belief.frame.nx
+        nx = self.belief.frame.nx
         entry = self.entry(here_m)
         if not entry:
             return None
@@ -103,12 +106,12 @@ class Escape:
             return None
         own = self._own
         if own.choice == "nearest":
-            return nearest_frontier(ground.passable, ground.clear, ground.extra, start, goals, own.cost)
-        evidence, weight = self._belief.evidence, own.information
-        cell = most_useful(evidence, ground.passable, ground.extra, start, goals, self._reach, weight, own.cost)
-        return None if cell is None else astar(ground.passable, ground.extra, start, cell, own.cost)
+            return nearest_frontier(ground.passable, ground.clear, ground.extra, start, goals, self.cost)
+        evidence, weight = self.belief.evidence, own.information
+        cell = most_useful(evidence, ground.passable, ground.extra, start, goals, self._reach, weight, self.cost)
+        return None if cell is None else astar(ground.passable, ground.extra, start, cell, self.cost)
 
     def _watch(self, ground: Ground, start: Cell, goals: Bools, looked: Bools) -> Int32s | None:
         """Return the way to the nearest place from which one of *goals* is in sight; nearest by the way's length."""
         watch = lookouts(ground.passable, ground.clear, goals, self._reach - _NEARER_CELLS) & ~looked
-        return nearest(ground.passable, ground.extra, start, watch, self._own.cost) if watch.any() else None
+        return nearest(ground.passable, ground.extra, start, watch, self.cost) if watch.any() else None

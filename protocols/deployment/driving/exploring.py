@@ -19,9 +19,7 @@ from typing import Final, NamedTuple
 
 from cosim.arrays import Floats
 from cosim.errors import UserError
-from cosim.geometry.marking import CERTAIN, DOUBTFUL
-from cosim.machine import Address, Drive, Event, Outgoing, Reception
-from cosim.navigation.schemas import beam_directions
+from cosim.machine import Address, Event, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.units import S, Time, from_seconds
@@ -30,18 +28,10 @@ from protocols.deployment.driving.learned import LearnedFloor, MapLearned
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Place, Plan
-from protocols.exploration import spec as exploration
-from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
-from protocols.exploration.explorer import Explorer, Leader
+from protocols.exploration.events import EVENTS as EXPLORATION_EVENTS
+from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.rivals import Rival
-from protocols.exploration.setup import Setup
-from protocols.exploration.steering import Steering
-from protocols.exploration.targets import Targets
-from protocols.exploration.terrain import Terrain
-from protocols.mapping.belief import Belief
-from protocols.mapping.sharing import Sharing
+from protocols.exploration.setup import Setup, prepare
 from protocols.motion.floor import Floor
 from protocols.wire import BadBytes
 
@@ -60,14 +50,7 @@ _ROOM_CELLS: Final = 0.5 + math.sqrt(2.0)
 _BEYOND: Final = 1.25
 """Frontiers attract from so many times as far as scans reach, if a scenario says no more: the protocol wants more."""
 
-EVENTS: Final = (
-    Stalled,
-    PathLaid,
-    PathLeft,
-    FrontierGivenUp,
-    Explored,
-    MapLearned,
-)
+EVENTS: Final = (*EXPLORATION_EVENTS, MapLearned)
 """What exploring adds to the trace."""
 
 
@@ -87,7 +70,7 @@ def ground_of(parameters: ExploringParameters, surroundings: Surroundings) -> Gr
     schemas = own.schemas.model_copy(update={"frontier_m": max(own.schemas.frontier_m, _BEYOND * range_m)})
     fitted = own.model_copy(update={"schemas": schemas})
     try:
-        return Ground(fitted, exploration.prepare(fitted, surroundings))
+        return Ground(fitted, prepare(fitted, surroundings))
     except UserError as error:
         return Ground(fitted, None, f"nobody can explore: {error}")
 
@@ -165,51 +148,6 @@ def scans(body: Body) -> bool:
     return body.sensor == "laser"
 
 
-class _Compass(Steering):
-    """Stands in for how an explorer drives: takes note of where it wants to go."""
-
-    def __init__(self) -> None:
-        self.wanted_rad: float | None = None
-        """The desired heading; None to stand."""
-
-    def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
-        """Note *desired_rad*."""
-        self.wanted_rad = desired_rad
-        return Drive(0.0, 0.0)
-
-
-class _Led(Explorer):
-    """An explorer that only says which way."""
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        known: Setup,
-        me: Address,
-        belief: Belief,
-        leader: Leader,
-        sharing: Sharing,
-        counters: Counters,
-        events: list[Event],
-    ) -> None:
-        super().__init__(parameters, known, me, belief, leader, sharing, counters, events)
-        self.sharing = sharing
-        self._steering = self._compass = _Compass()
-
-    def wish(self, observation: Observation, now: Time) -> float | None:
-        """Look, mark and tell; return which way it wants to go, rad; None to stand."""
-        self._compass.wanted_rad = None
-        self.observe(observation, now)
-        self.commands()
-        return self._compass.wanted_rad
-
-    def look_about(self, observation: Observation, beams: Floats, now: Time) -> None:
-        """Mark what is seen, without going anywhere."""
-        here = observation.x_m, observation.y_m
-        changed = self.belief.mark(here, observation.ranges_m, beams, self._bodies(observation, now))
-        self.sharing.changed(changed, self.belief.occupied(changed).tolist())
-
-
 class Exploring:
     """One robot's part in it."""
 
@@ -231,12 +169,14 @@ class Exploring:
         """Whether it leads the robot."""
         self.over: str | None = None
         """Why the robot has explored enough, in words (empty: nothing is left to see); None while it has not."""
-        self._own, self._ground, self._me, self._octets = parameters, ground, me, octets
+        self._own, self._ground, self._me = parameters, ground, me
+        sharing = ground.parameters.sharing
+        fitted = sharing.model_copy(update={"octets": min(sharing.octets, octets)})
+        self._parameters = ground.parameters.model_copy(update={"sharing": fitted})
         self._floor = floor if isinstance(floor, LearnedFloor) else None
         self._scans, self._note = scans, note
-        self._explorer: _Led | None = None
+        self._explorer: Explorer | None = None
         """Made when it is first needed."""
-        self._beams = beam_directions(0 if ground.known is None else ground.known.beams)
         self._since: Time = 0
         self._place_m: Place | None = None
         """Where it stood when it looked about last, or may do so next."""
@@ -279,7 +219,7 @@ class Exploring:
     def step(self, observation: Observation, now: Time) -> float | None:
         """Look, mark and tell; return which way to go, rad; None to stand. It ends itself when nothing is left."""
         explorer = self._made(now)
-        wish_rad = explorer.wish(observation, now)
+        wish_rad = explorer.wish(observation, now).heading_rad
         self._collect()
         if explorer.finished or now - self._since >= from_seconds(self._own.most_s):
             self._end("" if explorer.finished else f"stopped after {self._own.most_s:g} s", now)
@@ -296,8 +236,8 @@ class Exploring:
             self._place_m, self._stood = here, now
         elif self._scans and self._stood is not None and now - self._stood >= _STANDS:
             self._stood = None  # it looks once from each place
-            self._explorer.look_about(observation, self._beams, now)
-        self._explorer.sharing.tick(*here, now, observation.sightings)
+            self._explorer.look_about(observation, now)
+        self._explorer.share(observation, now)
         self._collect()
         self._renew(now)
 
@@ -350,41 +290,10 @@ class Exploring:
 
     # ------------------------------------------------------------ making it
 
-    def _made(self, now: Time) -> _Led:
+    def _made(self, now: Time) -> Explorer:
         if self._explorer is None:
             known = self._ground.known
             if known is None:
                 raise LookupError(self._ground.why_not)
-            self._explorer = _led(self._ground.parameters, known, self._me, self._octets, now)
+            self._explorer = Explorer(self._parameters, known, self._me, None, now)
         return self._explorer
-
-
-def _led(parameters: Parameters, known: Setup, me: Address, octets: int, now: Time) -> _Led:
-    """Return an explorer with a map of its own, which begins *now* to tell of it in frames of *octets* at most."""
-    own, weights = parameters.sharing, DOUBTFUL if parameters.counted else CERTAIN
-    counters, events = Counters(), list[Event]()
-    cells = known.frame.nx * known.frame.ny
-    fitted = own.model_copy(update={"octets": min(own.octets, octets)})
-    sharing = Sharing(fitted, me, known.size, cells, counters, now, not parameters.counted)
-    belief = Belief(known.frame, weights, known.range_m)
-    leader = _leader(parameters, known, me, belief, sharing, counters, events)
-    return _Led(parameters, known, me, belief, leader, sharing, counters, events)
-
-
-def _leader(
-    parameters: Parameters,
-    known: Setup,
-    me: Address,
-    belief: Belief,
-    sharing: Sharing,
-    counters: Counters,
-    events: list[Event],
-) -> Leader:
-    """Return what decides where a robot goes that has its own map."""
-    terrain, radius_m = Terrain(belief, parameters.escape), known.radii_m[me]
-    if parameters.algorithm == "schemas":
-        return Behaviour(parameters, terrain, counters, events, radius_m, known.range_m, known.tick)
-    rivals = parameters.rivals
-    targets = Targets(parameters.algorithm, rivals, terrain, known.radii_m, known.range_m, sharing.places_m)
-    plan, patience = (max(1, round(from_seconds(span) / known.tick)) for span in (rivals.plan_s, rivals.patience_s))
-    return Rival(targets, counters, events, me, plan, patience)

@@ -15,7 +15,8 @@ from cosim.units import MS
 from protocols.exploration import spec
 from protocols.exploration.events import Counters
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.spec import SPEC, place, prepare
+from protocols.exploration.setup import prepare
+from protocols.exploration.spec import SPEC, place
 
 
 @dataclass
