@@ -14,7 +14,7 @@ _IN_SIGHT = {"meaning": "whether the frontier is in line of sight"}
 
 @dataclass(frozen=True, slots=True)
 class Stalled:
-    """A robot takes itself to be caught in a local minimum."""
+    """A robot believes that it is caught in a local minimum."""
 
     why: str = field(metadata=_WHY)
 
@@ -31,14 +31,14 @@ class PathLaid:
 
 @dataclass(frozen=True, slots=True)
 class PathLeft:
-    """A robot follows its path no more."""
+    """A robot no longer follows its path."""
 
     why: str = field(metadata=_WHY)
 
 
 @dataclass(frozen=True, slots=True)
 class FrontierGivenUp:
-    """A robot will not go to a frontier any more: connected cells, whose middle is there."""
+    """A robot gives up a frontier: connected cells, whose middle is there."""
 
     x_m: float = field(metadata=_X_M)
     y_m: float = field(metadata=_Y_M)
@@ -64,16 +64,17 @@ class Counters(SharingCounters):
     escape_steps: int = 0
     """Ticks in which it followed a path out of a local minimum."""
     by_frontiers: int = 0
-    """Steps in which the frontiers, and the cells of a path, were the strongest schema;"""
+    """Steps in which the frontiers, and the cells of a path, were the strongest schema."""
     by_obstacles: int = 0
-    """obstacles were;"""
+    """Steps in which obstacles were the strongest schema."""
     by_robots: int = 0
-    """other robots were."""
+    """Steps in which other robots were the strongest schema."""
     stalls: int = 0
     """Times that it was caught in a local minimum."""
     way_m: float = 0.0
+    """Length of the way that it has driven."""
     waited: int = 0
-    """Ticks in which its filter had it wait."""
+    """Ticks in which its filter made it wait."""
     ticks: int = 0
     blocked: int = 0
     """Ticks in which a wall or a body held it up."""
@@ -81,10 +82,10 @@ class Counters(SharingCounters):
     """Frontier cells that it gave up."""
     finished_at: Time | None = None
     known: list[int] = field(default_factory=list)
-    """Cells that it knows, each second."""
+    """Cells that it knows, one number a second."""
 
     def drawn(self, frontiers: float, obstacles: float, robots: float) -> None:
-        """Count a step by the strongest of its schemas, given how strong they were; of equal ones by the first."""
+        """Count a step by the strongest of its schemas, given their strengths; of equal ones by the first."""
         if frontiers >= obstacles and frontiers >= robots:
             self.by_frontiers += 1
         elif obstacles >= robots:

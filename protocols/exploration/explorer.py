@@ -38,14 +38,14 @@ class Leader(Protocol):
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to explore."""
+        """True if nothing is left to explore."""
 
     @property
     def underway(self) -> bool:
-        """Whether the robot is on a path out of a local minimum."""
+        """True if the robot is on a path out of a local minimum."""
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
-        """Return the desired heading; None to stand still. To be asked once a tick."""
+        """Return the desired heading; None to stand still. To be called once a tick."""
 
 
 class Wish(NamedTuple):
@@ -85,7 +85,7 @@ class Explorer(Drains):
         self.leader = self._leader(parameters, model, start)
         self.positioning = self._positioning(parameters, stream)
         self.place_m: Point | None = None
-        """Where it takes itself to be on its map."""
+        """Where the robot believes that it is on its map."""
         self._false_returns = parameters.false_returns
         self._beams = beam_directions(setup.beams)
         self._steering = Steering(parameters.steering, self._beams, setup.radii_m[me], setup.speeds_mps[me])
@@ -94,9 +94,9 @@ class Explorer(Drains):
         self._pace = 0.0
         self._gained = False
         self._driving = False
+        # Two robots that see a cell differently would report it to each other for ever.
         self._rests = False
-        """True if it has done, and looks no more: two that see a cell otherwise would report it to each other for ever.
-        """
+        """True if it has finished, and marks nothing more."""
 
     def _leader(self, parameters: Parameters, model: WorldModel, start: Time) -> Leader:
         setup, me, terrain = self.setup, self.me, model.terrain
@@ -112,7 +112,7 @@ class Explorer(Drains):
         return Tethered(parameters.beacons, behaviour, me, setup.size, escape, model.places_m, start, tick)
 
     def _positioning(self, parameters: Parameters, stream: np.random.Generator | None) -> Positioning:
-        """Return a robot's filter, or what takes what it is told for its place."""
+        """Return a robot's filter, or what takes the observed pose as it is."""
         own, setup = parameters.positioning, self.setup
         if own.kind == "given":
             return Given()
@@ -123,7 +123,7 @@ class Explorer(Drains):
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to explore, and all has been sent."""
+        """True if nothing is left to explore, and all has been sent."""
         return self.leader.done and (self.sharing is None or self.sharing.silent)
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
@@ -131,13 +131,13 @@ class Explorer(Drains):
         if self.sharing is None:
             self._events.append(BadBytes(reception.source, len(data)))
             return
-        told = self.sharing.receive(data, reception, now)
+        update = self.sharing.receive(data, reception, now)
         self._events += drained(self.sharing.bad)
-        if told is not None:
-            self.belief.merge(*told)
+        if update is not None:
+            self.belief.merge(*update)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links, if maps are sent over such."""
+        """Take an event of a link, if maps are sent over links."""
         if self.sharing is not None:
             self.sharing.link(event, now)
 
@@ -194,10 +194,8 @@ class Explorer(Drains):
             self.sharing.changed(cells, self.belief.occupied(cells).tolist())
 
     def _lead(self, found: Observation, gained: bool, share: float) -> float | None:
-        """Return the desired heading. With a *share* of its speed the leader is asked as much less often.
-
-        So it takes a robot that is slow, or waits, for no more stalled than another: its time is the robot's way.
-        """
+        """Return the desired heading. With a *share* of its speed the leader is asked proportionally less often."""
+        # A robot that is slow, or waits, is no more stalled than another: the leader's time is the robot's way.
         self._pace += share
         self._gained |= gained
         if self._pace < 1.0 - _ROUNDING:
@@ -209,7 +207,7 @@ class Explorer(Drains):
         return self._heading
 
     def _bodies(self, observation: Observation, now: Time) -> Floats:
-        """Return the places and radii of the others, as far as they are known: they are no obstacles of the map."""
+        """Return the places and radii of the others, as far as they are known, so that the map leaves them out."""
         setup, visible = self.setup, observation.visible
         if setup.common is not None:
             setup.common.places_m[self.me] = observation.x_m, observation.y_m
@@ -227,7 +225,7 @@ class Explorer(Drains):
         return np.array(bodies) if bodies else _NO_BODIES
 
     def _reach_m(self, other: Address, age_s: float) -> float:
-        """Return how far from where it was *age_s* ago the body of another may reach."""
+        """Return how far the body of another robot may reach from where it was *age_s* ago."""
         return self.setup.radii_m[other] + age_s * self.setup.speeds_mps[other]
 
     def _count(self, observation: Observation) -> None:

@@ -1,8 +1,8 @@
-"""The truth of an exploration: what the team's scanners have covered, when, and how many robots have.
+"""The truth of an exploration: which cells the team's scanners have covered, when, and by how many robots.
 
-A cell is covered when a beam from a true place passes it: as the robots' own maps are marked, but without noise. What
-counts are the cells that can be covered at all (:func:`coverable_cells`): those in sight, within the scanners' range,
-from where some robot can get.
+A cell is covered when a beam from a true place passes it, as the robots' own maps are marked, but without noise. Only
+cells that can be covered at all count (:func:`coverable_cells`): those in sight, within the scanners' range, of a place
+that some robot can reach.
 """
 
 import math
@@ -24,18 +24,19 @@ from protocols.exploration.setup import Setup
 from protocols.mapping.belief import Belief, Frame
 
 LOOK_TICKS: Final = 2
-"""So often the truth is looked at."""
+"""Interval between looks at the truth."""
 SHARES: Final = (0.5, 0.95, 0.99)
-"""Of what can be covered: how long it takes."""
+"""Shares of what can be covered whose times are measured."""
+# What a beam passes is empty, also if another has hit it: the far side of a wall may be in the same cell.
 _PASSED: Final = Weights(1, 127, 127)
-"""What a beam passes is empty, also if another has hit it: the far side of a wall may be in the same cell."""
+"""Weights of hits and passes."""
 _NEAR_CELLS: Final = 1.5
-"""A robot enters the grid by the centres of cells that are no farther than this, if it fits all along the way."""
+"""Distance of the cell centres by which a robot enters the grid, if it fits all along the way."""
 _ROUNDING: Final = 1e-9
 
 
 class CoverageReferee(Referee):
-    """Watches what each robot's beams pass. It ends no run: robots find out for themselves that all is done."""
+    """Observes what each robot's beams pass. It ends no run: robots find out for themselves that they have finished."""
 
     def __init__(self, setup: Setup, surroundings: Surroundings) -> None:
         self._surroundings = surroundings
@@ -48,14 +49,14 @@ class CoverageReferee(Referee):
         self._maps = [Belief(setup.frame, _PASSED, setup.range_m) for _ in range(setup.size)]
         cells = setup.frame.nx * setup.frame.ny
         self._covered = np.zeros((setup.size, cells), np.bool_)
-        """What each robot has covered."""
+        """Cells that each robot has covered."""
         self._since = np.full(cells, -1, np.int64)
-        """When a robot covered a cell first."""
+        """When the first robot covered a cell; -1 if none has."""
         self._dead: set[int] = set()
         self._looks = 0
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
-        """Note what is covered from the true places."""
+        """Mark what is covered from the true places."""
         self._looks += 1
         if (self._looks - 1) % LOOK_TICKS == 0:
             bodies = np.stack((x_m, y_m, self._radii_m), axis=1)
@@ -79,22 +80,22 @@ class CoverageReferee(Referee):
         self._since[changed[covered[changed] & (self._since[changed] < 0)]] = now
 
     def died(self, death: Death) -> None:
-        """Note that a robot sees nothing any more; its body stays in the way."""
+        """Note that a robot no longer sees anything; its body stays in the way."""
         self._dead.add(death.robot)
 
     def coverage(self) -> float:
-        """Return the share of what can be covered that has been by now; NaN if nothing can be."""
+        """Return the share of what can be covered that has been covered; NaN if nothing can be."""
         whole = np.count_nonzero(self._wanted)
         return float(np.count_nonzero(self._since[self._wanted] >= 0) / whole) if whole else math.nan
 
     def times_s(self, shares: Sequence[float]) -> list[float]:
-        """Return when each of *shares* of what can be covered had been; NaN for what never was."""
+        """Return when each of *shares* of what can be covered had been covered; NaN if it never was."""
         since = self._since[self._wanted]
         ordered = np.sort(since[since >= 0])
         return [when_s(ordered, share * len(since)) for share in shares]
 
     def verdict(self, now: Time) -> dict[str, float]:
-        """Return how much of what can be covered was, when, and how much of that by two robots or more."""
+        """Return how much of what can be covered was covered, when, and how much of it by two robots or more."""
         wanted = self._wanted
         covered = int(np.count_nonzero(self._since[wanted] >= 0))
         twice = int(np.count_nonzero(self._covered[:, wanted].sum(axis=0) > 1))
@@ -110,12 +111,12 @@ class CoverageReferee(Referee):
 
     @cached_property
     def _wanted(self) -> Bools:
-        """What can be covered, flat; only found out if somebody asks."""
+        """Cells that can be covered, flat; only computed on request."""
         return coverable_cells(self._frame, self._surroundings)
 
 
 def when_s(since: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", cells: float) -> float:
-    """Return when so many cells were covered, given when each was, in order; NaN if so many never were."""
+    """Return when as many as *cells* were covered, given the ordered times of each; NaN if they never were."""
     nth = max(math.ceil(cells - _ROUNDING), 1)
     return to_seconds(int(since[nth - 1])) if nth <= len(since) else math.nan
 
@@ -142,7 +143,7 @@ def reachable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
 
 
 def _entries(grid: CoverageGrid, walls: SegmentGrid, start_m: Point, radius_m: float) -> list[int]:
-    """Return the cells to whose centres a disc can be moved straight from a start: it may not fit into its own cell."""
+    """Return the cells to whose centres a disc can move straight from a start; it may not fit into the start's cell."""
     centres = grid.centres_m()
     near = np.flatnonzero(grid.free & (np.hypot(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m))
     room_m = swept_clearance(walls, np.broadcast_to(start_m, (len(near), 2)), centres[near], radius_m + 2.0 * TOUCH_M)
@@ -151,9 +152,9 @@ def _entries(grid: CoverageGrid, walls: SegmentGrid, start_m: Point, radius_m: f
 
 
 def coverable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
-    """Return which cells, shape (ny * nx,), the team can see from cells it can reach: free ones in sight and in range.
+    """Return which cells, shape (ny * nx,), the team can see from cells it can reach: free, in sight and in range.
 
-    From centre to centre; a wall between them hides a cell, one in its centre does not.
+    Sight is from centre to centre: a wall between them hides a cell, a wall in its centre does not.
     """
     reachable = reachable_cells(frame, surroundings)
     rows, columns = np.divmod(np.arange(frame.nx * frame.ny), frame.nx)

@@ -23,13 +23,13 @@ from protocols.wire import BadBytes
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
 APART: Final = 4.0
-"""Robots without a place start so many radii from each other."""
+"""Distance between robots without given places, in radii."""
 ROOM: Final = 1.5
-"""So many radii about each are free then,"""
+"""Free radius about each of them, in radii."""
 WAY: Final = 1.2
-"""and so many on both sides of the way from the first."""
+"""Free width on both sides of the way from the first to each, in radii."""
 ATTEMPTS: Final = 10_000
-"""So many places are tried."""
+"""Number of places that are tried."""
 
 METRICS: Final = (
     Metric("time_50_s", "s", "until half of what can be seen had been; NaN if it never was"),
@@ -55,7 +55,7 @@ METRICS: Final = (
 def place(
     parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """Put the robots close to each other, about a place that is drawn; raise UserError if none is found."""
+    """Place the robots close to each other, about a random place; raise UserError if none is found."""
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     side = math.isqrt(size - 1) + 1
     offsets = np.array([(k % side, k // side) for k in range(size)]) * APART * surroundings.radius_m
@@ -88,7 +88,7 @@ def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) ->
 
 
 def measure(machines: Sequence[Explorer]) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics that the machines have counted."""
     counters = [machine.counters for machine in machines]
     steps = sum(each.steps + each.escape_steps for each in counters)
     return {

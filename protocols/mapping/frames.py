@@ -1,4 +1,4 @@
-"""What explorers say to each other on the wire: pieces of their maps, and how many pieces of whom they have.
+"""The frames by which robots merge their maps: pieces of maps, and summaries of the pieces that a robot has.
 
 Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). The paper
 (001) has one map in one memory, and prints no formats.
@@ -22,11 +22,11 @@ from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x45
 FAR_M: Final = 1e6
-"""No coordinate on the wire is greater than this."""
+"""Greatest coordinate on the wire."""
 MOST_PIECES: Final = 0xFFFF
-"""Pieces of one stream: their numbers are smaller."""
+"""Number of pieces that a stream may have."""
 STAMPS: Final = 1 << 32
-"""Stamps and lives are smaller: milliseconds of 49 days."""
+"""Bound of stamps and incarnations: milliseconds of 49 days."""
 MOST_CELLS: Final = 1 << 22
 """Cells of a map that runs can name."""
 LONGEST: Final = 1 << 9
@@ -50,14 +50,15 @@ LEAST_OCTETS: Final = max(PIECE_OVERHEAD + RUN_BYTES, SUMMARY_OVERHEAD + ENTRY_B
 
 
 class Stream(NamedTuple):
-    """All pieces that *author* tells from one boot to the next.
+    """All pieces that *author* sends from one boot to the next.
 
-    Who boots again has lost its map, and does not know how many pieces it has told: in a new *life* it counts anew.
+    A robot that boots again has lost its map, and does not know how many pieces it has sent: it counts from 0 again, in
+    a new *incarnation*.
     """
 
     author: Address
-    life: int
-    """When it began: milliseconds of the author's clock, mod 2**32."""
+    incarnation: int
+    """When it began, in milliseconds of the author's clock, mod 2**32."""
 
 
 class Piece(NamedTuple):
@@ -66,21 +67,21 @@ class Piece(NamedTuple):
     stream: Stream
     number: int
     stamp: int
-    """Of two pieces that tell of one cell, that with the greater stamp is newer."""
+    """Age of the piece: of two pieces about one cell, that with the greater stamp is newer."""
     runs: Words
 
 
 class Entry(NamedTuple):
-    """How many pieces of a stream, from the first on without a gap, somebody has."""
+    """How many pieces of a stream, from the first on without a gap, the sender of a summary has."""
 
     stream: Stream
     pieces: int
     source: Address
-    """Whom it asks for more; itself if it asks nobody."""
+    """The robot that it asks for more; itself if it asks no robot."""
 
 
 class Summary(NamedTuple):
-    """Where the sender is, and some of what it has: of what streams it says nothing, nothing follows."""
+    """Where the sender is, and some of what it has; nothing follows about streams that it does not list."""
 
     x_m: float
     y_m: float
@@ -91,7 +92,7 @@ Message: TypeAlias = Piece | Summary
 
 
 def encode(sender: Address, message: Message) -> bytes:
-    """Return the frame that says *message*; raise LocalProtocolError for what no frame can say."""
+    """Return the frame of *message*; raise LocalProtocolError for what does not fit into a frame."""
     try:
         match message:
             case Piece(stream=stream, number=number, stamp=stamp, runs=runs):
@@ -110,7 +111,7 @@ def encode(sender: Address, message: Message) -> bytes:
 
 
 def decode(data: bytes) -> tuple[Address, Message]:
-    """Return who has sent what; raise WireError for bytes that are no frame of ours."""
+    """Return the sender and the message; raise WireError for bytes that are no frame of ours."""
     check(data)
     if len(data) < _HEAD.size + CRC_BYTES:
         raise WireError("too short for a head")
@@ -128,10 +129,11 @@ def decode(data: bytes) -> tuple[Address, Message]:
 def _piece(body: bytes) -> Piece:
     if len(body) < _PIECE.size or (len(body) - _PIECE.size) % RUN_BYTES:
         raise WireError(f"a piece with a body of {len(body)} bytes")
-    author, life, number, stamp = _PIECE.unpack_from(body)
+    author, incarnation, number, stamp = _PIECE.unpack_from(body)
     if number >= MOST_PIECES:
         raise WireError(f"a piece with the number {number}")
-    return Piece(Stream(author, life), number, stamp, np.frombuffer(body, ">u4", offset=_PIECE.size).astype(np.uint32))
+    runs = np.frombuffer(body, ">u4", offset=_PIECE.size).astype(np.uint32)
+    return Piece(Stream(author, incarnation), number, stamp, runs)
 
 
 def _summary(body: bytes) -> Summary:
@@ -141,14 +143,14 @@ def _summary(body: bytes) -> Summary:
     if not (abs(x_m) <= FAR_M and abs(y_m) <= FAR_M):  # NaN as well
         raise WireError("a place that is nowhere")
     entries = _ENTRY.iter_unpack(body[_PLACE.size :])
-    return Summary(x_m, y_m, tuple(Entry(Stream(author, life), count, by) for author, life, count, by in entries))
+    return Summary(x_m, y_m, tuple(Entry(Stream(author, since), count, by) for author, since, count, by in entries))
 
 
 # ---------------------------------------------------------------- runs
 
 
 def to_runs(cells: Sequence[Cell] | Int32s, occupied: Sequence[bool] | Bools) -> Words:
-    """Return the runs (n,) of *cells*, in any order and without doubles, of which some are *occupied*.
+    """Return the runs (n,) of *cells*, which come in any order and without doubles; some are *occupied*.
 
     A run may go on from the end of a row to the beginning of the next.
     """

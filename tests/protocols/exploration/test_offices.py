@@ -133,8 +133,8 @@ def wrongs(number: int, **parameters: Any) -> list[str]:
 
 def unnamed(explorer: Any) -> int:
     """Return how many frontiers are left in a robot's map that it has not given up, nor another on the same map."""
-    leader, belief = explorer._leader, explorer.belief
-    return int(np.count_nonzero(belief.frontier & ~belief.vain & ~leader._settling.named))
+    leader, belief = explorer.leader, explorer.belief
+    return int(np.count_nonzero(belief.frontier & ~belief.vain & ~leader._exclusions.named))
 
 
 @pytest.mark.slow

@@ -309,7 +309,7 @@ def test_robots_that_explore_an_office_end_with_the_same_map(flaws: dict[str, fl
     assert outcome.metrics["coverage"] == 1.0
     assert (maps[0] != UNKNOWN).sum() > 1000
     assert all((each == maps[0]).all() for each in maps)
-    ledgers = [machine._sharing.ledger.counts for machine in machines]
+    ledgers = [machine.sharing.ledger.counts for machine in machines]
     assert len(ledgers[0]) == 3
     assert all(each == ledgers[0] for each in ledgers)
     assert any(machine.counters.pieces_again for machine in machines) == bool(flaws)

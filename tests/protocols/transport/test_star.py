@@ -342,7 +342,7 @@ def test_robots_that_explore_over_bluetooth_end_with_the_same_map(range_m: float
     assert outcome.metrics["frames_dm3"] > 100
     assert (maps[0] != UNKNOWN).sum() > 1000
     assert all((each == maps[0]).all() for each in maps)
-    assert len(machines[0]._sharing.ledger.counts) == 3
+    assert len(machines[0].sharing.ledger.counts) == 3
 
 
 @pytest.mark.slow
@@ -351,6 +351,6 @@ def test_summaries_of_a_full_piconet_fit_its_packets() -> None:
     run = Simulation(build(roomy(8, {"kind": "bluetooth"}, 40.0), "test", Path()), 1)
     run.run()
     machines: list[Any] = run.machines
-    counts = [machine._sharing.ledger.counts.values() for machine in machines]
+    counts = [machine.sharing.ledger.counts.values() for machine in machines]
     assert [sum(count > 2 for count in each) for each in counts] == [8] * 8
-    assert machines[0]._sharing._piconet.linked == set(range(1, 8))
+    assert machines[0].sharing._piconet.linked == set(range(1, 8))
