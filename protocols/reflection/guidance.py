@@ -28,10 +28,11 @@ from protocols.reflection.straight import AHEAD_STEPS, Straight
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 RANDOM_PERSISTENCE = 30
 """Motion steps for which random motion keeps its direction."""
+# A goal in sight is headed for before VisBug is asked, which only has to know when it is there.
 VISBUG_NEAR_M = 0.01
-"""Goals in sight are headed for before VisBug is asked: it only has to know when it is there."""
+"""Distance at which VisBug is at its goal."""
 WHOLE = 0.999
-"""The square of the length from which on a step is a whole one."""
+"""Least square of the length of a whole step."""
 
 
 class HeadStraight:
@@ -60,7 +61,7 @@ class HeadStraight:
 class VisBug:
     """VisBug-21 behind the convention of navigators: the walls come from the loops, seen up to its radius of vision.
 
-    It does not use the scan, and knows nothing of other robots. A step is shorter than the others where the way bends.
+    It does not use the scan, and knows nothing of other robots. Where the way bends a step is shorter than the others.
     """
 
     def __init__(self, loops: Boundary, vision_m: float, near_m: float) -> None:
@@ -80,7 +81,7 @@ class VisBug:
         sightings_m: Sequence[Vector] = (),
         step_m: float = 0.1,
     ) -> Steer:
-        """Return the way to where the step ends, in steps."""
+        """Return the vector to where the step ends, in steps."""
         x, y, status = visbug_packed(
             *self._loops, self._memory, self._begun, x_m, y_m, *goal_m, self._vision_m, step_m, self._near_m
         )
@@ -96,7 +97,7 @@ class LoopWalk:
     """One robot's way by an algorithm that knows the walls and nothing else."""
 
     def __init__(self, navigator: Navigator, straight: Straight, step_m: float, near_m: float) -> None:
-        """Take a robot within *near_m* to be what blocks this one."""
+        """Walk as *navigator* steers; a robot within *near_m* may be what blocks this one."""
         self._navigator = navigator
         self._straight = straight
         self._step_m = step_m
@@ -110,7 +111,7 @@ class LoopWalk:
         going: Point | None,
         now: Time,
     ) -> Point | None:
-        """Return where to go in order to come to *place*; None if that is proved impossible.
+        """Return where to go in order to reach *place*; None if that is proved impossible.
 
         *going* is where the robot goes now.
         """
@@ -140,7 +141,7 @@ class LoopWalk:
 
 
 def algorithm(parameters: Parameters, loops: Boundary | None, stream: np.random.Generator) -> Navigator:
-    """Return the algorithm A; for objects, of which nobody knows the place, it is random motion.
+    """Return the algorithm A; for objects, whose places no robot knows, it is random motion.
 
     *loops* are those of VisBug, in the robot's own frame.
     """
@@ -166,5 +167,5 @@ def draws_of(stream: np.random.Generator) -> Draws:
 
 
 def way_back(parameters: Parameters, stream: np.random.Generator) -> Navigator:
-    """Return what brings a helper back to its way points that has lost them: no local minimum holds Avoid Past."""
+    """Return the algorithm that brings a lost helper back to its way points: no local minimum holds Avoid Past."""
     return AvoidPast(parameters.avoid_past, draws_of(stream))

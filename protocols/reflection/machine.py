@@ -1,4 +1,4 @@
-"""The machine of one robot: it notes the goals that others tell and the ways that they promise, and reflects them.
+"""The machine of one robot: it notes the goals that others send and the ways that they promise, and reflects them.
 
 At each tick the robot looks where it is and what is in sight (all goals and ghosts in one question), chooses where to
 go, and broadcasts what it sees, which goals it knows and what it can promise (rules 1 to 4). Frames come in between
@@ -11,7 +11,8 @@ which j sees i (in F_j). Both lie on one line and look opposite ways, so F_j is 
 
     theta_ji = 180 + a_ij - a_ji        (degrees; the paper writes it for 2 and 1, and swaps the indices of alpha)
 
-and what j tells relative to itself, turned by theta_ji and put where i sees j, is in F_i. No robot's pose is needed.
+and an offset that j sends relative to itself, turned by theta_ji and added to where i sees j, is in F_i. No robot's
+pose is needed.
 """
 
 import math
@@ -38,7 +39,7 @@ from protocols.transport.meeting import Meeting
 FULL_TURN: Final = 2.0 * math.pi
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 JUMP_STEPS = 5.0
-"""A robot that is farther than so many motion steps from where it was a tick ago has been moved."""
+"""Motion steps within a tick from which on a robot counts as moved by something else."""
 
 
 def turn_between(alpha_ij_rad: float, alpha_ji_rad: float) -> float:
@@ -47,7 +48,7 @@ def turn_between(alpha_ij_rad: float, alpha_ji_rad: float) -> float:
 
 
 def from_peer(offset_m: Point, peer_m: Point, turn_rad: float) -> Point:
-    """Return a place in F_i that j tells as an offset from itself along the axes of F_j.
+    """Return the place in F_i of an offset from j along the axes of F_j.
 
     *peer_m* is where i sees j, *turn_rad* is theta_ji.
     """
@@ -67,7 +68,7 @@ class Reflection(Drains):
         navigator: Navigator,
         start: Time,
     ) -> None:
-        """Have *navigator* be the algorithm A of a robot with goals, and the way back of a lost helper."""
+        """Use *navigator* as the algorithm A of a robot with goals, and as the way back of a lost helper."""
         super().__init__()
         task = setup.tasks[me]
         self.me = me
@@ -113,7 +114,7 @@ class Reflection(Drains):
 
     @property
     def finished(self) -> bool:
-        """All goals are reached or given up; a helper has none, and helps as long as it is asked to."""
+        """True if all goals are reached or given up; a helper has none, and helps as long as it is asked to."""
         return self.seeker is None or self.seeker.finished
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
@@ -136,12 +137,12 @@ class Reflection(Drains):
             self.seeker.promised(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links, if there are to be any; else frames go to whoever is in reach."""
+        """Take an event of a link, if links are used; else frames go to all in reach."""
         if self._meeting is not None:
             self._meeting.link(event, now)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Look, choose where to go, and tell the others."""
+        """Look, choose where to go, and broadcast."""
         x, y = observation.x_m, observation.y_m
         here, last = (x, y), self._here
         if last is not None and abs(x - last[0]) + abs(y - last[1]) > self._jump_m:
@@ -161,7 +162,7 @@ class Reflection(Drains):
             self._commands.append(_new(GoTo, going))
             self._going = going
         if self._sightings and now >= self._next_frame and self._speaks:
-            self._tell(here, now)
+            self._send(here, now)
         if self._meeting is not None:
             self._meeting.look(self._sightings, now)
 
@@ -175,7 +176,7 @@ class Reflection(Drains):
     # ------------------------------------------------------------ what comes in
 
     def _look(self, observation: Observation, here: Point, now: Time) -> None:
-        """Ask once what of all that matters is in sight."""
+        """Ask once which of all the places that matter are in sight."""
         points = self.ways.points()
         patrol = self.patrol
         count = len(points)
@@ -197,15 +198,15 @@ class Reflection(Drains):
             self.patrol.displaced(now)
 
     def _unseen(self, frame: Frame) -> None:
-        """Count what comes from a robot that is not in sight: nothing can be done with it."""
+        """Count promises from a robot that is not in sight: they are of no use."""
         for owner, _, _, _ in frame.pledges:
             if owner == self.me:
                 self.counters.unseen_advice += 1
 
     def _note_goals(self, frame: Frame, peer_m: Point) -> None:
-        """Rules 1 and 2: put down the goals that a robot tells, which is seen at *peer_m* and sees this one."""
+        """Store the goals that a robot sends which is seen at *peer_m* and sees this one (rules 1 and 2)."""
         identifiers, me, size = self.book.identifiers, self.me, self._size
-        for owner, identifier, _, _ in frame.terms:  # most are no news: only for others the turn is computed
+        for owner, identifier, _, _ in frame.terms:  # most are not new: only for others the turn is computed
             if owner >= size or (owner != me and identifier >= identifiers[owner]):
                 self._store(frame, peer_m)
                 return
@@ -235,9 +236,9 @@ class Reflection(Drains):
                     self.ways.forget(owner)
 
     def _note_promises(self, frame: Frame, peer: Address, peer_m: Point, now: Time) -> bool:
-        """Rules 3 and 4: put down what *peer*, which is seen at *peer_m*, can promise.
+        """Store the promises of *peer*, which is seen at *peer_m* (rules 3 and 4).
 
-        Return whether that is now the way to the own goal.
+        Return whether one of them is now the way to the own goal.
         """
         me, team, ways, here = self.me, self._size, self.ways, self._here
         assert here is not None
@@ -262,18 +263,16 @@ class Reflection(Drains):
         return own
 
     def _looks_like(self, owner: Address, identifier: int) -> Point | None:
-        """Return where the object is that *identifier* means, for ``sees`` to answer whether it is in sight."""
+        """Return where the object with an *identifier* is, for ``sees`` to answer whether it is in sight."""
         assert self._objects_m is not None
         objects = self._objects_m[owner]
         number = goal_number(identifier, self._size)
         return objects[number - 1] if number <= len(objects) else None
 
     def _moved_since(self, stamp_ms: int, peer: Address) -> float:
-        """Return how far *peer* can have driven, metres, from when it told its promises to where it was seen last.
-
-        A way leads to where the peer is seen, but was measured from where it stood then. In the paper both are one
-        instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
-        """
+        """Return how far *peer* can have driven, metres, from when it sent its promises to when it was seen last."""
+        # A way leads to where the peer is seen, but was measured from where it stood when it sent. In the paper both
+        # are one instant; a frame that takes longer than a tick would otherwise promise less than the straight line.
         lag_ms = (self._looked_ms - stamp_ms) % CLOCK_MS
         return self._metres_per_ms[peer] * min(lag_ms, CLOCK_MS - lag_ms) if lag_ms else 0.0
 
@@ -283,7 +282,7 @@ class Reflection(Drains):
         seeker = self.seeker
         if seeker is not None and not seeker.finished:
             return seeker.choose(observation, self._sightings, self._states, now)
-        aside = self._yielding.aside(observation, self._sightings, now)
+        aside = self._yielding.evade(observation, self._sightings, now)
         patrol = self.patrol
         if patrol is None:
             return aside
@@ -292,8 +291,8 @@ class Reflection(Drains):
             return aside
         return patrol.choose(observation, self._sightings, now)
 
-    def _tell(self, here: Point, now: Time) -> None:
-        """Send a frame with all that the others may use."""
+    def _send(self, here: Point, now: Time) -> None:
+        """Send a frame with all that others may use."""
         self._next_frame = now + self._period
         in_trouble = self._share_states and self.seeker is not None and self.seeker.trouble.active
         flags = (IN_TROUBLE if in_trouble else 0) | (OBJECTS if self._objects_m is not None else 0)
@@ -332,13 +331,13 @@ def compose(
 
 
 def _collect(ways: Ways, x: float, y: float, start: Time, flat: list[float]) -> tuple[int, int]:
-    """Add all goals that may be passed on, and what is left of the ways to others' goals; return how many each."""
+    """Add all goals that may be passed on, and what is left of the ways to others' goals; return the number of each."""
     terms = 0
     pledges: list[float] = []
     book = ways.book
     xs, ys, of, me = book.x_m, book.y_m, ways.of, book.me
     for owner in book.known:
-        identifier = book.told_as(owner)
+        identifier = book.sent_as(owner)
         along, across = xs[owner] - x, ys[owner] - y
         if identifier and -FAR_M < along < FAR_M and -FAR_M < across < FAR_M:
             flat += owner, identifier, along, across

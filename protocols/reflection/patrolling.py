@@ -1,4 +1,4 @@
-"""What a robot without goals does: it stands, keeps a post or patrols its way points."""
+"""What a robot without goals does: it keeps a post or patrols its way points."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,22 +11,24 @@ from protocols.reflection.setup import Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
 
 LOST_STALLS = 2
-"""A robot that has stalled on so many ways on end is lost."""
+"""Ways in a row on which a robot has stalled after which it is lost."""
 LOST = 5 * S
-"""So long at least the algorithm A leads it then, and twice as long each time until it comes to a way point."""
+"""Least time for which the algorithm A then leads it; doubled each time until it comes to a way point."""
+# The algorithm A stops a step before its goal.
 AT_STEPS = 1.5
-"""Nearer than so many steps a lost robot is at its way point: the algorithm A stops a step before it."""
+"""Distance at which a lost robot is at its way point, in motion steps."""
+# Avoid Past mostly finds out of a room within five minutes.
 MOST_DOUBLINGS = 6
-"""Avoid Past finds out of a room within five minutes, mostly."""
+"""Greatest number of doublings."""
 
 
 class Patrol:
-    """A round of way points, there and back or round and round; a single one is a post.
+    """A patrol of way points, there and back or round and round; a single one is a post.
 
-    A way leads straight from each to the next. A robot that leaves it to make way lays a thread of places, each in
-    sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) is
-    lost: it takes to the algorithm A until it sees a way point again. It may see one past a jamb that its body does not
-    pass, so each time that it is lost again A leads it for longer.
+    A way leads straight from each to the next. A robot that leaves it to yield lays a thread of places, each in sight
+    of the one before, and goes back along it. A robot that makes no progress any more (as it was carried away, for
+    example) is lost: the algorithm A leads it until it sees a way point again. It may see one past a jamb that its body
+    does not pass, so A leads it for longer each time that it is lost again.
     """
 
     def __init__(
@@ -45,24 +47,24 @@ class Patrol:
         self._last: Point | None = None
 
     def places(self) -> list[Point]:
-        """Return the places whose visibility ``look`` wants to know.
+        """Return the places whose visibility ``look`` needs to know.
 
-        The end of the thread and what comes before it; all way points, if the robot is lost.
+        They are the end of the thread and what comes before it, or all way points, if the robot is lost.
         """
         return list(self.points_m) if self.lost else self._thread[-1:-3:-1]
 
     @property
     def off_its_way(self) -> bool:
-        """There is a thread that leads back, or the robot is lost."""
+        """True if there is a thread that leads back, or the robot is lost."""
         return bool(self._thread) or self._stalls >= LOST_STALLS
 
     @property
     def lost(self) -> bool:
-        """The robot has come nowhere for a while, and looks for its way points."""
+        """True if the robot has made no progress for a while, and looks for its way points."""
         return self._stalls >= LOST_STALLS
 
     def look(self, visible: Sequence[bool], here: Point) -> None:
-        """Shorten the thread if more of it is in sight, lay it on if its end is not; *visible* answers ``places``."""
+        """Shorten the thread if more of it is in sight, extend it if its end is not; *visible* answers ``places``."""
         if visible:
             if self.lost:
                 self._in_sight = next((at for at, seen in enumerate(visible) if seen), None)
@@ -73,12 +75,12 @@ class Patrol:
         self._last = here
 
     def left(self, here: Point) -> None:
-        """Note that the robot leaves its way at *here*, or is off it already."""
+        """Note that the robot leaves its way at *here*, or has already left it."""
         if not self._thread and not self.lost:
             self._thread.append(here)
 
     def displaced(self, now: Time) -> None:
-        """Begin anew from where somebody has put the robot."""
+        """Begin again from where the robot was moved to."""
         self._thread.clear()
         self._last = None
         self._stalls = LOST_STALLS
@@ -117,7 +119,7 @@ class Patrol:
         return self._thread[-1] if self._thread else self.points_m[self._at]
 
     def _stall(self, distance_m: float, now: Time) -> None:
-        """Leave out what cannot be come nearer to."""
+        """Leave out a place that cannot be approached."""
         self._straight.begin(now)
         if self._thread or distance_m > self._step_m:
             self._stalls += 1

@@ -1,4 +1,7 @@
-"""What the machines of a run know beforehand: each robot its own task in its own frame, and all some common numbers."""
+"""What the machines of a run know beforehand: each its own task in its own frame, and some common numbers.
+
+The explorers' targets are given, or drawn in the middle of rooms (paper 000, section 6).
+"""
 
 import math
 from typing import NamedTuple, TypeAlias
@@ -11,30 +14,30 @@ from protocols.reflection.parameters import Parameters
 
 Point: TypeAlias = tuple[float, float]
 Pose: TypeAlias = tuple[float, float, float]
-"""Where a frame's origin lies in the world, metres, and by how much its x axis is turned, radians."""
+"""Place of a frame's origin in the world, metres, and the angle by which its x axis is turned, radians."""
 
 ROOM, ALONG, ACROSS = range(3)
 """Purposes of draws."""
 
 
 class Task(NamedTuple):
-    """What one robot is to do; places in its own frame, metres."""
+    """The task of one robot; places in its own frame, metres."""
 
     goals_m: tuple[Point, ...]
-    """To be reached in this order."""
+    """Goals, to be reached in this order."""
     patrol_m: tuple[Point, ...]
     """Way points of a helper; a single one is a post."""
     objects_m: tuple[tuple[Point, ...], ...]
-    """Where everybody's goals are, if they are objects: only to answer whether the robot sees one, and where."""
+    """Goals of all robots, if they are objects: only to answer whether the robot sees one, and where."""
     loops: Boundary | None = None
-    """What VisBug walks along, in the robot's own frame and grown by its radius; of it, it uses only what it sees."""
+    """Walls for VisBug, in the robot's own frame and grown by its radius; it only uses those that it sees."""
 
 
 class Setup(NamedTuple):
     """What is known of a run before it begins."""
 
     size: int
-    """Robots in the team, the paper's M."""
+    """Number of robots in the team, the paper's M."""
     tick: Time
     steps_m: tuple[float, ...]
     """Length of each robot's motion step."""
@@ -46,7 +49,7 @@ class Setup(NamedTuple):
 
 
 def into_frame(place_m: Point, frame: Pose) -> Point:
-    """Return a place of the world, as who has *frame* names it."""
+    """Return a place of the world in *frame*."""
     x, y, heading = frame
     dx, dy = place_m[0] - x, place_m[1] - y
     cos, sin = math.cos(heading), math.sin(heading)
@@ -56,7 +59,7 @@ def into_frame(place_m: Point, frame: Pose) -> Point:
 def targets(parameters: Parameters, seed: int) -> tuple[tuple[Point, ...], ...]:
     """Return the targets of each explorer, in the world's frame, metres; raise UserError where there are none.
 
-    *seed* is that of the run, which decides on the set if the parameters do not.
+    *seed* is that of the run, which chooses the set if the parameters do not.
     """
     if parameters.targets is not None:
         if len(parameters.targets) != parameters.explorers:
@@ -76,7 +79,7 @@ def targets(parameters: Parameters, seed: int) -> tuple[tuple[Point, ...], ...]:
 def drawn(parameters: Parameters, target_set: int, explorer: int) -> tuple[Point, ...]:
     """Return random targets: rooms are equally likely, but no target lies in the room of the one before.
 
-    A set depends on its number and the explorer's only: every team, algorithm and channel has the same targets.
+    A set only depends on its number and the explorer's: every team, algorithm and channel has the same targets.
     """
     draws = Draws(target_set, "reflection", "targets", explorer)
     rooms = parameters.rooms

@@ -22,9 +22,9 @@ TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 WORLD: Pose = (0.0, 0.0, 0.0)
 LOOPS_SLACK_M = 0.002
-"""So much farther than they need VisBug keeps bodies from walls: rounding is not to make them touch."""
+"""Extra distance that VisBug keeps from walls, so that rounding does not make bodies touch."""
 ATTEMPTS = 10_000
-"""So many places are tried for a robot that has neither a room nor a patrol to start in."""
+"""Number of places that are tried for a robot that has neither a room nor a patrol to start in."""
 
 METRICS = (
     Metric("motion_steps", "1", "ticks until the last target was reached, or until the end, summed over explorers"),
@@ -57,7 +57,7 @@ METRICS = (
 
 
 def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
-    """Put each explorer in a room, each helper at its patrol's first free way point, others anywhere they fit."""
+    """Place each explorer in a room, each helper at its patrol's first free way point, others anywhere they fit."""
     parameters = located(parameters, surroundings)
     starts: list[Point] = []
     for robot in range(size):
@@ -115,7 +115,7 @@ def patrol_of(parameters: Parameters, robot: Address) -> tuple[Point, ...]:
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Draw the targets, and tell every robot its task in its own frame; raise UserError for a task that is none."""
+    """Return the setup: draw the targets, and put each robot's task into its frame; raise UserError for bad tasks."""
     parameters = located(parameters, surroundings)
     size = len(surroundings.starts_m)
     if parameters.explorers > size:
@@ -154,7 +154,7 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
 
 
 class TargetReferee(Referee):
-    """Watches where the explorers are; sees bodies only, never what machines believe.
+    """Observes where the explorers are, and never what machines believe.
 
     The targets of an explorer count in their order, one a tick. A target that its machine gives up stays open here, and
     so do all after it: such a run ends when the machines have finished.
@@ -166,7 +166,7 @@ class TargetReferee(Referee):
         self._next = [0] * len(self._targets_m)
         self._steps = [0] * len(self._targets_m)
         self._open = [explorer for explorer, targets in enumerate(self._targets_m) if targets]
-        """Those who live and have targets left."""
+        """Explorers that are alive and have targets left."""
         self._begun = False
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
@@ -185,7 +185,7 @@ class TargetReferee(Referee):
             self._open.remove(explorer)
 
     def died(self, death: Death) -> None:
-        """Expect nothing more of the dead."""
+        """Expect no more targets of a dead robot."""
         if death.robot in self._open:
             self._open.remove(death.robot)
 
@@ -205,7 +205,7 @@ def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) ->
 
 
 def measure(machines: Sequence[Reflection]) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics that the machines have counted."""
     counters = [machine.counters for machine in machines]
     advice = sum(record.advice for record in counters)
     reflected = sum(record.reflected for record in counters)

@@ -1,9 +1,9 @@
-"""Making way: bodies are solid, and who shows the way to a goal may stand in it (paper 000, section 3, rule 3).
+"""Yielding: bodies are solid, and a robot that shows the way to a goal may stand in it (paper 000, section 3, rule 3).
 
 The paper asks for "some sort of coordination strategy". Ours: a robot that has promised a way to a seeker stands in the
-seeker's way if it is near it, and near the line that the seeker will follow, from the seeker to the place to which the
-promised way leads. It then goes where it is farthest from that line; where nothing leads away from the line, as in a
-door, it goes on along it, away from the seeker, until something does. It looks for room in its scan.
+seeker's way if it is near the seeker, and near the line that the seeker will follow, from the seeker to the place to
+which the promised way leads. It then goes where it is farthest from that line. Where nothing leads away from the line,
+as in a door, it goes on along it, away from the seeker, until something does. It looks for room in its scan.
 """
 
 import math
@@ -20,20 +20,20 @@ from protocols.reflection.promises import Ways
 from protocols.reflection.setup import Point
 
 SLACK_M: Final = 0.1
-"""Room that a robot leaves beyond a touch when it makes way."""
-MAKING_WAY: Final = 5 * S
-"""Time for which a robot with goals makes way for another."""
+"""Room that a yielding robot leaves beyond a touch."""
+YIELD_TIME: Final = 5 * S
+"""Time for which a robot with goals yields to another."""
 DIRECTIONS: Final = 16
-"""So many directions are tried."""
+"""Number of directions that are tried."""
 NEAR_CONTACTS: Final = 1.75
-"""So near, in distances of bodies that touch, a seeker is about to want the place: less than a follower keeps away."""
+"""Distance, less than a follower keeps, at which a seeker needs the place, in distances of two bodies that touch."""
 AWAY: Final = 0.2
-"""What a metre away from the seeker counts, against a metre away from its line."""
+"""Weight of a metre away from the seeker, against a metre away from its line."""
 
 
 @njit(cache=True)
 def distance_to_segment(point: Point, one: Point, other: Point) -> float:
-    """Return how far *point* is from the segment between *one* and *other*, metres."""
+    """Return the distance of *point* from the segment between *one* and *other*, metres."""
     dx, dy = other[0] - one[0], other[1] - one[1]
     square = dx * dx + dy * dy
     share = 0.0
@@ -45,8 +45,8 @@ def distance_to_segment(point: Point, one: Point, other: Point) -> float:
 def in_the_way(me: Point, seeker: Point, place: Point, contact_m: float) -> bool:
     """Return whether a body at *me* is where the seeker's body will pass, soon, on its line to *place*.
 
-    *contact_m* is the distance of two centres whose bodies nearly touch. A seeker that comes as near as that wants to
-    be where I am; one that has passed me, or never comes by, does not.
+    *contact_m* is the distance of two centres whose bodies nearly touch. A seeker that comes as near as that needs the
+    place; one that has passed, or never comes by, does not.
     """
     dx, dy = me[0] - seeker[0], me[1] - seeker[1]
     distance = math.hypot(dx, dy)
@@ -72,9 +72,10 @@ def free_way(ranges_m: Floats, angle_rad: float, radius_m: float, limit_m: float
 
 @njit(cache=True)
 def step_aside(me: Point, seeker: Point, place: Point, ranges_m: Floats, radius_m: float, room_m: float) -> Point:
-    """Return where to go, out of the way of *seeker*, which heads for *place*; *me* if there is nothing better.
+    """Return where to go, out of the way of *seeker*, which heads for *place*; *me* if no place is better.
 
-    *ranges_m* is the scan, beam k at 2 pi k / n; *radius_m* that of the body; *room_m* how far from the line is enough.
+    *ranges_m* is the scan, beam k at 2 pi k / n; *radius_m* that of the body; *room_m* a sufficient distance from the
+    line.
     """
     best, best_worth = me, worth(me, me, seeker, place, room_m)
     for k in range(DIRECTIONS):
@@ -91,7 +92,7 @@ def step_aside(me: Point, seeker: Point, place: Point, ranges_m: Floats, radius_
 
 @njit(cache=True)
 def worth(there: Point, me: Point, seeker: Point, place: Point, room_m: float) -> float:
-    """Return how good it is for a robot at *me* to go *there*, if *seeker* heads for *place*: metres off its line."""
+    """Return the worth of going *there* for a robot at *me*, if *seeker* heads for *place*: metres off its line."""
     off = min(distance_to_segment(there, seeker, place), room_m)
     if distance_to_segment(seeker, me, there) < min(room_m, math.hypot(seeker[0] - me[0], seeker[1] - me[1])) - 1e-6:
         return -1.0  # through the seeker, or nearer to it
@@ -100,7 +101,7 @@ def worth(there: Point, me: Point, seeker: Point, place: Point, room_m: float) -
 
 
 class Yielding:
-    """Making way for the robots that a way was promised to."""
+    """Yields to the robots to which a way was promised."""
 
     def __init__(self, ways: Ways, radius_m: float, hold: Time, events: list[Event]) -> None:
         self._ways = ways
@@ -111,8 +112,8 @@ class Yielding:
         self._until: Time | None = None
         self._aside: Point = (0.0, 0.0)
 
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, or to stay, out of somebody's way; None if the robot may do what it likes."""
+    def evade(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
+        """Return where to go, or to stay, out of another robot's way; None if the robot need not yield."""
         here = observation.x_m, observation.y_m
         ways = self._ways.of
         for seeker, place in sightings.items():
@@ -135,9 +136,9 @@ class Yielding:
 
 
 class Standoff:
-    """What ends it when two robots with goals want to pass the same door: who has the higher number makes way.
+    """Resolves it when two robots with goals want to pass the same door: that with the higher number yields.
 
-    It takes the other one to want to go where it stands itself, and on. Both would else try again and again.
+    It assumes that the other one wants to go where it stands itself, and on. Both would try for ever otherwise.
     """
 
     def __init__(self, me: Address, radius_m: float, patience: Time) -> None:
@@ -150,8 +151,8 @@ class Standoff:
         self._until: Time = 0
         self._peer: Address = me
 
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, out of somebody's way; None if the robot may do what it likes."""
+    def evade(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
+        """Return where to go, out of another robot's way; None if the robot need not yield."""
         here = observation.x_m, observation.y_m
         if now < self._until:
             return self._away(observation, here, sightings[self._peer]) if self._peer in sightings else None
@@ -161,7 +162,7 @@ class Standoff:
         elif self._since is None or math.dist(here, self._at) > self._room_m:
             self._since, self._at = now, here
         elif now - self._since > self._patience:
-            self._since, self._until, self._peer = None, now + MAKING_WAY, peer
+            self._since, self._until, self._peer = None, now + YIELD_TIME, peer
         return None
 
     def _opponent(self, here: Point, sightings: Mapping[Address, Point]) -> Address | None:
