@@ -3,12 +3,18 @@
 The master counts on which channels of its slot pairs it got what it asked for. A channel on which it failed more often
 than not is left out of the hop set; at least 20 channels stay, the best of the bad ones if need be; after a while a
 channel that was left out is tried again. The specification leaves the classification to the implementer.
+
+A new hop set is used by the master and all its slaves from the next TX slot on. Neglected are the air time of the link
+manager's messages which announce it, and that a slave may miss them.
 """
 
 from collections.abc import Sequence
 from typing import Final
 
 from cosim.channels.bluetooth.hopping import CHANNELS
+from cosim.channels.bluetooth.polling import NEXT, RUNNING, USED, time_of
+from cosim.channels.bluetooth.state import PiconetState
+from cosim.kernel import Handle
 from cosim.units import Time
 
 LEAST_CHANNELS: Final = 20
@@ -75,3 +81,44 @@ class ChannelMap:
 
     def _rate(self, channel: int) -> float:
         return self._failed[channel] / max(1, self._heard[channel] + self._failed[channel])
+
+
+class Adaptation:
+    """The hop set of one piconet: all channels at first, assessed every *interval* while there are links."""
+
+    def __init__(self, state: PiconetState, interval: Time, retry: Time) -> None:
+        """Assess every *interval*, and try a bad channel again after *retry*."""
+        self._kernel = state.kernel
+        self._air = state.air
+        self._links = state.links
+        self._interval = interval
+        self._map = ChannelMap(retry)
+        self._pending: Handle | None = None
+        self._use()
+
+    def wake(self) -> None:
+        """Note that there may be links now."""
+        if self._pending is None and self._links.held():
+            self._pending = self._kernel.after(self._interval, self._assess)
+
+    def _assess(self) -> None:
+        """Choose a hop set at the beginning of a slot pair, when nothing of this piconet is on the air."""
+        now, piconet = self._kernel.now, self._links.piconet
+        self._air.advance(now)
+        boundary = int(time_of(piconet, piconet[NEXT]))
+        if piconet[RUNNING] and boundary > now:
+            self._pending = self._kernel.at(boundary, self._assess)
+            return
+        self._pending = None
+        if piconet[RUNNING]:
+            tallies = self._air.band.tallies[self._links.master]
+            heard, failed = tallies.tolist()
+            tallies[:] = 0
+            if self._map.update(heard, failed, now):
+                self._use()
+        self.wake()
+
+    def _use(self) -> None:
+        used = self._map.used
+        self._air.band.used[self._links.master, : len(used)] = used
+        self._links.piconet[USED] = len(used)

@@ -13,14 +13,13 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.controller import Controller, Identity
-from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.radio import Air, Fate, Frame
+from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -262,55 +261,22 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        return Controller(
-            self.kernel,
-            self.air,
-            identity,
-            self.settings.inquiry,
-            self.settings.page,
-            self.settings.t_poll_slots,
-            self.devices,
-            self._tell,
-            self._call,
-        )
+        radio = Radio(self.kernel, self.air, identity)
+        return Controller(radio, self.settings, self.devices, self._tell, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:
         """Make the piconet and the scanners; page scan windows lie half an interval behind inquiry scan windows."""
-        settings, identity = self.settings, device.identity
+        settings, radio = self.settings, device.radio
         inquiry_interval = settings.inquiry_scan.interval_ticks
         page_interval = settings.page_scan.interval_ticks
         offset = int(streams("bluetooth", "windows", device.address).integers(inquiry_interval))
         draws = streams.draws("bluetooth", "backoff", device.address)
-        inquiry_scanner = InquiryScanner(
-            self.kernel, self.air, device.address, identity.clock, settings.inquiry_scan, offset, draws
-        )
-        page_scanner = PageScanner(
-            self.kernel,
-            self.air,
-            device.address,
-            identity.hop_address,
-            identity.clock,
-            settings.page_scan,
-            (offset + inquiry_interval // 2) % page_interval,
-            device.became_slave,
-        )
-        device.equip(self._piconet(identity), inquiry_scanner, page_scanner)
-
-    def _piconet(self, identity: Identity) -> Piconet:
-        wanted = self.trace.wants(FRAMES)
-        frames = FrameLog(self.air, identity.address, identity.clock, wanted, self._idle_wanted)
-        return Piconet(
-            self.kernel,
-            self.air,
-            identity.address,
-            identity.hop_address,
-            identity.clock,
-            self.settings.piconet,
-            frames,
-            self._deliver,
-            partial(self._lost, identity.address),
-            self._transport,
-        )
+        page_offset = (offset + inquiry_interval // 2) % page_interval
+        inquiry_scanner = InquiryScanner(radio, settings.inquiry_scan, offset, draws)
+        page_scanner = PageScanner(radio, settings.page_scan, page_offset, device.became_slave)
+        on_lost = partial(self._lost, device.address)
+        piconet = Piconet(radio, settings.piconet, self._deliver, on_lost, self._transport)
+        device.equip(piconet, inquiry_scanner, page_scanner)
 
 
 def _reach(

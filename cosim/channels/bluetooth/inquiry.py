@@ -21,7 +21,6 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.errors import HEADER
 from cosim.channels.bluetooth.hopping import (
     GIAC,
@@ -32,7 +31,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -45,7 +44,7 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting_between,
 )
 from cosim.errors import LocalProtocolError
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.randomness import Draws
 from cosim.settings import Count, Settings, error_at
@@ -92,26 +91,23 @@ class InquiryScanner:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        clock: NativeClock,
+        radio: Radio,
         settings: InquiryScanSettings,
         offset_ticks: int,
         draws: Draws,
     ) -> None:
-        self.address = address
-        self.clock = clock
+        self.address = radio.identity.address
+        self.clock = radio.identity.clock
         self.enabled = False
         self.n = 0
         """FHS packets sent so far."""
-        self._kernel = kernel
-        self._air = air
+        self._kernel = radio.kernel
+        self._air = radio.air
         self._backs_off_first = settings.version == "1.1"
         self._bound = BACKOFF_SLOTS
         if settings.version == "1.2" and settings.interval_ticks < SHORT_BACKOFF_BELOW:
             self._bound = SHORT_BACKOFF_SLOTS
-        self._windows = ScanWindows(clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._draws = draws
         self._since: Time = 0  # deaf before; then RESPONSE until the limit, if there is one, and SCAN
         self._limit: Time | None = None
@@ -241,29 +237,26 @@ class Inquiry:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        clock: NativeClock,
+        radio: Radio,
         settings: InquirySettings,
         duration_ticks: int,
         enough: int,
         scanners: Sequence[InquiryScanner],
         on_found: Callable[[Address, int], None],
         on_complete: Callable[[tuple[Address, ...]], None],
-        word: int = GIAC,
     ) -> None:
         if duration_ticks <= 0 or duration_ticks % 4:
             raise LocalProtocolError(f"duration_ticks: {duration_ticks} is not a positive multiple of 4")
+        kernel, clock, narrow = radio.kernel, radio.identity.clock, radio.identity.hop_address & NARROW
         first = first_transmission(clock, kernel.now)
-        self.address = address
-        self.word = word
-        """GIAC, or GIAC | NARROW."""
-        end, narrow = first + duration_ticks, bool(word & NARROW)
-        self.ids = IdTrain(clock, first, end, settings.n_inquiry, settings.first_train, 0, narrow)
+        end = first + duration_ticks
+        self.address = radio.identity.address
+        self.word = GIAC | narrow
+        """Access code that it sends, GIAC, marked with NARROW in a system of 23 channels."""
+        self.ids = IdTrain(clock, first, end, settings.n_inquiry, settings.first_train, 0, bool(narrow))
         self.found: list[Address] = []
         self._kernel = kernel
-        self._air = air
+        self._air = radio.air
         self._enough = enough
         self._scanners = scanners
         self._on_found = on_found

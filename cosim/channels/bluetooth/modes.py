@@ -12,9 +12,7 @@ and after.
 from collections.abc import Callable
 from functools import partial
 
-from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.links import Links
-from cosim.channels.bluetooth.parking import Member, Parking
+from cosim.channels.bluetooth.links import Member
 from cosim.channels.bluetooth.polling import (
     HELD,
     HELD_UNTIL,
@@ -25,39 +23,24 @@ from cosim.channels.bluetooth.polling import (
     SNIFF_FIRST,
     SNIFF_PERIOD,
 )
-from cosim.channels.bluetooth.queues import News, Queues
-from cosim.channels.bluetooth.radio import Air
-from cosim.kernel import Kernel
+from cosim.channels.bluetooth.state import PiconetState
 from cosim.machine import Address, Hold, Mode, ModeChanged, ModeCommand, Park, Sniff, Unpark
-from cosim.units import SLOT, Time
+from cosim.units import SLOT
 
 
 class Modes:
-    """The modes of the links of one piconet, none of which may be silent for more than *longest*.
+    """The modes of the links of one piconet; *changed* is called after a change."""
 
-    *tell* takes news in a new event; *changed* is called after a change.
-    """
-
-    def __init__(
-        self,
-        kernel: Kernel,
-        air: Air,
-        clock: NativeClock,
-        links: Links,
-        queues: Queues,
-        parking: Parking,
-        longest: Time,
-        tell: Callable[[News], None],
-        changed: Callable[[], None],
-    ) -> None:
-        self._kernel = kernel
-        self._air = air
-        self._clock = clock
-        self._links = links
-        self._queues = queues
-        self._parking = parking
-        self._longest = longest
-        self._tell = tell
+    def __init__(self, state: PiconetState, changed: Callable[[], None]) -> None:
+        self._kernel = state.kernel
+        self._air = state.air
+        self._clock = state.clock
+        self._links = state.links
+        self._queues = state.queues
+        self._parking = state.parking
+        self._longest = state.settings.supervision - 2 * state.settings.t_poll_slots * SLOT
+        """Longest silence that a link survives."""
+        self._tell = state.tell
         self._changed = changed
 
     def command(self, side: Address, command: ModeCommand) -> None:

@@ -21,7 +21,6 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
     NARROW,
@@ -32,7 +31,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Frame
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -43,7 +42,7 @@ from cosim.channels.bluetooth.scanning import (
     first_transmission,
     next_meeting,
 )
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.settings import Count, Settings
 from cosim.units import SLOT, Time
@@ -75,29 +74,24 @@ class PageSettings(Settings):
 class PageScanner:
     """One device's side of being paged; off until it is enabled.
 
-    *hop_address* is the device's UAP/LAP word. *on_slave_connected* gets the pager's address and the LT_ADDR given to
-    this device, at the end of the POLL that makes it a slave; from then on it is off until it is enabled again.
+    *on_slave_connected* gets the pager's address and the LT_ADDR given to this device, at the end of the POLL that
+    makes it a slave; from then on it is off until it is enabled again.
     """
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        hop_address: int,
-        clock: NativeClock,
+        radio: Radio,
         settings: ScanSettings,
         offset_ticks: int,
         on_slave_connected: Callable[[Address, int], None],
     ) -> None:
-        self.kernel = kernel
-        self.air = air
-        self.address = address
-        self.hop_address = hop_address
-        self.clock = clock
+        self.kernel = radio.kernel
+        self.address = radio.identity.address
+        self.hop_address = radio.identity.hop_address
+        self.clock = radio.identity.clock
         self.enabled = False
         self._on_slave_connected = on_slave_connected
-        self._windows = ScanWindows(clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._since: Time = 0  # deaf before
         self._exchange: _Exchange | None = None  # the one it is engaged in
         self._pages: list[Page] = []  # under way, to this device
@@ -176,11 +170,7 @@ class Page:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        hop_address: int,
-        clock: NativeClock,
+        radio: Radio,
         settings: PageSettings,
         scanner: PageScanner,
         estimate: int,
@@ -188,11 +178,12 @@ class Page:
         on_connected: Callable[[int], None],
         on_failed: Callable[[], None],
     ) -> None:
-        first = first_transmission(clock, kernel.now)
-        self.kernel = kernel
-        self.air = air
-        self.address = address
-        self.hop_address = hop_address
+        clock = radio.identity.clock
+        first = first_transmission(clock, radio.kernel.now)
+        self.kernel = radio.kernel
+        self.air = radio.air
+        self.address = radio.identity.address
+        self.hop_address = radio.identity.hop_address
         end, narrow = first + 2 * settings.timeout_slots, bool(scanner.hop_address & NARROW)
         self.ids = IdTrain(clock, first, end, settings.n_page, "A", estimate, narrow)
         self.scanner = scanner

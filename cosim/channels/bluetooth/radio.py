@@ -7,6 +7,7 @@ going on is brought up to now first.
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
 
@@ -16,11 +17,13 @@ from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, T_DEVICE, T_TO
 from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, STAGE, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
+from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.units import MS, Time
 
@@ -306,6 +309,11 @@ class Air:
             mediums.judge(medium, source, receiver, frame.channel, start, end, carrier_dbm, bits, coded, first)
         ]
 
+    @property
+    def recorded(self) -> bool:
+        """True if a trace wants frames."""
+        return self._record is not None
+
     def record(self, frame: Frame, fate: Fate) -> None:
         """Hand *frame* and its fate to the trace, if there is one."""
         if self._record is not None:
@@ -356,3 +364,22 @@ class Air:
         ends = (int(medium.trains[row, T_TO]) for row in range(len(kept)))
         self._closing = min(ends, default=FOREVER) + 2 * LONGEST_FRAME
         self.changed(now)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What tells one device from another."""
+
+    address: Address
+    hop_address: int
+    """The 32-bit UAP/LAP word."""
+    clock: NativeClock
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """One device on the air, as its scanners, its procedures and its piconet use it."""
+
+    kernel: Kernel
+    air: Air
+    identity: Identity

@@ -7,24 +7,20 @@ link as long as anything waits on either side of it (exhaustive), or the link wi
 (backlog); it gets the first payload of the queue that is for it, or POLL. The last two take it for known how many
 payloads a slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for
 Bluetooth picocells", ICC 2001); a real master learns it from the packets.
+
+With ``best_packets`` a payload gets its packet type when it is sent for the first time: the one with the best expected
+rate at the Es/N0 of the link at that instant, for a broadcast that of the worst link. Interference does not count, as
+the sender cannot know what it will meet.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Final, Literal, NamedTuple, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.errors import best_type
 from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED, STOPPED
-from cosim.channels.bluetooth.queues import Payload, Queues
-
-Scheduler: TypeAlias = Literal["lazy", "round_robin", "exhaustive", "backlog"]
-SCHEDULERS: Final[dict[Scheduler, int]] = {
-    "lazy": LAZY,
-    "round_robin": polling.ROUND_ROBIN,
-    "exhaustive": polling.EXHAUSTIVE,
-    "backlog": polling.BACKLOG,
-}
-"""The numbers by which the arithmetic of slots knows them."""
+from cosim.channels.bluetooth.queues import Payload
+from cosim.channels.bluetooth.state import PiconetState
 
 
 class Turn(NamedTuple):
@@ -37,12 +33,15 @@ class Turn(NamedTuple):
 
 
 class Schedule:
-    """Decides for one piconet; *fit*, if there is one, gives payloads their packet type before they are first sent."""
+    """The order of packets of one piconet."""
 
-    def __init__(self, links: Links, queues: Queues, fit: Callable[[Payload, bool], None] | None = None) -> None:
-        self._piconet, self._table = links.piconet, links.table
-        self._queues = queues
-        self._fit = fit
+    def __init__(self, state: PiconetState) -> None:
+        self._links = state.links
+        self._piconet, self._table = state.links.piconet, state.links.table
+        self._queues = state.queues
+        self._air = state.air
+        self._types = state.settings.types
+        self._fits = state.settings.best_packets
 
     def next_slot(self) -> int:
         """Return the next TX slot with a payload or a beacon in it, or NOTHING."""
@@ -102,10 +101,23 @@ class Schedule:
         return self._sized(self._queues.sendable())
 
     def _sized(self, payloads: Iterator[Payload]) -> Iterator[Payload]:
-        return payloads if self._fit is None else map(self.sized, payloads)
+        return map(self.sized, payloads) if self._fits else payloads
 
     def sized(self, payload: Payload, up: bool = False) -> Payload:
         """Return *payload*, which goes *up* to the master or down, in the packet type that it is to be sent in."""
-        if self._fit is not None and not payload.tries:
-            self._fit(payload, up)
+        if self._fits and not payload.tries:
+            length = len(payload.outgoing.payload)
+            payload.kind = best_type(self._types, length, self._es_n0_db(payload.lt_addr, up))
+            payload.air = payload.kind.air_time(length)
         return payload
+
+    def _es_n0_db(self, k: int, up: bool) -> float:
+        """Return the Es/N0 of link *k* now, *up* to the master or down; for EVERYONE that of the worst link."""
+        links, carrier = self._links, self._air.carrier
+        if k == EVERYONE:
+            power_dbm = min((carrier(links.master, slave) for slave in links.slaves.values()), default=float("-inf"))
+        elif up:
+            power_dbm = carrier(links.slaves[k], links.master)
+        else:
+            power_dbm = carrier(links.master, links.slaves[k])
+        return power_dbm - float(self._air.band.medium.noise_dbm[0]) if power_dbm > float("-inf") else power_dbm

@@ -7,11 +7,10 @@ from pydantic import Field, model_validator
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
 from cosim.channels.bluetooth.packets import ACL, AclName
 from cosim.channels.bluetooth.paging import PageSettings
-from cosim.channels.bluetooth.piconet import PiconetSettings
 from cosim.channels.bluetooth.radio import Interference
 from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
-from cosim.channels.bluetooth.schedule import Scheduler
+from cosim.channels.bluetooth.state import PiconetSettings, Scheduler
 from cosim.channels.propagation import PropagationSettings
 from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, Settings, error_at
 from cosim.units import from_seconds
@@ -110,6 +109,7 @@ class BluetoothSettings(Settings):
             park_window_slots=self.park_window_slots,
             best_packets=self.packet_choice == "best",
             afh=(from_seconds(self.afh_interval_s), from_seconds(self.afh_retry_s)) if self.afh else None,
+            idle_frames=self.idle_frames,
         )
 
     @property
