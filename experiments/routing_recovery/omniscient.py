@@ -8,9 +8,8 @@ from itertools import count
 
 import networkx as nx
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.machine import Address, Outcome
 from cosim.units import Time
 

@@ -10,7 +10,7 @@ its acknowledgements are lost, and what is meant for it is sent until the limit.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -21,13 +21,11 @@ import numpy.typing as npt
 from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
 from cosim.channels.adhoc.errors import frame_log_success
-from cosim.channels.adhoc.forwarding import Forwarding
-from cosim.channels.adhoc.handover import Handover
+from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import Frame, Packet
 from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
 from cosim.channels.adhoc.routing.base import Delivery
-from cosim.channels.adhoc.routing.choice import make_router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
@@ -38,15 +36,49 @@ from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
-from cosim.randomness import Streams
+from cosim.randomness import Draws, Streams
 from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 FAINT_MW: Final = 1e-14
 """What arrives with less than -140 dBm is nothing, not even interference."""
 RECEPTION: Final = 2
-"""The purpose of the draws for errors."""
+"""Purpose of the draws of errors."""
+JITTER: Final = 3
+"""Purpose of the draws of the time that a host takes to hand over a payload."""
 UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
+
+
+class Handover:
+    """The ways from hosts to their radios: each takes a random time, and no payload overtakes another."""
+
+    def __init__(self, jitter: Time, size: int, kernel: Kernel, draws: Draws) -> None:
+        self._jitter = jitter
+        self._kernel = kernel
+        self._draws = draws
+        self._handed = [0] * size
+        self._last: list[Time] = [0] * size
+        """When the last payload of each was handed over, or will be."""
+        self._lives = [0] * size
+        """How often what was under way has been forgotten."""
+
+    def hand(self, source: Address, take: Callable[[], None]) -> None:
+        """Have a payload of *source* taken: at once if hosts take no time."""
+        if self._jitter == 0:
+            take()
+            return
+        late = self._draws.below(self._jitter + 1, self._handed[source], source, JITTER)
+        self._handed[source] += 1
+        self._last[source] = max(self._last[source], self._kernel.now + late)
+        self._kernel.at(self._last[source], partial(self._arrive, source, self._lives[source], take))
+
+    def forget(self, source: Address) -> None:
+        """Lose what is under way from *source*."""
+        self._lives[source] += 1
+
+    def _arrive(self, source: Address, life: int, take: Callable[[], None]) -> None:
+        if life == self._lives[source]:
+            take()
 
 
 class AdhocChannel(IdealChannel):

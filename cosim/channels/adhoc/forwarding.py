@@ -7,10 +7,16 @@ from collections.abc import Callable
 from typing import Protocol
 
 from cosim.channels.adhoc.mac import Frame, Packet
+from cosim.channels.adhoc.routing.aodv import Aodv
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery, Router
+from cosim.channels.adhoc.routing.flooding import Flooding, FloodingSettings
+from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
+from cosim.channels.adhoc.settings import RoutingSettings
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Outcome, Outgoing
+from cosim.randomness import Draws
 from cosim.units import Time
 
 
@@ -28,6 +34,17 @@ class Ends(Protocol):
 
     def told(self, address: Address, token: int, outcome: Outcome) -> None:
         """Tell the host of *address* what has become of a payload."""
+
+
+def make_router(settings: RoutingSettings, address: Address, draws: Draws, now: Time) -> Router:
+    """Return the router of the robot *address*, which begins at *now* and knows nothing."""
+    match settings:
+        case FloodingSettings():
+            return Flooding(address, settings, draws, now)
+        case AodvSettings():
+            return Aodv(address, settings, draws, now)
+        case OlsrSettings():
+            return Olsr(address, settings, draws, now)
 
 
 class Forwarding:

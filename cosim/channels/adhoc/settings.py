@@ -1,7 +1,7 @@
 """What a scenario can say about an 802.11 ad hoc network."""
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -20,12 +20,17 @@ from cosim.channels.adhoc.phy import (
     plcp_of,
 )
 from cosim.channels.adhoc.reception import Limits
-from cosim.channels.adhoc.routing.choice import RoutingSettings
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
+from cosim.channels.adhoc.routing.flooding import FloodingSettings
+from cosim.channels.adhoc.routing.olsr import OlsrSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, Settings, error_at
 from cosim.units import US, from_seconds
 
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
+
+
+RoutingSettings: TypeAlias = Annotated[FloodingSettings | AodvSettings | OlsrSettings, Field(discriminator="kind")]
 
 
 class AdhocSettings(Settings):

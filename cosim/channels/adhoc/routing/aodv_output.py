@@ -6,9 +6,8 @@ from typing import NamedTuple
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Hop
+from cosim.channels.adhoc.routing.base import Hop, Queues
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time

@@ -10,9 +10,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws

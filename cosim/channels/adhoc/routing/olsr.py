@@ -16,10 +16,10 @@ from typing import Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Unsent
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues, Unsent
 from cosim.channels.adhoc.routing.flooding import NUMBERS, Repeats, Seen
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.olsr_graph import Route, routing_table
+from cosim.channels.adhoc.routing.olsr_graph import RoutingEntry, routing_table
 from cosim.channels.adhoc.routing.olsr_neighbours import Hysteresis, Neighbourhood
 from cosim.channels.adhoc.routing.olsr_wire import (
     HELLO,
@@ -39,7 +39,6 @@ from cosim.channels.adhoc.routing.olsr_wire import (
     encode_tc,
     newer,
 )
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
@@ -204,7 +203,7 @@ class Olsr(Queues):
         self._told_until: Time = now
         self._queue: list[Message] = []  # of others, to be forwarded
         self._queue_at: Time | None = None
-        self._table: dict[Address, Route] = {}
+        self._table: dict[Address, RoutingEntry] = {}
         self._table_of = (-1, -1)
         self._sent: dict[int, _Sent] = {}
         self._tokens = 0
@@ -406,7 +405,7 @@ class Olsr(Queues):
 
     # ------------------------------------------------------------ what is known
 
-    def routes(self, now: Time) -> dict[Address, Route]:
+    def routes(self, now: Time) -> dict[Address, RoutingEntry]:
         """Return the routing table."""
         known = self._neighbours
         known.advance(now)

@@ -11,8 +11,8 @@ from cosim.channels.adhoc.routing.olsr_wire import WILL_ALWAYS, WILL_NEVER
 from cosim.machine import Address
 
 
-class Route(NamedTuple):
-    """The way to a robot."""
+class RoutingEntry(NamedTuple):
+    """An entry of the routing table (section 10): the way to a robot."""
 
     next_hop: Address
     hops: int
@@ -59,19 +59,19 @@ def routing_table(
     reach: Mapping[Address, Set[Address]],
     selectors: Set[Address],
     topology: Iterable[tuple[Address, Address]],
-) -> dict[Address, Route]:
+) -> dict[Address, RoutingEntry]:
     """Return the ways of *address* to all whom it knows a way to, with the fewest hops (section 10).
 
     *willingness* and *reach* are as in :func:`select_mprs`; *selectors* have chosen us as a relay; *topology* are
     pairs (who has told it, whom that one reaches).
     """
-    table = {neighbour: Route(neighbour, 1) for neighbour in willingness}
+    table = {neighbour: RoutingEntry(neighbour, 1) for neighbour in willingness}
     # next hops are preferred that want to forward, and that forward for us anyway (step 3.2)
     for neighbour in sorted(willingness, key=lambda y: (-willingness[y], y not in selectors, y)):
         if willingness[neighbour] != WILL_NEVER:
             for far in reach.get(neighbour, ()):
                 if far != address:
-                    table.setdefault(far, Route(neighbour, 2))
+                    table.setdefault(far, RoutingEntry(neighbour, 2))
     onwards: dict[Address, list[Address]] = {}
     for last, destination in sorted(topology):
         onwards.setdefault(last, []).append(destination)
@@ -83,7 +83,7 @@ def routing_table(
         for last in frontier:
             for destination in onwards.get(last, ()):
                 if destination != address and destination not in table:
-                    table[destination] = Route(table[last].next_hop, hops)
+                    table[destination] = RoutingEntry(table[last].next_hop, hops)
                     reached.append(destination)
         frontier = sorted(reached)
     return table
