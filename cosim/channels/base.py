@@ -110,7 +110,7 @@ class Channel(ABC):
         self._unsent[source, why] += 1
         self.trace.row(UNSENT, self.kernel.now, source, destination, length, why.value)
 
-    def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
+    def deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
         """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""
         now, endpoints = self.kernel.now, self.endpoints
         touched: set[Address] = set()
@@ -118,7 +118,7 @@ class Channel(ABC):
         for address, payload, reception in arrivals:
             endpoints[address].receive(payload, reception, now)
             touch(address)
-        for address, event in news:
+        for address, event in events:
             endpoints[address].link(event, now)
             touch(address)
         for address in sorted(touched):

@@ -74,8 +74,8 @@ class _Flight(NamedTuple):
     number: int
     """How many payloads *source* had sent before."""
     receivers: Sequence[Address]
-    told: bool = True
-    """Whether the sender learns of the fate, if it wants to."""
+    reported: bool = True
+    """True if the sender learns of the fate, if it wants to."""
 
 
 class IdealSettings(Settings):
@@ -146,7 +146,7 @@ class IdealChannel(Channel):
         self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
         self._under_way: dict[Time, list[_Flight]] = {}
         """By the time of arrival."""
-        self._news: list[tuple[Address, LinkEvent]] = []
+        self._events: list[tuple[Address, LinkEvent]] = []
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Deliver after the delay to whoever is in reach then, unless it is lost.
@@ -162,7 +162,7 @@ class IdealChannel(Channel):
         if destination != BROADCAST and not self._hears(source, destination):
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
+                self._report((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         self.sent += 1
         receivers = range(self.size) if destination == BROADCAST else (destination,)
@@ -175,7 +175,7 @@ class IdealChannel(Channel):
                 self._launch(flight._replace(receivers=()), self.delay)
             for address in receivers:
                 if address != source:
-                    self._launch(flight._replace(receivers=(address,), told=False), self._late(flight, address))
+                    self._launch(flight._replace(receivers=(address,), reported=False), self._late(flight, address))
         else:
             self._launch(flight, self._late(flight, destination))
 
@@ -204,25 +204,25 @@ class IdealChannel(Channel):
             case Inquire(enough=enough):
                 there = self.in_reach(source) if self._alike else (a for a in range(self.size) if self._meet(source, a))
                 found = tuple(a for a in there if self._scanning[a])[:enough]
-                self._tell(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
+                self._report(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
             case Page(peer=peer) if self._meet(source, peer) and self._scanning[peer]:
                 self._paged.discard((peer, source))
                 self._paged.add((source, peer))
-                self._tell((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
+                self._report((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
             case Page(peer=peer):
-                self._tell((source, PageFailed(peer)))
+                self._report((source, PageFailed(peer)))
             case Scan(enabled=enabled):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._meet(source, peer):
                 self._paged -= {(source, peer), (peer, source)}
-                self._tell((source, Lost(peer)), (peer, Lost(source)))
+                self._report((source, Lost(peer)), (peer, Lost(source)))
             case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
                 mode = Mode.ACTIVE if self._meet(source, peer) else Mode.NONE  # links are never at rest
-                self._tell((source, ModeChanged(peer, mode)))
+                self._report((source, ModeChanged(peer, mode)))
             case SwitchRole(peer=peer) if self._meet(source, peer):
                 self._switch(source, peer)
             case SwitchRole(peer=peer):
-                self._tell((source, ModeChanged(peer, Mode.NONE)))
+                self._report((source, ModeChanged(peer, Mode.NONE)))
             case Disconnect() | Flush() | Share():
                 pass  # there is no such link; nothing ever waits in a queue, and time is not divided
 
@@ -233,9 +233,9 @@ class IdealChannel(Channel):
                 self._paged.remove(pair)
                 self._paged.add(pair[::-1])
                 roles = (Role.SLAVE, Role.MASTER) if pair[0] == source else (Role.MASTER, Role.SLAVE)
-                self._tell((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
+                self._report((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
                 return
-        self._tell((source, RoleChanged(peer, Role.PEER)))
+        self._report((source, RoleChanged(peer, Role.PEER)))
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices in its range that are switched on, if this one is."""
@@ -255,7 +255,7 @@ class IdealChannel(Channel):
         if on:  # what was before is nothing to it
             self._on_since[address] = self.kernel.now
             self._paged = {pair for pair in self._paged if address not in pair}
-        self._tell(*((a, Lost(address)) for a in lost_by))
+        self._report(*((a, Lost(address)) for a in lost_by))
 
     def summary(self) -> dict[str, float]:
         """Return the number of payloads sent."""
@@ -287,12 +287,12 @@ class IdealChannel(Channel):
         for pair in sorted(self._paged):
             if not self._meet(*pair):
                 self._paged.discard(pair)
-                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+                self._report((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
 
     def _arrive(self, now: Time) -> None:
         """Deliver what arrives now to those who are in reach and do not lose it, and tell the senders."""
         arrivals: list[Arrival] = []
-        news: list[tuple[Address, LinkEvent]] = []
+        events: list[tuple[Address, LinkEvent]] = []
         for flight in self._under_way.pop(now):
             source, outgoing = flight.source, flight.outgoing
             to_all = outgoing.destination == BROADCAST
@@ -301,27 +301,27 @@ class IdealChannel(Channel):
             reception = Reception(source, to_all)
             arrivals += [(address, outgoing.payload, reception) for address in heard]
             self._record(flight, there, heard)
-            if flight.told and outgoing.token is not None and self._knows_of(source, flight.begin):
+            if flight.reported and outgoing.token is not None and self._knows_of(source, flight.begin):
                 if to_all:
                     fate = Outcome.SENT
                 elif heard and (self._alike or self._is_in_range(outgoing.destination, source)):
                     fate = Outcome.DELIVERED
                 else:
                     fate = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
-                news.append((source, Fate(outgoing.token, fate)))
-        self.deliver(arrivals, news)
+                events.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, events)
 
     def _is_lost(self, flight: _Flight, address: Address) -> bool:
         return self._draw(flight, address, _LOSS) < self._flaws.loss
 
-    def _tell(self, *news: tuple[Address, LinkEvent]) -> None:
-        if not self._news and news:
+    def _report(self, *events: tuple[Address, LinkEvent]) -> None:
+        if not self._events and events:
             self.kernel.soon(self._pass_on)
-        self._news.extend(news)
+        self._events.extend(events)
 
     def _pass_on(self) -> None:
-        news, self._news = self._news, []
-        self.deliver((), [item for item in news if self._on[item[0]]])
+        events, self._events = self._events, []
+        self.deliver((), [item for item in events if self._on[item[0]]])
 
     def _record(self, flight: _Flight, there: Sequence[Address], heard: Sequence[Address]) -> None:
         """Write a row for *flight*; one for every receiver if not all get the same."""

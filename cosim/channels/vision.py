@@ -127,7 +127,7 @@ class OpticalChannel(IdealChannel):
         if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
+                self._report((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         if self._rate_bps is None:
             self._begin(source, outgoing, 0)
@@ -159,7 +159,7 @@ class OpticalChannel(IdealChannel):
     def _land(self, arrival: Time) -> None:
         """Deliver what arrives now to who is still in sight, and tell the senders."""
         arrivals: list[Arrival] = []
-        news: list[tuple[Address, LinkEvent]] = []
+        events: list[tuple[Address, LinkEvent]] = []
         for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
             to_all = outgoing.destination == BROADCAST
             heard = audience
@@ -174,8 +174,8 @@ class OpticalChannel(IdealChannel):
                 self._note(source, outgoing, begin, audience, heard)
             if outgoing.token is not None and self._knows_of(source, begin):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
-                news.append((source, Fate(outgoing.token, fate)))
-        self.deliver(arrivals, news)
+                events.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, events)
 
     def _note(
         self,

@@ -59,7 +59,7 @@ class Handover:
         self._handed = [0] * size
         self._last: list[Time] = [0] * size
         """When the last payload of each was handed over, or will be."""
-        self._lives = [0] * size
+        self._incarnations = [0] * size
         """How often what was under way has been forgotten."""
 
     def hand(self, source: Address, take: Callable[[], None]) -> None:
@@ -70,14 +70,14 @@ class Handover:
         late = self._draws.below(self._jitter + 1, self._handed[source], source, JITTER)
         self._handed[source] += 1
         self._last[source] = max(self._last[source], self._kernel.now + late)
-        self._kernel.at(self._last[source], partial(self._arrive, source, self._lives[source], take))
+        self._kernel.at(self._last[source], partial(self._arrive, source, self._incarnations[source], take))
 
     def forget(self, source: Address) -> None:
         """Lose what is under way from *source*."""
-        self._lives[source] += 1
+        self._incarnations[source] += 1
 
-    def _arrive(self, source: Address, life: int, take: Callable[[], None]) -> None:
-        if life == self._lives[source]:
+    def _arrive(self, source: Address, incarnation: int, take: Callable[[], None]) -> None:
+        if incarnation == self._incarnations[source]:
             take()
 
 
@@ -131,7 +131,7 @@ class AdhocChannel(IdealChannel):
             for address, receiver in enumerate(self._receivers)
         ]
         self._air.stations = self._stations
-        self._jamming = Jamming(kernel, self._jam_mw, self._anybody_cares)
+        self._jamming = Jamming(kernel, self._jam_mw, self._jamming_matters)
         self._jamming.stations = self._stations
         self._forwarding = self._routers(streams)
 
@@ -168,7 +168,7 @@ class AdhocChannel(IdealChannel):
         if self._most is not None and self._held[source] >= self._most:
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.QUEUE_FULL)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
+                self._report((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
@@ -232,7 +232,7 @@ class AdhocChannel(IdealChannel):
         received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
         return received
 
-    def _anybody_cares(self) -> bool:
+    def _jamming_matters(self) -> bool:
         """Return whether it matters to anybody now what jammers do."""
         return not self._air.silent or any(not station.at_rest for station in self._stations)
 
@@ -292,11 +292,11 @@ class AdhocChannel(IdealChannel):
         if packet.token is not None:
             to_all = packet.destination == BROADCAST
             fate = Outcome.SENT if to_all else Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED
-            self.told(address, packet.token, fate)
+            self.report_fate(address, packet.token, fate)
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
         """Tell the host of *address* what has become of a payload."""
-        self._tell((address, Fate(token, outcome)))
+        self._report((address, Fate(token, outcome)))
 
     def transmit(self, address: Address, packet: Packet) -> None:
         """Have the station of *address* send what its router wants to; what it has no room for is lost."""
@@ -307,7 +307,7 @@ class AdhocChannel(IdealChannel):
             self._forwarding.refused(address, packet)
 
     def _queue(self, address: Address, packet: Packet) -> None:
-        self._jamming.care()
+        self._jamming.follow()
         self._stations[address].send(packet)
 
     def _hand_over(self) -> None:

@@ -32,7 +32,7 @@ class Ends(Protocol):
     def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
         """Count a payload of *source* that has never been on the air."""
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
         """Tell the host of *address* what has become of a payload."""
 
 
@@ -108,8 +108,8 @@ class Forwarding:
             self._ends.transmit(address, Packet(neighbour, packet, token))
         for delivery in router.deliveries():
             self._ends.arrived(address, delivery)
-        for told, outcome in router.fates():
-            self._ends.told(address, told, outcome)
+        for token, outcome in router.fates():
+            self._ends.report_fate(address, token, outcome)
         for destination, length, why in router.unsent():
             self._ends.note_unsent(address, destination, length, why)
         self._arm(address)

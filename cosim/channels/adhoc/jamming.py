@@ -26,7 +26,7 @@ Gains: TypeAlias = Callable[[Sequence[Jammer]], Sequence[Sequence[float]]]
 """jammers -> mW that each station receives of each, on one channel of 1 MHz: a row a jammer."""
 
 
-class Sufferer(Protocol):
+class JammedStation(Protocol):
     """A station, as far as it is jammed."""
 
     def jammed(self, power_mw: float, at: Time) -> None:
@@ -89,12 +89,12 @@ def source(jammer: Jammer, channel: int, bandwidth_hz: float) -> Source | None:
 class Jamming:
     """All jammers of a channel."""
 
-    def __init__(self, kernel: Kernel, gains: Gains, anybody_cares: Callable[[], bool]) -> None:
+    def __init__(self, kernel: Kernel, gains: Gains, matters: Callable[[], bool]) -> None:
         """Ask *gains* how strong jammers are at each station, and *anybody_cares* whether changes matter now."""
-        self.stations: Sequence[Sufferer] = ()
+        self.stations: Sequence[JammedStation] = ()
         self._kernel = kernel
         self._gains = gains
-        self._anybody_cares = anybody_cares
+        self._matters = matters
         self._sources: list[Source] = []
         self._received_mw: Sequence[Sequence[float]] | None = None
         """Of each jammer at each station, on one channel of 1 MHz, once needed since something has moved."""
@@ -110,7 +110,7 @@ class Jamming:
         if self._next is not None:
             self._next.cancel()
             self._next = None
-        if self._anybody_cares():
+        if self._matters():
             self._go_on()
 
     def moved(self) -> None:
@@ -119,9 +119,9 @@ class Jamming:
             now = self._kernel.now
             self._sources = [each for each in self._sources if each.jammer.end > now]
             self._received_mw = None
-            self._tell(now)
+            self._apply(now)
 
-    def care(self) -> None:
+    def follow(self) -> None:
         """Have stations know the present, and every change from now on: one of them is about to do something."""
         if self._sources and self._next is None:
             self.advance()
@@ -130,7 +130,7 @@ class Jamming:
     def _change(self) -> None:
         self._next = None
         self.advance()
-        if self._anybody_cares():
+        if self._matters():
             self._go_on()
 
     def _go_on(self) -> None:
@@ -144,9 +144,9 @@ class Jamming:
             return
         now = self._kernel.now
         begin = max(self._known_to, now - MEMORY)
-        self._tell(begin)
+        self._apply(begin)
         for change in self._changes(begin, now):
-            self._tell(change)
+            self._apply(change)
         self._known_to = now
 
     def _changes(self, begin: Time, end: Time) -> Iterator[Time]:
@@ -160,7 +160,7 @@ class Jamming:
         changes = [change for each in self._sources if (change := each.next_change(time)) is not None]
         return min(changes, default=None)
 
-    def _tell(self, at: Time) -> None:
+    def _apply(self, at: Time) -> None:
         """Tell all stations what they receive from *at* on."""
         weights = [each.weight(at) for each in self._sources]
         if not any(weights):

@@ -26,7 +26,7 @@ from cosim.channels.bluetooth.links import ALWAYS, Presence
 from cosim.channels.bluetooth.paging import Page as PageProcedure
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.queues import News
+from cosim.channels.bluetooth.queues import LinkEvents
 from cosim.channels.bluetooth.radio import Radio
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import LocalProtocolError
@@ -71,7 +71,7 @@ class Attendance:
 
     @property
     def linked(self) -> bool:
-        """Whether the device has any link."""
+        """True if the device has any link."""
         return bool(self._latest)
 
     def enter(self, master: Address) -> None:
@@ -126,7 +126,7 @@ class Controller:
         radio: Radio,
         settings: BluetoothSettings,
         peers: "Sequence[Controller]",
-        tell: Callable[[Address, LinkEvent], None],
+        report: Callable[[Address, LinkEvent], None],
         call: Callable[[Address, int, str, str], None],
     ) -> None:
         """*tell* takes what a host learns, in a new event; *call* takes (address, depth, name, detail) of a call."""
@@ -146,7 +146,7 @@ class Controller:
         self._kernel = radio.kernel
         self._settings = settings
         self._peers = peers
-        self._tell = tell
+        self._report = report
         self._call = call
         self._scan_wanted = True
         self._insists = False
@@ -188,7 +188,7 @@ class Controller:
         elif 0 <= peer < len(self._peers):
             self._switch_roles(self._peers[peer])
         else:
-            self._tell(self.address, ModeChanged(peer, Mode.NONE))
+            self._report(self.address, ModeChanged(peer, Mode.NONE))
 
     def became_slave(self, master: Address, lt_addr: int) -> None:
         """Join the piconet of *master*, whose POLL has just been received."""
@@ -198,7 +198,7 @@ class Controller:
         pager.master_of.join(self.address, lt_addr)
         self.linked(master)
         hop_clock = pager.identity.clock.tick(self._kernel.now) % CLOCK_RANGE
-        self._tell(self.address, Connected(master, Role.SLAVE, pager.identity.hop_address % NARROW, hop_clock))
+        self._report(self.address, Connected(master, Role.SLAVE, pager.identity.hop_address % NARROW, hop_clock))
 
     def lost(self, master: Address) -> None:
         """Note that a link of this device in the piconet of *master* is down on this side."""
@@ -293,7 +293,7 @@ class Controller:
             return
         while (refused := self._refusal(self._waiting[0])) is not None:
             self._waiting.popleft()
-            self._tell(self.address, refused)
+            self._report(self.address, refused)
             if not self._waiting:
                 return
         pauses = [piconet.pair_ends() for piconet in self.masters.values()]
@@ -334,7 +334,7 @@ class Controller:
 
     def _page_to(self, command: Page) -> PageProcedure:
         peer = command.peer
-        told = command.clock_offset
+        offset = command.clock_offset
         lt_addr = self.master_of.free_lt_addr() or 0  # not 0: a page without a free one is refused before
         self._call(self.address, 2, "lm.page", f"robot {peer}")
         self._call(self.address, 3, "lc.page", f"robot {peer}, LT_ADDR {lt_addr}, {self._settings.page.mode}")
@@ -342,7 +342,7 @@ class Controller:
             self.radio,
             self._settings.page,
             self._peers[peer].page_scanner,
-            self._estimates.get(peer, 0) if told is None else told & ~3,
+            self._estimates.get(peer, 0) if offset is None else offset & ~3,
             lt_addr,
             lambda poll_tick: self._page_answered(peer, poll_tick),
             lambda: self._page_failed(peer),
@@ -350,11 +350,11 @@ class Controller:
 
     def _discovered(self, peer: Address, estimate: int) -> None:
         self._estimates[peer] = estimate
-        self._tell(self.address, Discovered(peer, estimate))
+        self._report(self.address, Discovered(peer, estimate))
 
     def _inquiry_complete(self, found: tuple[Address, ...]) -> None:
         self._end_procedure()
-        self._tell(self.address, InquiryComplete(found))
+        self._report(self.address, InquiryComplete(found))
         self._begin_next()
 
     def _page_answered(self, peer: Address, poll_tick: int) -> None:
@@ -365,12 +365,12 @@ class Controller:
         self.linked(self.address)
         self._end_procedure()
         hop_clock = self.identity.clock.tick(self._kernel.now) % CLOCK_RANGE
-        self._tell(self.address, Connected(peer, Role.MASTER, self.identity.hop_address % NARROW, hop_clock))
+        self._report(self.address, Connected(peer, Role.MASTER, self.identity.hop_address % NARROW, hop_clock))
         self._begin_next()
 
     def _page_failed(self, peer: Address) -> None:
         self._end_procedure()
-        self._tell(self.address, PageFailed(peer))
+        self._report(self.address, PageFailed(peer))
         self._begin_next()
 
     def _end_procedure(self) -> None:
@@ -396,7 +396,7 @@ class Controller:
         It waits for the end of the slot pair under way; what stands against the switch is looked at then.
         """
         if self.address not in other.masters and other.address not in self.masters:
-            self._tell(self.address, ModeChanged(other.address, Mode.NONE))
+            self._report(self.address, ModeChanged(other.address, Mode.NONE))
             return
         master, slave = (other, self) if other.address in self.masters else (self, other)
         boundary = master.master_of.boundary()
@@ -404,18 +404,18 @@ class Controller:
             self._kernel.at(boundary, lambda: self._switch_roles(other))
             return
         if not _may_switch(master, slave):
-            self._tell(self.address, RoleChanged(other.address, Role.MASTER if self is master else Role.SLAVE))
+            self._report(self.address, RoleChanged(other.address, Role.MASTER if self is master else Role.SLAVE))
             return
-        news: News = master.master_of.hand_over(slave.address, slave.master_of)
+        events: LinkEvents = master.master_of.hand_over(slave.address, slave.master_of)
         slave.left(master.address)
         master.left(master.address)
         master.masters[slave.address] = slave.master_of
         for device in (slave, master):
             device.linked(slave.address)
-        news.append((slave.address, RoleChanged(master.address, Role.MASTER)))
-        news.append((master.address, RoleChanged(slave.address, Role.SLAVE)))
-        for address, event in news:
-            self._tell(address, event)
+        events.append((slave.address, RoleChanged(master.address, Role.MASTER)))
+        events.append((master.address, RoleChanged(slave.address, Role.SLAVE)))
+        for address, event in events:
+            self._report(address, event)
 
 
 def _may_switch(master: Controller, slave: Controller) -> bool:

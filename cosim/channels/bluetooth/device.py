@@ -98,10 +98,12 @@ class BluetoothChannel(Channel):
         self._transport = (
             None
             if settings.host_bps is None
-            else Transport(kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, news=()))
+            else Transport(
+                kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, events=())
+            )
         )
         self._jammers: list[Jammer] = []
-        self._news: list[tuple[Address, LinkEvent]] = []
+        self._events: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
         for address in range(size):
             self.devices.append(self._device(address, streams))
@@ -231,23 +233,23 @@ class BluetoothChannel(Channel):
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)
 
-    # ------------------------------------------------------------ news
+    # ------------------------------------------------------------ events
 
-    def _tell(self, address: Address, event: LinkEvent) -> None:
+    def _report(self, address: Address, event: LinkEvent) -> None:
         """Report *event* in a new event at this instant, with all others of this instant."""
-        if not self._news:
+        if not self._events:
             self.kernel.at(self.kernel.now, self._pass_on, WAKE)
-        self._news.append((address, event))
+        self._events.append((address, event))
 
     def _pass_on(self) -> None:
-        news, self._news = self._news, []
-        self._deliver((), news)
+        events, self._events = self._events, []
+        self._deliver((), events)
 
-    def _deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
+    def _deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]]) -> None:
         if not self._on.all():
             arrivals = [arrival for arrival in arrivals if self._on[arrival[0]]]
-            news = [item for item in news if self._on[item[0]]]
-        self.deliver(arrivals, news)
+            events = [item for item in events if self._on[item[0]]]
+        self.deliver(arrivals, events)
 
     def _lost(self, master: Address, side: Address, peer: Address) -> None:
         self.devices[side].lost(master)
@@ -262,7 +264,7 @@ class BluetoothChannel(Channel):
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
         radio = Radio(self.kernel, self.air, identity)
-        return Controller(radio, self.settings, self.devices, self._tell, self._call)
+        return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:
         """Make the piconet and the scanners; page scan windows lie half an interval behind inquiry scan windows."""

@@ -160,11 +160,11 @@ class Member:
     """...the master it."""
     presence: Presence = ALWAYS
     held: bool = True
-    """Whether the master takes it for a member, and..."""
+    """True if the master takes it for a member, and..."""
     joined: bool = True
     """...it takes itself for one."""
     waking: bool = False
-    """Whether it is to come back."""
+    """True if it is to come back."""
 
 
 class Parking:

@@ -40,7 +40,7 @@ class Modes:
         self._parking = state.parking
         self._longest = state.settings.supervision - 2 * state.settings.t_poll_slots * SLOT
         """Longest silence that a link survives."""
-        self._tell = state.tell
+        self._report = state.report
         self._changed = changed
 
     def command(self, side: Address, command: ModeCommand) -> None:
@@ -51,7 +51,7 @@ class Modes:
         if known and self._obey(slave, command):
             self._changed()
         else:
-            self._tell([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
+            self._report([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
 
     def members(self) -> list[Address]:
         """Return all whom either side takes for members, parked or not."""
@@ -125,11 +125,11 @@ class Modes:
     def _note(self, k: int) -> None:
         """Tell the arithmetic of slots, and both hosts."""
         self._links.note_shares()
-        self._report(self._links.slaves[k])
+        self._report_mode(self._links.slaves[k])
 
-    def _report(self, slave: Address) -> None:
+    def _report_mode(self, slave: Address) -> None:
         master, mode = self._links.master, self.mode(slave)
-        self._tell([(master, ModeChanged(slave, mode)), (slave, ModeChanged(master, mode))])
+        self._report([(master, ModeChanged(slave, mode)), (slave, ModeChanged(master, mode))])
 
     # ------------------------------------------------------------ park
 
@@ -138,13 +138,13 @@ class Modes:
             return False
         links, now = self._links, self._kernel.now
         slave = links.slaves[k]
-        news = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
+        events = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
         member = Member(slave, now, now, links.presence(k))
         links.take_down(k, HELD)
         links.take_down(k, JOINED)
         self._parking.add(member)
-        self._tell(news)
-        self._report(slave)
+        self._report(events)
+        self._report_mode(slave)
         return True
 
     def _wake(self, slave: Address) -> bool:
@@ -175,4 +175,4 @@ class Modes:
             links.set_presence(member.slave, member.presence)
             links.admit(k, int(links.piconet[NEXT]), now)
             self._changed()
-        self._report(member.slave)
+        self._report_mode(member.slave)

@@ -40,7 +40,7 @@ class PacketType(NamedTuple):
     header: int
     """Length of the payload header in bytes; 0 for packets that carry no user data."""
     coded: bool
-    """Whether the payload is protected by the (15, 10) code."""
+    """True if the payload is protected by the (15, 10) code."""
 
     def payload_bits(self, length: int) -> int:
         """Return the bits of the payload with *length* bytes of user data, before coding: header, data and CRC.

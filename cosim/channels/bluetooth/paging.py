@@ -109,7 +109,7 @@ class PageScanner:
         self.enabled = False
         if self._exchange is not None and not self._exchange.slave:
             self._exchange = None
-        self._tell()
+        self._notify_pages()
 
     def next_meeting(self, ids: IdTrain, tick: int) -> Meeting | None:
         """Return the first ID of a page at or after *tick* that would be heard, as far as is known now."""
@@ -129,7 +129,7 @@ class PageScanner:
     def engage(self, exchange: "_Exchange") -> None:
         """Listen to one pager only."""
         self._exchange = exchange
-        self._tell()
+        self._notify_pages()
 
     def engaged_in(self, exchange: "_Exchange") -> bool:
         """Return whether this side still takes part in *exchange*."""
@@ -145,7 +145,7 @@ class PageScanner:
         """Take other pages again: *exchange* is over for a device that has become a slave by it."""
         if self._exchange is exchange:
             self._exchange = None
-            self._tell()
+            self._notify_pages()
 
     def become_slave(self, master: Address, lt_addr: int) -> None:
         """Stop scanning: there is a link now."""
@@ -154,9 +154,9 @@ class PageScanner:
 
     def _scan(self, since: Time) -> None:
         self._since = since
-        self._tell()
+        self._notify_pages()
 
-    def _tell(self) -> None:
+    def _notify_pages(self) -> None:
         for page in self._pages:
             page.look_again()
 
@@ -285,7 +285,7 @@ class _Exchange:
 
     def __init__(self, page: Page, meeting: Meeting, start: Time) -> None:
         self.slave = False
-        """Whether the paged device has received a POLL."""
+        """True if the paged device has received a POLL."""
         self._page = page
         self._kernel = page.kernel
         self._clock = page.ids.clock

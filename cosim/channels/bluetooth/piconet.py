@@ -40,7 +40,7 @@ from cosim.channels.bluetooth.polling import (
     SEQ_DOWN,
     SEQ_UP,
 )
-from cosim.channels.bluetooth.queues import News, Payload, Queues, fate
+from cosim.channels.bluetooth.queues import LinkEvents, Payload, Queues, fate
 from cosim.channels.bluetooth.radio import Radio
 from cosim.channels.bluetooth.scanning import first_transmission
 from cosim.channels.bluetooth.slots import Slots
@@ -84,7 +84,7 @@ class Piconet:
         self._queues = Queues(table, scheduler)
         self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
         state = PiconetState(kernel, air, clock, settings, self.links, self._parking, self._queues, deliver)
-        self._tell = state.tell
+        self._report = state.report
         self.modes = Modes(state, self._changed)
         self._slots = Slots(state, self.modes.beacon_heard)
         self._adaptation: Adaptation | None = None
@@ -129,7 +129,7 @@ class Piconet:
         if self._adaptation is not None:
             self._adaptation.wake()
 
-    def hand_over(self, slave: Address, other: "Piconet") -> News:
+    def hand_over(self, slave: Address, other: "Piconet") -> LinkEvents:
         """Turn the link to *slave* round: from now on *other*, its piconet, has it, with all that waits on either side.
 
         Return the fates of broadcasts, which are flushed. To be called between two slot pairs.
@@ -170,10 +170,10 @@ class Piconet:
         if k is None or self.address not in (side, peer):
             return
         heard = self._air.reaches(self._air.carrier(side, peer))
-        news = self._drop(k, HELD) if from_master or heard else []
-        news += self._drop(k, JOINED) if heard or not from_master else []
+        events = self._drop(k, HELD) if from_master or heard else []
+        events += self._drop(k, JOINED) if heard or not from_master else []
         self._slots.arm()
-        self._tell(news)
+        self._report(events)
 
     def vanish(self, device: Address) -> None:
         """Take *device*, whose radio is switched off, out of the piconet without telling anybody."""
@@ -270,7 +270,7 @@ class Piconet:
         else:
             self._push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
             return None
-        self._tell(fate(source, outgoing, why))
+        self._report(fate(source, outgoing, why))
         return why
 
     def _push(self, queue: int, payload: Payload) -> None:
@@ -301,9 +301,9 @@ class Piconet:
         if queue == NOTHING:
             return
         self._air.advance(self._kernel.now)
-        news = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
+        events = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
         self._slots.arm()
-        self._tell(news)
+        self._report(events)
 
     def _route(self, source: Address, destination: Address) -> tuple[int, int]:
         """Return (number of the queue, LT_ADDR of the packets), or NOTHING for the latter where there is no link."""
@@ -329,16 +329,16 @@ class Piconet:
         if boundary > now:
             self._expiry = self._kernel.at(int(boundary), self._flush_aged)
             return
-        news: News = []
+        events: LinkEvents = []
         for queue in range(MOST_SLAVES + 1):
-            news += self._flush_old(queue, now - timeout)
+            events += self._flush_old(queue, now - timeout)
         ages = [payload.queued for queue in range(MOST_SLAVES + 1) for payload in self._queues.acknowledged(queue)]
         if ages:
             self._expiry = self._kernel.at(min(ages) + timeout, self._flush_aged)
         self._slots.arm()
-        self._tell(news)
+        self._report(events)
 
-    def _flush_old(self, queue: int, limit: Time) -> News:
+    def _flush_old(self, queue: int, limit: Time) -> LinkEvents:
         """Flush what was queued at *limit* or before."""
         table = self.links.table
         old = {payload for payload in self._queues.acknowledged(queue) if payload.queued <= limit}
@@ -377,15 +377,15 @@ class Piconet:
             for side, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN))
             if table[side, k] and table[heard, k] <= limit
         ]
-        news: News = []
+        events: LinkEvents = []
         for k, side in silent + self._parking.silent(limit):
-            news += self._drop(k, side)
+            events += self._drop(k, side)
         self._slots.arm()
-        if news:
-            self._deliver((), news)
+        if events:
+            self._deliver((), events)
         self._watch()
 
-    def _drop(self, k: int, side: int) -> News:
+    def _drop(self, k: int, side: int) -> LinkEvents:
         """Take one side of a link down and return what its host learns: Lost, and the fates of what it had queued."""
         parked = k in self._parking.members
         if not (self._parking.up(k, side) if parked else self.links.up(k, side)):

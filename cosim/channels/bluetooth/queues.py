@@ -11,7 +11,7 @@ from cosim.channels.bluetooth.polling import EVERYONE, LAZY, MOST_SLAVES, QUEUED
 from cosim.machine import Address, Fate, LinkEvent, Outcome, Outgoing
 from cosim.units import Time
 
-News: TypeAlias = list[tuple[Address, LinkEvent]]
+LinkEvents: TypeAlias = list[tuple[Address, LinkEvent]]
 """(whom to tell, what)"""
 
 
@@ -28,16 +28,16 @@ class Payload:
     tries: int = 0
     """How often it has been on the air."""
     chosen: bool = False
-    """Whether a slot pair is under way in which it may go on the air."""
+    """True if a slot pair is under way in which it may go on the air."""
     taken: int = 0
     """Who has received it, bit k for LT_ADDR k (broadcasts only)."""
 
-    def fate(self, source: Address, outcome: Outcome) -> News:
+    def fate(self, source: Address, outcome: Outcome) -> LinkEvents:
         """Return the news for *source* that the payload has ended with *outcome*, if it has asked for them."""
         return fate(source, self.outgoing, outcome)
 
 
-def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> News:
+def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> LinkEvents:
     """Return the news for *source* that its payload has ended with *outcome*; none if it carries no token."""
     return [] if outgoing.token is None else [(source, Fate(outgoing.token, outcome))]
 
@@ -111,7 +111,7 @@ class Queues:
         self._waiting[EVERYONE].remove(payload)
         self._count(EVERYONE)
 
-    def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> News:
+    def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> LinkEvents:
         """Remove all payloads of a queue that are meant by *which*, and return their fates for *source*."""
         waiting = self._waiting[queue]
         gone = [payload for payload in waiting if which(payload)]
@@ -120,7 +120,7 @@ class Queues:
         self._count(queue)
         return self.fates(gone, source)
 
-    def fates(self, gone: list[Payload], source: Address) -> News:
+    def fates(self, gone: list[Payload], source: Address) -> LinkEvents:
         """Return the news for *source* that payloads have been flushed."""
         return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
 
@@ -134,6 +134,6 @@ class Queues:
                 break
             self._links[WAITING, payload.lt_addr] += 1
 
-    def flush_link(self, k: int, master: Address, master_alone: bool) -> News:
+    def flush_link(self, k: int, master: Address, master_alone: bool) -> LinkEvents:
         """Empty the master's queue of what is meant for LT_ADDR *k*, and of broadcasts if it is alone now."""
         return self.flush(EVERYONE, master, lambda p: p.lt_addr == k or (master_alone and p.lt_addr == EVERYONE))

@@ -73,7 +73,7 @@ class Fate(NamedTuple):
 
     @property
     def header_heard(self) -> bool:
-        """Whether the receiver has noticed the frame and knows its header."""
+        """True if the receiver has noticed the frame and knows its header."""
         return self.heard in (Heard.RECEIVED, Heard.REFUSED) or self.part is Part.PAYLOAD
 
 
@@ -130,7 +130,7 @@ class Air:
     ) -> None:
         self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
         self.calm = True
-        """Whether no frame that starts from ``stray`` on can be destroyed."""
+        """True if no frame that starts from ``stray`` on can be destroyed."""
         self.fades = noise_dbm > float("-inf")
         """True if powers are those of a law of propagation."""
         self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
@@ -189,7 +189,7 @@ class Air:
         """
         last_end = now if last_end is None else last_end
         if self._idle:
-            self._advance_and_tell(now, last_end)
+            self._advance_and_report(now, last_end)
         elif self._alone is not None:
             run_alone(*self._alone, now)
         elif self._running:
@@ -203,7 +203,7 @@ class Air:
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_and_tell(self, now: Time, last_end: Time) -> None:
+    def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
@@ -213,9 +213,9 @@ class Air:
                 if master in self._idle:
                     self._idle[master](tick, k, bool(up), FATES[fate])
 
-    def tell_idle(self, master: Address, tell: IdleFrame) -> None:
+    def report_idle(self, master: Address, report: IdleFrame) -> None:
         """Tell of every idle POLL and NULL of the piconet of *master* from now on."""
-        self._idle[master] = tell
+        self._idle[master] = report
 
     def changed(self, now: Time) -> None:
         """Note a change in who sends or who is there; all piconets must have been advanced to *now*."""

@@ -108,7 +108,7 @@ class ScanWindows:
 
     @property
     def continuous(self) -> bool:
-        """Whether there is no time outside of the windows."""
+        """True if there is no time outside of the windows."""
         return self.interval == WINDOW
 
 
@@ -118,7 +118,7 @@ class Meeting(NamedTuple):
     tick: int
     """The transmitter's tick."""
     second: bool
-    """Whether it falls into the second of two interlaced windows."""
+    """True if it falls into the second of two interlaced windows."""
 
 
 def first_transmission(clock: NativeClock, now: Time) -> int:

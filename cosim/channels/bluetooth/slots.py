@@ -30,7 +30,7 @@ from cosim.channels.bluetooth.polling import (
     STOPPED,
     USED,
 )
-from cosim.channels.bluetooth.queues import News, Payload
+from cosim.channels.bluetooth.queues import LinkEvents, Payload
 from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Fate, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
 from cosim.channels.bluetooth.state import PiconetState
@@ -50,17 +50,17 @@ class _Pair:
     answer: Payload | None
     """What the slave says if it hears the question; None for NULL."""
     acknowledges: bool
-    """Whether the master's packet carries ARQN = 1 for the head of the slave's queue."""
+    """True if the master's packet carries ARQN = 1 for the head of the slave's queue."""
     down_dbm: float
     up_dbm: float
     here: bool
-    """Whether the slave is there."""
+    """True if the slave is there."""
     noted: bool
-    """Whether its frames are recorded."""
+    """True if its frames are recorded."""
     whole: bool = True
-    """Whether the slave has received the payload of the question, if there is one."""
+    """True if the slave has received the payload of the question, if there is one."""
     taken: bool = False
-    """Whether it has had room for it as well."""
+    """True if it has had room for it as well."""
 
 
 class Slots:
@@ -87,7 +87,7 @@ class Slots:
         self._idle_recorded = self._recorded and state.settings.idle_frames
         """True if all other frames are recorded as well."""
         if self._idle_recorded:
-            self._air.tell_idle(self.address, self._record_idle)
+            self._air.report_idle(self.address, self._record_idle)
         self._slot: Handle | None = None
         self._slot_tick = NOTHING
 
@@ -151,9 +151,9 @@ class Slots:
             self.arm()
             return
         links.table[HEARD_DOWN, k] = self._kernel.now
-        news: News = []
+        events: LinkEvents = []
         if pair.acknowledges:
-            news = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
+            events = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
@@ -162,8 +162,8 @@ class Slots:
         pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
         links.table[FULL_UNTIL, k] = self._full_until(pair.slave, self.address)
         self._answer(pair)
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        if arrivals or events:
+            self._deliver(arrivals, events)
 
     def _overflows(self, pair: _Pair) -> bool:
         """Return whether the slave has no room for the payload that it has received; a repetition needs none."""
@@ -196,16 +196,16 @@ class Slots:
             return
         links.table[HEARD_UP, k] = self._kernel.now
         links.table[STOPPED, k] = links.table[FULL_UNTIL, k] > 0
-        news: News = []
+        events: LinkEvents = []
         if pair.taken and pair.question is not None:
             self._queues.remove(pair.question)
-            news = pair.question.fate(self.address, Outcome.DELIVERED)
+            events = pair.question.fate(self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
             arrivals = self._received(self.address, answer, pair.slave, pair.up_dbm)
         self.arm()
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        if arrivals or events:
+            self._deliver(arrivals, events)
 
     # ------------------------------------------------------------ broadcasts
 
@@ -258,9 +258,9 @@ class Slots:
                 self._on_beacon(k)
             elif fate.header_heard:
                 self.links.table[HEARD_DOWN, k] = self._kernel.now
-        news = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        events = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
+        if arrivals or events:
+            self._deliver(arrivals, events)
 
     # ------------------------------------------------------------ packets
 

@@ -15,7 +15,7 @@ from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.links import Links, Parking
 from cosim.channels.bluetooth.packets import ACL, PacketType
-from cosim.channels.bluetooth.queues import News, Queues
+from cosim.channels.bluetooth.queues import LinkEvents, Queues
 from cosim.channels.bluetooth.radio import Air
 from cosim.kernel import WAKE, Kernel
 from cosim.machine import Address, LinkEvent
@@ -76,7 +76,7 @@ class PiconetState:
     queues: Queues
     deliver: Deliver
 
-    def tell(self, news: News) -> None:
+    def report(self, events: LinkEvents) -> None:
         """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
-        if news:
-            self.kernel.at(self.kernel.now, partial(self.deliver, (), news), WAKE)
+        if events:
+            self.kernel.at(self.kernel.now, partial(self.deliver, (), events), WAKE)

@@ -51,7 +51,7 @@ class Stations:
     def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
         raise AssertionError("everybody has a route here")
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
         self.fates.append((token, outcome))
 
 

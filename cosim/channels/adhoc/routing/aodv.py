@@ -91,7 +91,7 @@ class Aodv(Control):
         if neighbour == BROADCAST or acknowledged or not self.settings.use_mac_feedback:
             if carried is not None:
                 good = Outcome.SENT if neighbour == BROADCAST else Outcome.DELIVERED
-                self._tell(carried.token, good if acknowledged else Outcome.UNACKNOWLEDGED)
+                self._report_fate(carried.token, good if acknowledged else Outcome.UNACKNOWLEDGED)
             return
         if reply:
             self._blacklist[neighbour] = now + self.times.blacklist
@@ -138,7 +138,7 @@ class Aodv(Control):
         self.counts["payloads_unrouted"] += 1
         if carried.previous is None and carried.failures == 0 and outcome is Outcome.NO_ROUTE:
             self._unsent.append(Unsent(carried.datagram.destination, len(carried.datagram.data), outcome))
-        self._tell(carried.token, outcome)
+        self._report_fate(carried.token, outcome)
 
     def _carry(self, datagram: Datagram, hop: Address, now: Time) -> None:
         """Deliver a payload that has come over *hop*, and pass on what is for others."""
@@ -245,7 +245,7 @@ class Aodv(Control):
         flags = self.settings.gratuitous, self.settings.destination_only
         self.counts["route_requests"] += 1
         request = Rreq(0, self._request_id, destination, sequence, self.address, self.sequence, *flags)
-        self._say(request, BROADCAST, now, search.ttl)
+        self._send_message(request, BROADCAST, now, search.ttl)
 
     def _go_on(self, now: Time) -> None:
         """Send what has waited for a route that there is now."""

@@ -103,7 +103,7 @@ class Control(Output):
             known = None if route is None else route.sequence
             if known is not None and (newest is None or newer(known, newest)):
                 newest = known
-            self._say(rreq._replace(hops=hops, sequence=newest), BROADCAST, now, ttl - 1, held=True)
+            self._send_message(rreq._replace(hops=hops, sequence=newest), BROADCAST, now, ttl - 1, held=True)
 
     def _answers(self, rreq: Rreq, hop: Address, now: Time) -> bool:
         """Answer for the destination if there is a route to it that is new enough (6.6.2, 6.6.3)."""
@@ -134,7 +134,7 @@ class Control(Output):
                     self._neighbours[hop] = now, now
             return
         if rrep.ack:
-            self._say(RrepAck(), hop, now)
+            self._send_message(RrepAck(), hop, now)
         self.table.hear(hop, now + self.times.active_route)
         if rrep.destination == self.address:
             self._catch_up(rrep.sequence)
@@ -167,7 +167,7 @@ class Control(Output):
         back.until = max(back.until, now + self.times.active_route)
         if self.settings.use_rrep_ack:
             self._acks.setdefault(back.next_hop, now + self.times.next_hop_wait)
-        self._say(rrep._replace(ack=self.settings.use_rrep_ack), back.next_hop, now)
+        self._send_message(rrep._replace(ack=self.settings.use_rrep_ack), back.next_hop, now)
 
     def _on_error(self, rerr: Rerr, hop: Address, now: Time) -> None:
         """End routes over *hop*, and tell those that use them (6.11, case iii)."""
@@ -200,13 +200,13 @@ class Control(Output):
 
     def _report(self, gone: list[Address], now: Time, also: Address | None = None, no_delete: bool = False) -> None:
         """Send errors about ended routes to their precursors, and to one neighbour *also*: to one alone, or to all."""
-        told: set[Address] = set() if also is None else {also}
+        receivers: set[Address] = set() if also is None else {also}
         pairs = []
         for destination in gone:
             route = self.table.get(destination)
             if also is not None or (route is not None and route.precursors):
                 pairs.append((destination, 0 if route is None else route.sequence or 0))
-                told |= set() if route is None else route.precursors
+                receivers |= set() if route is None else route.precursors
         if not pairs or self._errors.free_at(now) > now:
             return
         for destination, _ in pairs:
@@ -217,7 +217,7 @@ class Control(Output):
             self._errors.count(now)
             self.counts["route_errors"] += 1
             some = tuple(pairs[begin : begin + MOST_DESTINATIONS])
-            self._say(Rerr(some, no_delete), min(told) if len(told) == 1 else BROADCAST, now)
+            self._send_message(Rerr(some, no_delete), min(receivers) if len(receivers) == 1 else BROADCAST, now)
 
     def _engage(self, until: Time, now: Time) -> None:
         """Send hellos until then at least."""
@@ -231,7 +231,9 @@ class Control(Output):
             self._hello_at = None
             if self.settings.hello_always or now < self._engaged_until:
                 self._hello_at = self._next_hello(now)
-                self._say(Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now)
+                self._send_message(
+                    Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now
+                )
         for neighbour, (hello, heard) in list(self._neighbours.items()):
             if heard + self.times.loss <= now:
                 del self._neighbours[neighbour]

@@ -32,7 +32,7 @@ class Watch(NamedTuple):
     neighbour: Address
     carried: Carried | None
     reply: bool
-    """Whether it is a route reply."""
+    """True if it is a route reply."""
 
 
 class Output(Queues):
@@ -88,7 +88,7 @@ class Output(Queues):
         """Return when the next hello is due after a broadcast: a little early, or two clocks could collide for ever."""
         return max(last + self.times.hello - self._draw(self.times.jitter), last + 1)
 
-    def _say(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
+    def _send_message(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
         packet = encode(self._datagram(neighbour, ttl, AODV_PORT, encode_message(message)))
         self.counts["control_packets"] += 1
         self.counts["control_octets"] += len(packet)

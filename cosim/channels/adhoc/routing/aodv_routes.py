@@ -32,7 +32,7 @@ class Route:
     sequence: int | None
     """The newest of the destination that is known here; None: none is."""
     known: bool
-    """Whether the route is as new as that; it is not if its destination was merely heard."""
+    """True if the route is as new as that; it is not if its destination was merely heard."""
     until: Time
     """When an active route ends, and an ended one is forgotten."""
     active: bool = True
@@ -128,12 +128,12 @@ class RouteTable:
         if route is not None and not route.active:
             route.until = max(route.until, until)
 
-    def end(self, destination: Address, now: Time, told: int | None = None) -> None:
+    def end(self, destination: Address, now: Time, reported: int | None = None) -> None:
         """End the active route to *destination*; its sequence number becomes the one *told* if that is newer."""
         route = self._routes[destination]
         if route.sequence is not None:
-            if told is not None and newer(told, route.sequence):
-                route.sequence = told
+            if reported is not None and newer(reported, route.sequence):
+                route.sequence = reported
             elif route.known:
                 route.sequence = route.sequence + 1 & MASK
         route.active, route.until = False, now + self._delete_period

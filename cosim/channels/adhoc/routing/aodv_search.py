@@ -50,7 +50,7 @@ class Search:
     due: Time = 0
     """When the wait for a reply ends, or for leave to send the next request."""
     asked: bool = False
-    """Whether the request of this *ttl* is on its way."""
+    """True if the request of this *ttl* is on its way."""
     floods: int = 0
     """Requests that went as far as the network reaches."""
     waiting: list[Carried] = field(default_factory=list)

@@ -114,7 +114,7 @@ class Queues:
         unsent, self._unsent = self._unsent, []
         return unsent
 
-    def _tell(self, token: int | None, outcome: Outcome) -> None:
+    def _report_fate(self, token: int | None, outcome: Outcome) -> None:
         if token is not None:
             self._fates.append((token, outcome))
 
@@ -122,10 +122,10 @@ class Queues:
         """Return whether *payload* needs no radio: no packet holds it (TOO_LONG), or it is for this robot."""
         if len(payload) > MOST_OCTETS:
             self._unsent.append(Unsent(destination, len(payload), Outcome.TOO_LONG))
-            self._tell(token, Outcome.TOO_LONG)
+            self._report_fate(token, Outcome.TOO_LONG)
             return True
         if destination == self._address:
             self._deliveries.append(Delivery(destination, payload, False))
-            self._tell(token, Outcome.DELIVERED)
+            self._report_fate(token, Outcome.DELIVERED)
             return True
         return False

@@ -128,11 +128,11 @@ class Flooding(Queues):
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Tell that an own payload has been on the air."""
-        self._tell(token, Outcome.SENT)
+        self._report_fate(token, Outcome.SENT)
 
     def hop_refused(self, token: int, now: Time) -> None:
         """Tell that an own payload has not been on the air."""
-        self._tell(token, Outcome.QUEUE_FULL)
+        self._report_fate(token, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Repeat what has waited long enough."""

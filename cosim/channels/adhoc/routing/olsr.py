@@ -59,7 +59,9 @@ class OlsrSettings(Settings):
 
     kind: Literal["olsr"] = "olsr"
     hello_interval_s: Seconds = Field(default=2.0, gt=0, description="s between HELLOs, less the jitter")
-    refresh_interval_s: Seconds = Field(default=2.0, gt=0, description="s, each neighbour is told at least so often")
+    refresh_interval_s: Seconds = Field(
+        default=2.0, gt=0, description="s, each neighbour is advertised at least so often"
+    )
     tc_interval_s: Seconds = Field(default=5.0, gt=0, description="s between TCs, less the jitter")
     neighb_hold_s: Seconds | None = Field(
         default=None, gt=0, description="s, so long a HELLO holds; 3 refresh intervals if not given"
@@ -99,8 +101,12 @@ class OlsrSettings(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        told = {"hello_interval_s": self.hello_interval, "neighb_hold_s": self.hold, "top_hold_s": self.topology_hold}
-        for field, time in told.items():
+        durations = {
+            "hello_interval_s": self.hello_interval,
+            "neighb_hold_s": self.hold,
+            "top_hold_s": self.topology_hold,
+        }
+        for field, time in durations.items():
             if not SHORTEST <= time <= LONGEST:
                 fits = f"{to_seconds(SHORTEST):g}..{to_seconds(LONGEST):g}"
                 raise error_at((field,), to_seconds(time), f"is not in {fits}, which messages can tell")
@@ -199,7 +205,7 @@ class Olsr(Queues):
         self._drawn = 0
         self._hello_at = now + self._jitter()
         self._tc_at = now + self._jitter()
-        self._told: frozenset[Address] = frozenset()  # by the last TC
+        self._advertised: frozenset[Address] = frozenset()  # by the last TC
         self._told_until: Time = now
         self._queue: list[Message] = []  # of others, to be forwarded
         self._queue_at: Time | None = None
@@ -260,9 +266,9 @@ class Olsr(Queues):
         if (sent := self._sent.pop(token, None)) is None:
             return
         if sent.neighbour == BROADCAST:
-            self._tell(sent.token, Outcome.SENT)
+            self._report_fate(sent.token, Outcome.SENT)
             return
-        self._tell(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
+        self._report_fate(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
         if not acknowledged and self._settings.use_mac_feedback:
             self._counts["links_broken"] += self._neighbours.broken(sent.neighbour, now)
 
@@ -270,7 +276,7 @@ class Olsr(Queues):
         """Tell that a payload has not been on the air; that breaks no link."""
         if (sent := self._sent.pop(token, None)) is not None:
             self._counts["payloads_unrouted"] += 1
-            self._tell(sent.token, Outcome.QUEUE_FULL)
+            self._report_fate(sent.token, Outcome.QUEUE_FULL)
 
     def _payload(self, datagram: Datagram, hop: Address, now: Time) -> None:
         source, destination, ttl = datagram.source, datagram.destination, datagram.ttl
@@ -296,7 +302,7 @@ class Olsr(Queues):
         self._counts["payloads_unrouted"] += 1
         if datagram.source == self._address:
             self._unsent.append(Unsent(datagram.destination, len(datagram.data), Outcome.NO_ROUTE))
-        self._tell(token, Outcome.NO_ROUTE)
+        self._report_fate(token, Outcome.NO_ROUTE)
 
     def _hop(self, neighbour: Address, packet: bytes, token: int | None) -> None:
         self._tokens += 1
@@ -361,17 +367,17 @@ class Olsr(Queues):
     def _tc(self, now: Time) -> list[Message]:
         """Return the TC that is due (section 9.3): none if nothing is to be told, and nothing to be taken back."""
         settings, known = self._settings, self._neighbours
-        told = known.selectors
+        advertised = known.selectors
         if settings.willingness != WILL_NEVER and settings.tc_redundancy:  # section 15.1
-            told = told | known.mprs if settings.tc_redundancy == 1 else frozenset(known.willingness)
-        if told != self._told:
-            self._told = told
+            advertised = advertised | known.mprs if settings.tc_redundancy == 1 else frozenset(known.willingness)
+        if advertised != self._advertised:
+            self._advertised = advertised
             self._ansn = (self._ansn + 1) % NUMBERS
-        if told:
+        if advertised:
             self._told_until = now + settings.topology_hold
         elif now >= self._told_until:
             return []
-        return [self._message(TC, settings.topology_hold, EVERYWHERE, encode_tc(Tc(self._ansn, sorted(told))))]
+        return [self._message(TC, settings.topology_hold, EVERYWHERE, encode_tc(Tc(self._ansn, sorted(advertised))))]
 
     def _message(self, kind: int, validity: Time, ttl: int, body: bytes) -> Message:
         self._message_number = (self._message_number + 1) % NUMBERS

@@ -114,8 +114,8 @@ class Neighbourhood:
         """Take a HELLO of *origin* that came in the packet with that *number* (sections 7.1.1, 8.1.1, 8.2.1, 8.4.1)."""
         self.advance(now)
         until = now + validity
-        told = [(types, addresses) for code, addresses in hello.links.items() if (types := link_types(code))]
-        named = [(kind, neighbour, address) for (kind, neighbour), addresses in told for address in addresses]
+        listed = [(types, addresses) for code, addresses in hello.links.items() if (types := link_types(code))]
+        named = [(kind, neighbour, address) for (kind, neighbour), addresses in listed for address in addresses]
         link = self._sense(origin, hello, number, now)
         link.heard_until = until
         for kind, _, address in named:
