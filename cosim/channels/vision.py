@@ -3,8 +3,8 @@
 With an unlimited rate and the default latency it is the paper's assumption that robots in sight of each other talk at
 once (Sgorbissa and Arkin, "Local navigation strategies for a team of robots", section 1). With a rate and a latency it
 is an optical link: light signals that a camera reads picture by picture. One payload is on its way from a sender at a
-time; it is received by who is in sight of the sender when it begins and when it arrives. A sender that is switched off
-before the end of its payload has not sent it.
+time; it is received by robots that are in sight of the sender when it begins and when it arrives. A sender that is
+switched off before the end of its payload has not sent it.
 
 What looks like a link to a host is the line of sight: inquiry finds who is in sight, and a link ends with it.
 """
@@ -46,9 +46,9 @@ class _Flight(NamedTuple):
     outgoing: Outgoing
     begin: Time
     looks: int
-    """Which look at who sees whom that was."""
+    """Number of the look at lines of sight by which it was sent."""
     audience: tuple[Address, ...]
-    """Who was in sight when it began."""
+    """Robots that were in sight when it began."""
 
 
 class OpticalChannel(IdealChannel):
@@ -69,21 +69,21 @@ class OpticalChannel(IdealChannel):
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._free_at: list[Time] = [0] * size
         self._waiting: list[list[Handle]] = [[] for _ in range(size)]
-        """What will begin when all before it has been sent."""
+        """Payloads of each robot that begin when all before them have been sent."""
         self._in_flight: dict[Time, list[_Flight]] = {}
-        """By the time of arrival."""
+        """Flights by their time of arrival."""
         self._positions_m: Positions | None = None
-        """Where the robots are, until somebody asks who sees whom."""
+        """Positions of the robots that lines of sight have not yet been computed for."""
         self._in_sight: list[tuple[Address, ...]] = [()] * size
-        """Who sees whom, whether they are switched on or not: not to be read but by ``_sight``."""
+        """Robots in sight of each, switched on or not; to be read by ``_sight`` only."""
         self._seen = np.zeros((size, size), np.bool_)
-        """The same as a matrix."""
+        """The lines of sight as a matrix."""
         self._looks = 0
-        """How often that has changed, or may have."""
+        """Number of times that it has changed, or may have."""
         self._missed = 0
 
     def moved(self, positions_m: Positions) -> None:
-        """Note that robots may see others now; links between robots that no longer see each other are lost."""
+        """Note that lines of sight have changed; links between robots that no longer see each other are lost."""
         self._positions_m = positions_m
         self._looks += 1
         if self._paged:
@@ -157,7 +157,7 @@ class OpticalChannel(IdealChannel):
         flights.append(_new(_Flight, (source, outgoing, now, self._looks, audience)))
 
     def _land(self, arrival: Time) -> None:
-        """Deliver what arrives now to who is still in sight, and tell the senders."""
+        """Deliver what arrives now to robots that are still in sight, and report fates to the senders."""
         arrivals: list[Arrival] = []
         events: list[tuple[Address, LinkEvent]] = []
         for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
@@ -199,7 +199,7 @@ class OpticalChannel(IdealChannel):
         return super()._hears(one, other) and other in self._sight()[one]
 
     def _sight(self) -> list[tuple[Address, ...]]:
-        """Look who sees whom, once after robots have moved and somebody wants to know."""
+        """Return the robots in sight of each, computed once after a move when it is first needed."""
         positions_m = self._positions_m
         if positions_m is not None:
             self._positions_m = None

@@ -4,9 +4,9 @@ A payload to one robot is acknowledged by its radio, and sent again if it is not
 basic rate. What looks like a link to a host is reach: inquiry finds who is in reach, and a link ends with it. There is
 no such thing in 802.11; it lets protocols that manage links run here unchanged.
 
-Robots may send with powers of their own, or, where signals do not fade, reach as far as they do: a frame arrives at who
-is at most the sender's reach away, however far it reaches itself. So a robot may hear another that does not hear it:
-its acknowledgements are lost, and what is meant for it is sent until the limit.
+Robots may have transmit powers of their own, or, where signals do not fade, ranges of their own: a frame arrives at all
+robots within the sender's range, whatever theirs. So a robot may hear another that does not hear it: its
+acknowledgements are lost, and payloads for it are repeated up to the limit.
 """
 
 import math
@@ -41,7 +41,7 @@ from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 FAINT_MW: Final = 1e-14
-"""What arrives with less than -140 dBm is nothing, not even interference."""
+"""Power (-140 dBm) below which a signal is neglected, even as interference."""
 RECEPTION: Final = 2
 """Purpose of the draws of errors."""
 JITTER: Final = 3
@@ -58,12 +58,12 @@ class Handover:
         self._draws = draws
         self._handed = [0] * size
         self._last: list[Time] = [0] * size
-        """When the last payload of each was handed over, or will be."""
+        """Instant at which the last payload of each was handed over, or will be."""
         self._incarnations = [0] * size
-        """How often what was under way has been forgotten."""
+        """Number of times that what was under way has been forgotten."""
 
     def hand(self, source: Address, take: Callable[[], None]) -> None:
-        """Have a payload of *source* taken: at once if hosts take no time."""
+        """Call *take* when a payload of *source* has reached its radio: at once if hosts take no time."""
         if self._jitter == 0:
             take()
             return
@@ -101,9 +101,9 @@ class AdhocChannel(IdealChannel):
         walls: tuple[SegmentGrid, npt.ArrayLike] | None = None,
         strengths: Sequence[float | None] = (),
     ) -> None:
-        """*walls* and what each of them costs, dB, matter if signals fade.
+        """*walls* and the loss of each in dB matter if signals fade.
 
-        *strengths* are what each robot has, if not None, instead of ``power_dbm``, or of ``range_m`` if they do not.
+        *strengths* are the robots' own values, if not None, of ``power_dbm``, or of ``range_m`` if signals do not fade.
         """
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
@@ -114,7 +114,7 @@ class AdhocChannel(IdealChannel):
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
         self._reached: list[tuple[tuple[Address, float], ...]] | None = None
-        """Whom each robot reaches, with how many mW, once somebody has asked since they have moved."""
+        """Robots that each robot reaches, and with how many mW; None until it is needed after a move."""
         self._positions_m: Positions = np.zeros((size, 2))
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._arrivals: list[Arrival] = []
@@ -122,7 +122,7 @@ class AdhocChannel(IdealChannel):
         timing = settings.timing()
         self._air = Medium(kernel, timing.delay, self._reaches, self._note, self._ended)
         self._held = [0] * size
-        """Payloads that each device has been handed and is not done with."""
+        """Number of payloads that each device has been handed and has not finished."""
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         self._receivers = [self._receiver(address) for address in range(size)]
@@ -175,14 +175,14 @@ class AdhocChannel(IdealChannel):
         self._handover.hand(source, partial(self._queue, source, packet))
 
     def moved(self, positions_m: Positions) -> None:
-        """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
+        """Note that robots have moved; links between robots that are no longer in reach of each other are lost."""
         self._positions_m = positions_m
         self._reached = None
         self._jamming.moved()
         self._lose_links()
 
     def advance(self, now: Time) -> None:
-        """Have stations know what jammers have done up to *now*, while robots are still where they were."""
+        """Bring the power of jammers at stations up to *now*, while robots are still where they were."""
         self._jamming.advance()
 
     def power(self, address: Address, on: bool) -> None:
@@ -196,12 +196,12 @@ class AdhocChannel(IdealChannel):
             self._forwarding.power(address, on)
 
     def summary(self) -> dict[str, float]:
-        """Return how many frames were sent, and how many payloads were given up."""
+        """Return the number of frames sent, and of payloads given up."""
         routed: dict[str, float] = {} if self._forwarding is None else self._forwarding.summary()
         return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped), **routed}
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
         if self._propagation is None:
             raise UserError("radios without propagation notice no walls")
         self._jamming.advance()
@@ -210,7 +210,7 @@ class AdhocChannel(IdealChannel):
         self._jamming.moved()
 
     def jam(self, jammer: Jammer) -> None:
-        """Have *jammer* on the air as well, at its times; raise UserError for a radio that is not in its band.
+        """Put *jammer* on the air as well, at its times; raise UserError for a radio that is not in its band.
 
         Without a law of propagation its power does not matter: it spoils all that arrives in range_m of it.
         """
@@ -221,7 +221,7 @@ class AdhocChannel(IdealChannel):
             self._jamming.add(heard)
 
     def _jam_mw(self, jammers: Sequence[Jammer]) -> list[list[float]]:
-        """Return what each robot receives of each jammer on one of its channels: a row a jammer, in mW."""
+        """Return the power of each jammer (row) at each robot on one of its channels, in mW."""
         places_m = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
         if self._propagation is None:
             apart = np.linalg.norm(places_m[:, None] - self._positions_m[None], axis=-1)
@@ -233,7 +233,7 @@ class AdhocChannel(IdealChannel):
         return received
 
     def _jamming_matters(self) -> bool:
-        """Return whether it matters to anybody now what jammers do."""
+        """Return whether jammers matter to any station now."""
         return not self._air.silent or any(not station.at_rest for station in self._stations)
 
     def _hears(self, one: Address, other: Address) -> bool:
@@ -244,7 +244,7 @@ class AdhocChannel(IdealChannel):
         return any(address == other and power_mw >= least for address, power_mw in self._powers()[one])
 
     def _reaches(self, source: Address) -> Sequence[tuple[Address, float]]:
-        """Return whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
+        """Return the robots that *source* reaches now, with how many mW: all that are switched on, however weakly."""
         return self._powers()[source]
 
     def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
@@ -262,7 +262,7 @@ class AdhocChannel(IdealChannel):
             self._reached = [tuple(heard[begin:end]) for begin, end in pairwise(ends)]
         return self._reached
 
-    # ------------------------------------------------------------ what stations tell
+    # ------------------------------------------------------------ what stations report
 
     def received(self, address: Address, frame: Frame) -> None:
         """Take what has arrived at *address*: a payload, or a packet for its router."""
@@ -283,7 +283,7 @@ class AdhocChannel(IdealChannel):
         self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Tell a host, or a router, what has become of its payload."""
+        """Report the fate of a packet to its host, or its router."""
         self._dropped += not acknowledged
         self._held[address] -= 1
         if self._forwarding is not None:
@@ -295,11 +295,11 @@ class AdhocChannel(IdealChannel):
             self.report_fate(address, packet.token, fate)
 
     def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
-        """Tell the host of *address* what has become of a payload."""
+        """Report the fate of a payload to the host of *address*."""
         self._report((address, Fate(token, outcome)))
 
     def transmit(self, address: Address, packet: Packet) -> None:
-        """Have the station of *address* send what its router wants to; what it has no room for is lost."""
+        """Have the station of *address* send a packet of its router; it is lost if there is no room for it."""
         if self._most is None or self._held[address] < self._most:
             self._held[address] += 1
             self._queue(address, packet)
@@ -315,12 +315,12 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        """Write a row for every frame at every station in reach that it is meant for."""
+        """Record every frame at every station in reach that it is meant for."""
         if self._frames_wanted and frame.destination in (BROADCAST, address):
             self._row(frame, address, "received" if received else "collided")
 
     def _ended(self, frame: Frame, whole: bool, reached: Sequence[tuple[Address, float]]) -> None:
-        """Write what was on the air, and a row for a frame that has reached nobody whom it is meant for."""
+        """Record what was on the air, and a row for a frame that has reached no robot that it was meant for."""
         meant_for = frame.destination
         if self._frames_wanted and not (reached if meant_for == BROADCAST else any(a == meant_for for a, _ in reached)):
             self._row(frame, meant_for, "out_of_range")
@@ -347,7 +347,7 @@ def _fading(
 
 
 def _strength(settings: AdhocSettings, own: Sequence[float | None], size: int) -> npt.NDArray[np.float64]:
-    """Return with how many mW each robot sends, or how many m it reaches if signals do not fade; shape (size, 1)."""
+    """Return the power of each robot in mW, or its range in m if signals do not fade; shape (size, 1)."""
     if settings.propagation is None:
         return np.array([[reach_m] for reach_m in of_each(own, settings.range_m or math.inf, size)])
     return np.array([[mw(power_dbm)] for power_dbm in of_each(own, settings.power_dbm, size)])

@@ -1,4 +1,4 @@
-"""What a scenario can say about an 802.11 ad hoc network."""
+"""Parameters of an 802.11 ad hoc network in a scenario."""
 
 import math
 from typing import Annotated, Literal, Self, TypeAlias
@@ -159,7 +159,7 @@ class AdhocSettings(Settings):
         )
 
     def limits(self) -> Limits:
-        """Return what powers bring about, if signals fade."""
+        """Return the thresholds of receivers, if signals fade."""
         capture = math.inf if self.capture_db is None else mw(self.capture_db)
         noise = noise_dbm(self.radio.bandwidth_hz, self.noise_figure_db)
         return Limits(mw(noise), mw(self.detection_dbm), mw(self.energy_dbm), capture)

@@ -1,18 +1,19 @@
-"""One Bluetooth device: what its host asks of it, one thing at a time, and whether it may be found and paged meanwhile.
+"""One Bluetooth device: its procedures, one at a time, its links in several piconets, and when it scans.
 
-A device is the master of its own piconet and a slave in others', as far as it has links; it inquires or pages, one
+A device is the master of its own piconet and a slave in others', as far as it has links. It inquires or pages, one
 procedure after the other in the order of the commands. It scans when it has no link and no procedure under way; with
-links only if its host has asked for it since the last one came up. While a master inquires or pages its piconet is
-suspended, and a procedure starts only when no link is due, so that links which have waited are served between two.
+links it scans only if its host has asked for it since the last one came up. While a master inquires or pages, its
+piconet is suspended. A procedure starts only when no slot pair is under way in any of its piconets and no link of its
+own is due, so that links which have waited are served between two procedures.
 
-A device is in one piconet at a time: during a procedure in none; else as its host has divided its time; else in that of
+A device is in one piconet at a time: during a procedure in none, else as its host has divided its time, else in that of
 its latest link.
 
 Role switch (Core v1.2, Vol 2 Part B, section 8.6.5): master and slave of a link change places. The new master's address
 and clock give the hop sequence from then on, so the link moves to its piconet; payloads for the other move with it,
 with their sequence bits, so that nothing is lost or delivered twice. What the old master had to broadcast is flushed: a
-slave does not broadcast. A link is turned round only if neither device has another, so that no third one has to follow;
-between two slot pairs; and only if both hear each other and the link is active. The air time of the link manager's
+slave does not broadcast. A link is turned round only if neither device has another, so that no third one has to follow,
+between two slot pairs, and only if both hear each other and the link is active. The air time of the link manager's
 messages and of the slot adjustment (LMP, FHS) is neglected.
 """
 
@@ -54,13 +55,13 @@ from cosim.units import TICK, Time
 
 AWAY = Presence(here=False)
 ELSEWHERE = Presence(period=1, length=0)
-"""It has divided its time, with no part for that piconet: its master knows that."""
+"""Presence of a device that has divided its time without a part for that piconet, which its master knows."""
 
 
 class Attendance:
     """The presence of the device *address*: as its host has divided its time, else in the piconet of its latest link.
 
-    *clock_of* returns the native clock of any device: parts are counted on the one that they refer to.
+    *clock_of* returns the native clock of any device; parts of the time are counted on the clock that they refer to.
     """
 
     def __init__(self, address: Address, clock_of: Callable[[Address], NativeClock]) -> None:
@@ -83,7 +84,7 @@ class Attendance:
         self._latest = [master for master in self._latest if master in masters]
 
     def share(self, share: Share | None) -> None:
-        """Divide the time as the host has it; None, or no parts, for not at all.
+        """Divide the time as the host asks for; do not divide it for None, or no parts.
 
         Raise LocalProtocolError for parts that overlap within the period, which may begin in the midst of one.
         """
@@ -92,11 +93,8 @@ class Attendance:
         self._share = share if share is not None and share.parts else None
 
     def presence(self, master: Address, busy: bool) -> Presence:
-        """Return when the device is in the piconet of *master*; *busy* with a procedure it is in no other's.
-
-        (The own piconet is suspended then, which need not be said twice.)
-        """
-        if busy and master != self._address:
+        """Return when the device is in the piconet of *master*; *busy* with a procedure it is in no other's."""
+        if busy and master != self._address:  # its own piconet is suspended then
             return self._planned(master)._replace(here=False)
         return self._planned(master)
 
@@ -129,7 +127,7 @@ class Controller:
         report: Callable[[Address, LinkEvent], None],
         call: Callable[[Address, int, str, str], None],
     ) -> None:
-        """*tell* takes what a host learns, in a new event; *call* takes (address, depth, name, detail) of a call."""
+        """*report* takes an event for a host; *call* takes (address, depth, name, detail) of a call."""
         self.radio = radio
         self.identity = radio.identity
         self.address = radio.identity.address
@@ -192,7 +190,7 @@ class Controller:
 
     def became_slave(self, master: Address, lt_addr: int) -> None:
         """Join the piconet of *master*, whose POLL has just been received."""
-        self.master_of.close(self.address, master)  # who pages its former master has left it
+        self.master_of.close(self.address, master)  # a device that pages its former master has left it
         pager = self._peers[master]
         self.masters[master] = pager.master_of
         pager.master_of.join(self.address, lt_addr)
@@ -207,7 +205,7 @@ class Controller:
         self.update_scan()
 
     def left(self, master: Address) -> None:
-        """Note the same, before another link comes up at this instant."""
+        """Note that the link in the piconet of *master* is gone, before another one comes up at this instant."""
         self.masters.pop(master, None)
         self._attendance.keep({*self.masters, *([self.address] if self.master_of.links.audience() else [])})
 
@@ -224,7 +222,7 @@ class Controller:
         self._update_presence()
 
     def _update_presence(self) -> None:
-        """Tell the piconets when this device is there."""
+        """Inform the piconets of when this device is there."""
         busy = self._procedure is not None
         for master, piconet in (*self.masters.items(), (self.address, self.master_of)):
             piconet.set_presence(self.address, self._attendance.presence(master, busy))
@@ -232,7 +230,7 @@ class Controller:
     # ------------------------------------------------------------ scanning and power
 
     def want_scan(self, enabled: bool) -> None:
-        """Scan whenever nothing stands against it, or not at all."""
+        """Scan whenever the device is free to, or not at all."""
         self._scan_wanted = enabled
         self._insists = enabled and self._attendance.linked
         self.update_scan()
@@ -250,7 +248,7 @@ class Controller:
                 scanner.disable()
 
     def switch_off(self) -> None:
-        """Forget everything but the device's identity; nobody is told."""
+        """Forget everything but the device's identity, and report nothing."""
         self.powered = False
         self._cancel_procedures()
         self._attendance.share(None)
@@ -259,7 +257,7 @@ class Controller:
         self.update_scan()
 
     def switch_on(self) -> None:
-        """Start anew, idle, and scanning if that was wanted last."""
+        """Start again, idle, and scanning if that was wanted last."""
         self.powered = True
         self.update_scan()
 
@@ -393,7 +391,7 @@ class Controller:
     def _switch_roles(self, other: "Controller") -> None:
         """Turn the link to another device round as this one's host asks for.
 
-        It waits for the end of the slot pair under way; what stands against the switch is looked at then.
+        Wait for the end of the slot pair under way, and check only then whether the switch is possible.
         """
         if self.address not in other.masters and other.address not in self.masters:
             self._report(self.address, ModeChanged(other.address, Mode.NONE))
@@ -419,7 +417,7 @@ class Controller:
 
 
 def _may_switch(master: Controller, slave: Controller) -> bool:
-    """Return whether the link is active and heard on both sides, and both devices have no other and are idle."""
+    """Return whether the link is active and heard on both sides, and both devices are idle and have no other link."""
     modes = master.master_of.modes
     alone = not master.masters and modes.members() == [slave.address]
     alone = alone and list(slave.masters) == [master.address] and not slave.master_of.modes.members()

@@ -1,7 +1,7 @@
-"""Bluetooth as a channel: one device for each robot, on one air, and what hosts ask of them.
+"""Bluetooth as a channel: one device for each robot, all on one air, and the commands of their hosts.
 
-What devices receive of each other changes only when robots move or a radio is switched; all piconets are advanced to
-that instant first, so that what they compute late is what would have happened.
+The powers between devices change only when robots move or a radio is switched. All piconets are advanced to that
+instant first, so that what they compute later than it happens is computed with the powers of its time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -52,14 +52,14 @@ from cosim.trace import CALLS, FRAMES, Trace
 from cosim.units import TICK, Time, to_seconds
 
 Floor: TypeAlias = tuple[SegmentGrid, Floats]
-"""The walls, and what each of them costs in dB."""
+"""The walls, and the loss of each in dB."""
 NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
 CALL_DEPTH: Final = 4
-"""Depth of the topmost call of this room in the table of calls: four rooms of a protocol lie above it."""
+"""Depth of the topmost call of Bluetooth in the table of calls: four layers of a protocol lie above it."""
 
 
 class BluetoothChannel(Channel):
-    """All devices of a run. What they draw depends on the streams "bluetooth", purpose, address only."""
+    """All devices of a run. Their draws depend only on the streams "bluetooth", purpose, address."""
 
     metrics = (
         Metric("radio_inquiry_s", "s", "time that all devices together have spent in inquiry"),
@@ -81,7 +81,7 @@ class BluetoothChannel(Channel):
         floor: Floor | None = None,
         power_classes: Sequence[int | None] = (),
     ) -> None:
-        """*floor* is needed where signals fade; *power_classes* are those of robots that differ from the settings'."""
+        """*floor* is needed where signals fade; *power_classes* are the robots' own, None for that of the settings."""
         super().__init__(kernel, trace, size)
         self.settings = settings
         self._on = np.ones(size, dtype=np.bool_)
@@ -110,7 +110,7 @@ class BluetoothChannel(Channel):
         for device in self.devices:
             self._equip(device, streams)
 
-    # ------------------------------------------------------------ what hosts ask
+    # ------------------------------------------------------------ hosts' payloads and commands
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload at the device of *source*; nothing happens if that is off."""
@@ -169,7 +169,7 @@ class BluetoothChannel(Channel):
             self._update_powers()
 
     def power(self, address: Address, on: bool) -> None:
-        """Switch the radio at *address* on or off. Its host is told nothing; others find out by supervision."""
+        """Switch the radio at *address* on or off. Its host gets no event; the others find out by supervision."""
         device = self.devices[address]
         if on == device.powered:
             return
@@ -183,20 +183,20 @@ class BluetoothChannel(Channel):
             device.switch_on()
 
     def jam(self, jammer: Jammer) -> None:
-        """Have *jammer* on the air as well, at its times."""
+        """Put *jammer* on the air as well, at its times."""
         self._jammers.append(jammer)
         self.air.set_jammers(self._jammers, self.kernel.now)
         self._update_powers()
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
         if isinstance(self._reach, Disc):
             raise UserError("radios without propagation notice no walls")
         self._reach.obstruct(barriers)
         self._update_powers()
 
     def advance(self, now: Time) -> None:
-        """Record idle frames up to *now* if they are wanted; nothing else needs it, for powers change in ``moved``."""
+        """Record idle frames up to *now* if they are wanted; powers do not change here but in ``moved``."""
         if self._idle_wanted:
             self.air.advance(now)
 
@@ -233,7 +233,7 @@ class BluetoothChannel(Channel):
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)
 
-    # ------------------------------------------------------------ events
+    # ------------------------------------------------------------ events for hosts
 
     def _report(self, address: Address, event: LinkEvent) -> None:
         """Report *event* in a new event at this instant, with all others of this instant."""

@@ -52,18 +52,18 @@ from cosim.units import SLOT, Time
 
 CLOCK_RANGE: Final = 1 << 28
 RESPONSE_TIMEOUT: Final[Time] = 128 * SLOT
-"""inqrespTO: how long a v1.1 scanner waits for the second ID."""
+"""inqrespTO: time for which a v1.1 scanner waits for the second ID."""
 BACKOFF_SLOTS: Final = 1024
 SHORT_BACKOFF_SLOTS: Final = 128
-"""Bound of the v1.2 back-off at short scan intervals..."""
+"""Bound of the v1.2 back-off at short scan intervals."""
 SHORT_BACKOFF_BELOW: Final = 4096
-"""...below this many ticks, 1.28 s."""
+"""Ticks (1.28 s) below which a scan interval is short."""
 BACKOFF_PURPOSE: Final = 1
-"""Names the back-off among a device's counter-based draws."""
+"""Purpose of the draws of back-offs."""
 
 
 class InquirySettings(Settings):
-    """How a device inquires."""
+    """Parameters of an inquiry."""
 
     n_inquiry: Count = Field(default=256, ge=1)
     """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
@@ -71,13 +71,13 @@ class InquirySettings(Settings):
 
 
 class InquiryScanSettings(ScanSettings):
-    """How a device lets itself be found."""
+    """Parameters of an inquiry scan, by which a device can be found."""
 
     # YAML reads an unquoted 1.2 as a number
     version: Annotated[
         Literal["1.1", "1.2"], BeforeValidator(lambda value: str(value) if isinstance(value, float) else value)
     ] = "1.2"
-    """The specification's version, which decides where the back-off stands."""
+    """Version of the specification, which decides when a scanner backs off."""
 
     @model_validator(mode="after")
     def _known_in_version(self) -> Self:
@@ -171,7 +171,7 @@ class InquiryScanner:
         return response or next_meeting(ids, self._windows, tick, self._limit, self.n)
 
     def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
-        """At the start of an ID that might be heard: see whether it is sent, and within reach."""
+        """Check at the start of an ID that might be heard whether it is sent, and within reach."""
         carrier = self._air.carrier(inquiry.address, self.address)
         if inquiry.sends(self._kernel.now) and self._air.reaches(carrier):
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
@@ -181,7 +181,7 @@ class InquiryScanner:
             self._expect(inquiry, meeting.tick + 1)
 
     def _hear(self, inquiry: "Inquiry", meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
-        """At the end of an ID: hear it if nothing has destroyed it."""
+        """Hear an ID at its end, if nothing has destroyed it."""
         start, end = frame.start, self._kernel.now
         if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
@@ -200,7 +200,7 @@ class InquiryScanner:
         return self.clock.local(begin) + slots * SLOT
 
     def _answer(self, inquiry: "Inquiry", meeting: Meeting, heard: Time) -> None:
-        """Put the FHS on the air and go on scanning as the version has it."""
+        """Put the FHS on the air and go on scanning as the version requires."""
         start = self._kernel.now
         clkn = self.clock.tick(start)
         channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second, inquiry.word)
@@ -224,7 +224,7 @@ class _Reply:
         self.clkn = clkn
         self.carrier_dbm = carrier_dbm
         self.lost: Fate | None = None
-        """Why the inquirer did not lock on it, if it did not."""
+        """Reason why the inquirer did not lock on it; None if it did."""
 
 
 class Inquiry:
@@ -320,7 +320,7 @@ class Inquiry:
         return None if fate is GOOD else fate
 
     def _judge(self, reply: _Reply) -> None:
-        """At the end of an FHS: record what became of it, and report a device that is new."""
+        """Record the fate of an FHS at its end, and report a device that is new."""
         self._settle()
         frame = reply.frame
         if self._over_since < reply.end and self._air.reaches(reply.carrier_dbm):

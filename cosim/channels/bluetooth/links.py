@@ -1,4 +1,4 @@
-"""Who belongs to one piconet: its links, each with two sides that may be up or not, and its parked slaves.
+"""The members of one piconet: its links, each with two sides that may be up or not, and its parked slaves.
 
 A parked slave is a member without one of the seven addresses (Core v1.2, Vol 2 Part B, section 8.7). It keeps its clock
 with the master's and listens in beacon windows only: a number of slots from every multiple of the interval, counted on
@@ -7,7 +7,7 @@ LT_ADDR 0), and sends broadcasts in windows only while a slave is parked, so tha
 back at the first beacon that it hears after it was asked to.
 
 Neglected are the air time of link manager messages and that of the access window, in which parked slaves answer: a
-beacon that a slave hears tells the master that it is still there, if the slave is in reach of the master.
+beacon that a slave hears also shows the master that the slave is still there, if it is in reach of the master.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ from cosim.units import SLOT, Time
 
 
 class Presence(NamedTuple):
-    """When a device is in a piconet: never unless *here*; for *length* from *first* in every *period*, if set.
+    """The presence of a device in a piconet: never unless *here*; for *length* from *first* in every *period*, if set.
 
     Ticks, counted on *clock*.
     """
@@ -64,7 +64,7 @@ ALWAYS = Presence()
 
 
 class Links:
-    """Who belongs to the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``).
+    """The links of the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``).
 
     *transport* brings payloads to hosts, and may have no room for more; without it they take everything at once.
     """
@@ -84,7 +84,7 @@ class Links:
         return [k for k in sorted(self.slaves) if self.table[HELD, k]]
 
     def audience(self) -> bool:
-        """Return whether the master takes anybody to hear what it broadcasts."""
+        """Return whether the master takes any device to hear its broadcasts."""
         return bool(self.table[HELD].any())
 
     def up(self, k: int, side: int) -> bool:
@@ -137,7 +137,7 @@ class Links:
         return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.slaves), None)
 
     def note_shares(self) -> None:
-        """Tell the arithmetic of slots whether anybody is absent at times, or may be stopped."""
+        """Note in the arrays whether any device is absent at times, or may be stopped."""
         columns = [0, *self.slaves]
         absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
         absent = bool(absences.any() or not self.table[HERE, columns].all())
@@ -155,16 +155,16 @@ class Member:
 
     slave: Address
     heard_down: Time
-    """When it last heard the master, and..."""
+    """Instant at which it last heard the master."""
     heard_up: Time
-    """...the master it."""
+    """Instant at which the master last heard it."""
     presence: Presence = ALWAYS
     held: bool = True
-    """True if the master takes it for a member, and..."""
+    """True if the master takes it for a member."""
     joined: bool = True
-    """...it takes itself for one."""
+    """True if it takes itself for a member."""
     waking: bool = False
-    """True if it is to come back."""
+    """True if it has been asked to come back."""
 
 
 class Parking:
@@ -196,7 +196,7 @@ class Parking:
         return member
 
     def _note(self) -> None:
-        """Tell the arithmetic of slots whether there are beacons, and that broadcasts have to wait for them."""
+        """Note in the arrays whether there are beacons, for which broadcasts have to wait."""
         piconet, table = self._links.piconet, self._links.table
         held = any(member.held for member in self.members.values())
         table[HELD, EVERYONE] = held
@@ -214,7 +214,7 @@ class Parking:
         return member.held if side == HELD else member.joined
 
     def take_down(self, number: int, side: int) -> None:
-        """Let one side take the membership of a parked slave for ended."""
+        """End the membership of a parked slave on one side."""
         member = self.members[number]
         if side == HELD:
             member.held = False
@@ -225,7 +225,7 @@ class Parking:
         self._note()
 
     def silent(self, limit: Time) -> list[tuple[int, int]]:
-        """Return (number, side) of those who have heard nothing since *limit*."""
+        """Return (number, side) of the sides that have heard nothing since *limit*."""
         master = [(number, HELD) for number, member in self.members.items() if member.held and member.heard_up <= limit]
         slaves = [(number, JOINED) for number, m in self.members.items() if m.joined and m.heard_down <= limit]
         return sorted(master + slaves)

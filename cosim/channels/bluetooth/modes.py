@@ -1,12 +1,12 @@
-"""Hold, sniff and park: links that are not there all the time (Core v1.2, Vol 2 Part B, sections 8.5 to 8.7).
+"""Hold, sniff and park: links that are not active all the time (Core v1.2, Vol 2 Part B, sections 8.5 to 8.7).
 
-Either side may ask; a link changes its mode at once, on both sides, if each is in reach of the other and the wish is
-sound, and both hosts learn its new mode. Otherwise the one that asked learns the mode that it is still in.
-The air time of the link manager's messages is neglected, as it is for a disconnection; a slot pair under way is
-finished.
+Either side may ask for a mode. If each is in reach of the other and the request is valid, the link changes its mode at
+once on both sides, and both hosts get an event with the new mode. Otherwise the host that asked gets the mode that the
+link is still in. The air time of the link manager's messages is neglected, as it is for a disconnection; a slot pair
+under way is finished.
 
-A link may be silent only for so long that it survives: the supervision time-out less twice T_poll, for the waits before
-and after.
+A link may not be silent for so long that it is lost: at most for the supervision time-out less twice T_poll, for the
+waits before and after.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ class Modes:
         self._changed = changed
 
     def command(self, side: Address, command: ModeCommand) -> None:
-        """Do what the host of *side*, the master or a slave, asks for."""
+        """Carry out a command of the host of *side*, the master or a slave."""
         self._air.advance(self._kernel.now)
         slave = command.peer if side == self._links.master else side
         known = self._links.master in (side, command.peer)
@@ -54,7 +54,7 @@ class Modes:
             self._report([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
 
     def members(self) -> list[Address]:
-        """Return all whom either side takes for members, parked or not."""
+        """Return all devices that either side takes for members, parked or not."""
         return [*self._links.lt_addr, *(member.slave for member in self._parking.members.values())]
 
     def mode(self, slave: Address) -> Mode:
@@ -77,7 +77,7 @@ class Modes:
         return links.up(k, HELD) and links.up(k, JOINED) and all(air.reaches(air.carrier(*way)) for way in ways)
 
     def _obey(self, slave: Address, command: ModeCommand) -> bool:
-        """Return whether the command is carried out."""
+        """Carry out the command if it is possible, and return whether it is."""
         if isinstance(command, Unpark):
             return self._wake(slave)
         if not self.both_hear(slave):
@@ -123,7 +123,7 @@ class Modes:
         return True
 
     def _note(self, k: int) -> None:
-        """Tell the arithmetic of slots, and both hosts."""
+        """Note a change of mode in the arrays, and report it to both hosts."""
         self._links.note_shares()
         self._report_mode(self._links.slaves[k])
 

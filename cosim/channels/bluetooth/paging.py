@@ -48,9 +48,9 @@ from cosim.settings import Count, Settings
 from cosim.units import SLOT, Time
 
 PAGE_RESPONSE_TIMEOUT: Final[Time] = 8 * SLOT
-"""pagerespTO: how long a responding slave waits for the FHS."""
+"""pagerespTO: time for which a responding slave waits for the FHS."""
 NEW_CONNECTION_TIMEOUT: Final[Time] = 32 * SLOT
-"""newconnectionTO: how long a slave that has acknowledged waits for the first POLL."""
+"""newconnectionTO: time for which a slave that has acknowledged waits for the first POLL."""
 FHS_TRIES: Final = 4
 POLL_TRIES: Final = 16
 REPETITIONS: Final[dict[str, int]] = {"R0": 1, "R1": 128, "R2": 256}
@@ -58,7 +58,7 @@ REPETITIONS: Final[dict[str, int]] = {"R0": 1, "R1": 128, "R2": 256}
 
 
 class PageSettings(Settings):
-    """How a device pages."""
+    """Parameters of a page."""
 
     mode: Literal["R0", "R1", "R2"] = "R1"
     """Scan mode that the paged devices are taken to have: R0 continuous, R1 every 1.28 s, R2 every 2.56 s."""
@@ -118,7 +118,7 @@ class PageScanner:
         return next_meeting(ids, self._windows, tick, max(self._since, self.kernel.now))
 
     def join(self, page: "Page") -> None:
-        """Tell *page* from now on when this scanner starts or stops to listen."""
+        """Notify *page* from now on when this scanner starts or stops to listen."""
         self._pages.append(page)
 
     def leave(self, page: "Page") -> None:
@@ -212,7 +212,7 @@ class Page:
             self._seek(self._resumed)
 
     def resume(self, tick: int) -> None:
-        """Page on from *tick*: the exchange has failed."""
+        """Go on paging from *tick*: the exchange has failed."""
         self._exchange = None
         self.send_ids(tick)
         self._seek(tick)
@@ -281,7 +281,7 @@ _Then: TypeAlias = Callable[[bool], None]
 
 
 class _Exchange:
-    """What follows a heard page ID, both sides of it; one event is pending at a time."""
+    """The exchange that follows a heard page ID, both sides of it; one event is pending at a time."""
 
     def __init__(self, page: Page, meeting: Meeting, start: Time) -> None:
         self.slave = False
@@ -311,7 +311,7 @@ class _Exchange:
         return self._page.scanner.engaged_in(self)
 
     def _fail(self, tick: int) -> None:
-        """Leave it; the pager goes on at *tick*."""
+        """End the exchange; the pager goes on at *tick*."""
         self.abandon()
         self._page.resume(tick)
 

@@ -1,20 +1,21 @@
 """A connected piconet: one master, up to seven slaves, time division duplex.
 
 The master transmits in slots that start where 4 divides its tick; only the slave that it addresses answers, in the next
-slot. At every free TX slot the master serves, in this order: the link whose poll is overdue, the head of its queue,
-nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B,
-sections 4.5, 7 and 8.)
+slot. At every free TX slot the master serves the link whose poll is overdue, else the head of its queue, else no link.
+Each device has one queue, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B, sections
+4.5, 7 and 8.)
 
 What is sent in a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and received at that
-instant; what becomes of a frame, at its end. Kernel events exist only for slots with a payload in them and for
-supervision time-outs; idle polls are a loop over arrays, run for all piconets together when somebody looks (``band``).
+instant. What becomes of a frame is decided at its end. Kernel events exist only for slots with a payload in them and
+for supervision time-outs; idle polls are a loop over arrays, run for all piconets together when it is needed
+(``band``).
 
 Link supervision (section 3.1): a side that has heard nothing for too long takes the link for lost.
 
 Automatic flush: a payload that has not been acknowledged a given time after it was queued leaves the queue at the next
 TX slot boundary, when nothing that concerns it is on the air. SEQN has one bit, so a receiver could take the payload
 behind it for its repetition: the two sides settle that when they flush (the time that this takes is neglected), and the
-next payload is new. Broadcasts, which nobody acknowledges, do not expire.
+next payload is new. Broadcasts, which are not acknowledged, do not expire.
 """
 
 from collections.abc import Callable
@@ -52,7 +53,7 @@ from cosim.units import Time
 
 
 class Piconet:
-    """The links of the master that *radio* belongs to, and what waits to be sent on either side of them."""
+    """The links of the master that *radio* belongs to, and the payloads that wait on either side of them."""
 
     def __init__(
         self,
@@ -130,7 +131,7 @@ class Piconet:
             self._adaptation.wake()
 
     def hand_over(self, slave: Address, other: "Piconet") -> LinkEvents:
-        """Turn the link to *slave* round: from now on *other*, its piconet, has it, with all that waits on either side.
+        """Turn the link to *slave* round: from now on it belongs to *other*, the slave's piconet, with all that waits.
 
         Return the fates of broadcasts, which are flushed. To be called between two slot pairs.
         """
@@ -176,7 +177,7 @@ class Piconet:
         self._report(events)
 
     def vanish(self, device: Address) -> None:
-        """Take *device*, whose radio is switched off, out of the piconet without telling anybody."""
+        """Take *device*, whose radio is switched off, out of the piconet; its peers find out by supervision."""
         self.advance(self._kernel.now)
         k = self._number(device)
         if device == self.address:
@@ -193,7 +194,7 @@ class Piconet:
     # ------------------------------------------------------------ time
 
     def advance(self, now: Time) -> None:
-        """Decide all slots before *now*; needed before anything changes, and before the state is looked at."""
+        """Decide all slots before *now*, which must be done before anything is changed or read."""
         self._air.advance(now)
 
     def set_presence(self, device: Address, presence: Presence) -> None:
@@ -208,14 +209,14 @@ class Piconet:
         self._slots.arm()
 
     def suspend(self) -> None:
-        """Leave the piconet's slots alone from now on: the master inquires or pages."""
+        """Use no more slots from now on: the master inquires or pages."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 0
         self._air.changed(self._kernel.now)
         self._slots.arm()
 
     def resume(self) -> None:
-        """Go on at the first TX slot from now on."""
+        """Use slots again, from the first TX slot at or after now."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 1
         self._air.changed(self._kernel.now)
@@ -224,20 +225,20 @@ class Piconet:
         self._slots.arm()
 
     def pair_ends(self) -> Time | None:
-        """Return when the slot pair under way is over, or None if there is none. To be asked before the phase AIR."""
+        """Return when the slot pair under way ends, or None if there is none. To be called before the phase AIR."""
         self.advance(now := self._kernel.now)
         free = int(self.links.piconet[NEXT])
         return self.clock.time_of(free) if free > first_transmission(self.clock, now) else None
 
     def boundary(self) -> Time:
-        """Return the start of the first TX slot about which nothing has been decided: nothing is on the air then."""
+        """Return the start of the first TX slot that is not decided yet: nothing is on the air then."""
         self.advance(self._kernel.now)
         return self.clock.time_of(int(self.links.piconet[NEXT]))
 
     def next_pause(self) -> Time | None:
         """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
 
-        Otherwise return the start of the next TX slot at which to ask again. To be asked in an earlier phase than AIR.
+        Otherwise return the start of the next TX slot, at which to call again. To be called before the phase AIR.
         """
         now = self._kernel.now
         self.advance(now)
@@ -257,7 +258,7 @@ class Piconet:
     # ------------------------------------------------------------ payloads
 
     def send(self, source: Address, outgoing: Outgoing) -> Outcome | None:
-        """Queue a payload at *source*, the master or a slave, or return why not; that also comes as a new event."""
+        """Queue a payload at *source*, the master or a slave, or return why not; the fate also comes as a new event."""
         settings, length = self._settings, len(outgoing.payload)
         queue, lt_addr = self._route(source, outgoing.destination)
         kind = smallest(settings.types, length)
@@ -366,7 +367,7 @@ class Piconet:
         self._timeout = self._kernel.at(deadline, self._supervise, WAKE)
 
     def _supervise(self) -> None:
-        """Take down the sides that have heard nothing for too long; perhaps none, as deadlines move on silently."""
+        """Take down the sides that have heard nothing for too long: perhaps none, as deadlines move meanwhile."""
         self._timeout = None
         now, table = self._kernel.now, self.links.table
         self.advance(now)
@@ -386,7 +387,7 @@ class Piconet:
         self._watch()
 
     def _drop(self, k: int, side: int) -> LinkEvents:
-        """Take one side of a link down and return what its host learns: Lost, and the fates of what it had queued."""
+        """Take one side of a link down and return its host's events: Lost, and the fates of its queued payloads."""
         parked = k in self._parking.members
         if not (self._parking.up(k, side) if parked else self.links.up(k, side)):
             return []

@@ -1,12 +1,12 @@
-"""Whom a master addresses next, and with what: polling schedulers.
+"""Polling schedulers: the link that a master addresses next, and the packet that it sends.
 
 Whatever the scheduler, links whose poll is due go first, so that T_poll is kept. Else "lazy" sends the head of the
-master's queue, and nothing in slots in which nothing waits. The others give every free slot to a link: a broadcast at
-the head of the queue goes before them; then comes, in turn, the link served the longest ago (round robin), the same
-link as long as anything waits on either side of it (exhaustive), or the link with the most payloads on both sides
-(backlog); it gets the first payload of the queue that is for it, or POLL. The last two take it for known how many
-payloads a slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for
-Bluetooth picocells", ICC 2001); a real master learns it from the packets.
+master's queue, and nothing in slots in which nothing waits. The others give every free slot to a link, after a
+broadcast at the head of the queue. That is the link served the longest ago (round robin), the same link as long as
+anything waits on either side of it (exhaustive), or the link with the most payloads on both sides (backlog). It gets
+the first payload of the queue that is for it, or POLL. The last two assume that the master knows how many payloads a
+slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for Bluetooth
+picocells", ICC 2001); a real master learns it from the packets.
 
 With ``best_packets`` a payload gets its packet type when it is sent for the first time: the one with the best expected
 rate at the Es/N0 of the link at that instant, for a broadcast that of the worst link. Interference does not count, as
@@ -24,16 +24,16 @@ from cosim.channels.bluetooth.state import PiconetState
 
 
 class Turn(NamedTuple):
-    """What is sent in a slot."""
+    """The packet that is sent in a slot."""
 
     k: int
     """LT_ADDR of the link that is addressed; EVERYONE for a broadcast."""
     payload: Payload | None
-    """None for POLL, or for a beacon without a payload."""
+    """Payload of the packet; None for POLL, or for a beacon without one."""
 
 
 class Schedule:
-    """The order of packets of one piconet."""
+    """The choice of packets in one piconet."""
 
     def __init__(self, state: PiconetState) -> None:
         self._links = state.links
@@ -58,7 +58,7 @@ class Schedule:
         return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
 
     def choose(self, tick: int) -> Turn | None:
-        """Return what is sent in the TX slot *tick*, which nothing has been decided about, or None."""
+        """Return what is sent in the TX slot *tick*, which is not decided yet, or None."""
         payload = self._first(tick, self._unasked())
         if tick >= self._piconet[BEACON] and self._next_beacon(tick) == tick:
             return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
@@ -90,7 +90,7 @@ class Schedule:
         return opening
 
     def _unasked(self) -> Iterator[Payload]:
-        """Return what is sent as soon as a slot is free, no matter whose turn it is."""
+        """Return the payloads that are sent as soon as a slot is free, whichever link has the turn."""
         lazy = self._piconet[SCHEDULER] == LAZY
         if lazy and not self._piconet[SHARED]:
             head = self._queues.head(EVERYONE)

@@ -1,4 +1,4 @@
-"""What a scenario can say about the Bluetooth channel."""
+"""Parameters of the Bluetooth channel in a scenario."""
 
 from typing import Literal, Self
 
@@ -96,7 +96,7 @@ class BluetoothSettings(Settings):
 
     @property
     def piconet(self) -> PiconetSettings:
-        """What each piconet must know of them."""
+        """The parameters of each piconet."""
         return PiconetSettings(
             types=tuple(ACL[name] for name in self.packet_types),
             n_bc=self.n_bc,

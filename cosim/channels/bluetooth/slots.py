@@ -48,7 +48,7 @@ class _Pair:
     slave: Address
     question: Payload | None
     answer: Payload | None
-    """What the slave says if it hears the question; None for NULL."""
+    """Payload that the slave sends if it hears the question; None for NULL."""
     acknowledges: bool
     """True if the master's packet carries ARQN = 1 for the head of the slave's queue."""
     down_dbm: float
@@ -60,7 +60,7 @@ class _Pair:
     whole: bool = True
     """True if the slave has received the payload of the question, if there is one."""
     taken: bool = False
-    """True if it has had room for it as well."""
+    """True if the slave had room for it as well."""
 
 
 class Slots:
@@ -92,7 +92,7 @@ class Slots:
         self._slot_tick = NOTHING
 
     def arm(self) -> None:
-        """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
+        """Schedule the next slot that is not idle as a kernel event; all slots before now are decided."""
         tick = self._schedule.next_slot() if self.links.piconet[RUNNING] else NOTHING
         if self._slot is not None:
             if tick == self._slot_tick:
@@ -135,7 +135,7 @@ class Slots:
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
-        """At the end of the master's frame: the slave may hear it, take its payload, and answer."""
+        """End the master's frame: the slave may hear it, take its payload, and answer."""
         links, k, question = self.links, pair.k, pair.question
         joined = pair.here and bool(links.table[JOINED, k])
         fate = self._fate(frame, pair.slave, pair.down_dbm, question, joined)
@@ -173,7 +173,7 @@ class Slots:
         return self._full_until(pair.slave, self.address) > 0
 
     def _answer(self, pair: _Pair) -> None:
-        """Let the slave answer what it has just heard, in the slot after it."""
+        """Send the slave's answer to what it has just heard, in the slot after it."""
         links, answer = self.links, pair.answer
         slots = 1 if pair.question is None else pair.question.kind.slots
         tick = pair.tick + 2 * slots
@@ -183,7 +183,7 @@ class Slots:
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
-        """At the end of the slave's frame: the master may hear it, and take its payload."""
+        """End the slave's frame: the master may hear it, and take its payload."""
         links, k, answer = self.links, pair.k, pair.answer
         held = bool(links.table[HELD, k])
         fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
@@ -225,7 +225,7 @@ class Slots:
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
     def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
-        """Return (number, address) of those who may hear a broadcast, in order: links by LT_ADDR, then the parked."""
+        """Return (number, address) of the slaves that may hear a broadcast: links by LT_ADDR, then parked slaves."""
         active = [] if parked_only else sorted(self.links.slaves.items())
         return active + [(number, member.slave) for number, member in sorted(self._parking.members.items())]
 
@@ -290,7 +290,7 @@ class Slots:
         return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
 
     def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
-        """Return what becomes at *receiver* of a frame that ends now."""
+        """Return the fate at *receiver* of a frame that ends now."""
         if not self._air.reaches(carrier_dbm):
             return FAR
         if not tuned:
@@ -309,7 +309,7 @@ class Slots:
     def _received(
         self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False
     ) -> list[Arrival]:
-        """Return what reaches the host at *receiver* at once: nothing, if *payload* has to wait for the line to it."""
+        """Return what reaches the host at *receiver* now: nothing if *payload* has to wait for the line to it."""
         reception = Reception(source, broadcast, carrier_dbm if self._air.fades else None)
         arrival = (receiver, payload.outgoing.payload, reception)
         if self._transport is None:
@@ -318,7 +318,7 @@ class Slots:
         return []
 
     def _full_until(self, device: Address, peer: Address) -> Time:
-        """Return until when *device* says STOP (FLOW = 0) to *peer*: 0 if it has room now."""
+        """Return until when *device* sends STOP (FLOW = 0) to *peer*: 0 if it has room now."""
         return 0 if self._transport is None else self._transport.full_until(device, peer)
 
     def _record_idle(self, tick: int, k: int, up: bool, fate: Fate) -> None:

@@ -45,7 +45,7 @@ class PiconetSettings(NamedTuple):
     supervision: Time = 20 * S
     """Silence after which a side takes the link for lost."""
     scheduler: Scheduler = "lazy"
-    """How the master chooses the slave that it addresses."""
+    """Rule by which the master chooses the slave that it addresses."""
     queue: int | None = None
     """Number of payloads that a device holds; None for any number."""
     flush: Time | None = None
@@ -64,12 +64,12 @@ class PiconetSettings(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PiconetState:
-    """The state of one piconet: when it is, what it is on, who belongs to it, and what waits to be sent."""
+    """The state of one piconet: its members, the payloads that wait, and the kernel, air and clock that it runs on."""
 
     kernel: Kernel
     air: Air
     clock: NativeClock
-    """The master's, on which slots are counted."""
+    """The master's clock, on which slots are counted."""
     settings: PiconetSettings
     links: Links
     parking: Parking

@@ -1,4 +1,4 @@
-"""What a router of AODV leaves for its station, and when, some of it held back for a random time; and for its host."""
+"""The output of an AODV router: packets for its station, some held back at random, and payloads for its host."""
 
 from heapq import heappop, heappush
 from typing import NamedTuple
@@ -27,7 +27,7 @@ _COUNTS = (
 
 
 class Watch(NamedTuple):
-    """What a packet is about whose fate the station tells."""
+    """The purpose of a packet whose fate the station reports."""
 
     neighbour: Address
     carried: Carried | None
@@ -52,7 +52,7 @@ class Output(Queues):
         self._watched: dict[int, Watch] = {}
         self._tokens = 0
         self._hello_at: Time | None = None
-        """When the next hello is due."""
+        """Instant at which the next hello is due."""
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""

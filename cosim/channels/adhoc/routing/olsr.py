@@ -1,15 +1,15 @@
 """OLSR, the optimised link state routing protocol (RFC 3626): every robot knows a way to every other at all times.
 
-Robots tell their neighbours in HELLOs whom they hear, and so learn who is up to two hops away. Each chooses relays
-among its neighbours, tells so in its HELLOs, and those who are relays tell all robots in TCs whose relays they are.
-From that, each robot computes ways with the fewest hops. TCs are repeated by relays of their last hop only.
+Robots list in HELLOs the neighbours that they hear, and so learn of robots up to two hops away. Each chooses relays
+among its neighbours and lists them in its HELLOs. Relays list in TCs, for all robots, those that have chosen them. From
+that, each robot computes routes with the fewest hops. TCs are repeated by relays of their last hop only.
 
-Payloads to one robot go from hop to hop; if there is no way at that moment they are dropped. Payloads to all take the
-way of TCs: repeated by relays of the last hop (or, if so set, by everybody), once.
+Payloads to one robot go from hop to hop; if there is no route at that moment they are dropped. Payloads to all go as
+TCs do: repeated once by relays of the last hop (or, if so set, by all robots).
 
-Not here: MID and HNA (sections 5 and 12), as robots have one interface and no other network behind them; the
-additional HELLOs that 8.5 permits, and the early TCs that 9.3 recommends, upon changes; HELLOs that tell only a part
-of the neighbours, so that the refresh interval matters for the hold time only.
+Left out: MID and HNA (sections 5 and 12), as robots have one interface and no other network behind them; the additional
+HELLOs that 8.5 permits, and the early TCs that 9.3 recommends, upon changes; HELLOs that list only a part of the
+neighbours, so that the refresh interval matters for the hold time only.
 """
 
 from typing import Final, Literal, NamedTuple, Self
@@ -46,9 +46,9 @@ from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.units import Time, from_seconds, to_seconds
 
 EVERYWHERE: Final = 255
-"""The TTL of a TC."""
+"""TTL of a TC."""
 PACKET_OCTETS: Final = 1472
-"""Of messages are put into one packet: what an Ethernet frame holds without IPv4 and UDP."""
+"""Most octets of messages in one packet: what an Ethernet frame holds without IPv4 and UDP."""
 _MESSAGE_OCTETS: Final = 12
 _FIRST, _JITTER = 0, 2
 """Purposes of draws; 1 is that of repeated payloads."""
@@ -75,7 +75,7 @@ class OlsrSettings(Settings):
     )
     willingness: int = Field(default=WILL_DEFAULT, ge=0, le=7, description="to forward for others: 0 never, 7 always")
     tc_redundancy: Literal[0, 1, 2] = Field(
-        default=0, description="TCs tell: 0 who has chosen this relay, 1 and its own relays, 2 all neighbours"
+        default=0, description="TCs list: 0 those who have chosen this relay, 1 its own relays too, 2 all neighbours"
     )
     mpr_coverage: Count = Field(
         default=1, ge=1, description="relays to every robot two hops away, if there are so many"
@@ -92,7 +92,7 @@ class OlsrSettings(Settings):
         default=False, description="whether a payload that is not acknowledged breaks the link (section 13)"
     )
     mpr_broadcasts: bool = Field(
-        default=True, description="whether payloads to all are repeated by relays only, not by everybody"
+        default=True, description="whether payloads to all are repeated by relays only, not by all robots"
     )
     payload_ttl: int = Field(default=35, ge=1, le=255, description="hops that a payload makes at most")
     payload_jitter_s: Seconds = Field(
@@ -122,7 +122,7 @@ class OlsrSettings(Settings):
 
     @property
     def hello_interval(self) -> Time:
-        """Between HELLOs, ns."""
+        """Interval between HELLOs, ns."""
         return from_seconds(self.hello_interval_s)
 
     @property
@@ -142,16 +142,16 @@ class OlsrSettings(Settings):
 
 
 class Topology:
-    """What TCs have told: who is reached over whom (sections 4.4 and 9.5)."""
+    """The contents of TCs: which robots are reached over which (sections 4.4 and 9.5)."""
 
     def __init__(self) -> None:
         self._tuples: dict[tuple[Address, Address], tuple[int, Time]] = {}
         self._due: Time | None = None
         self.version = 0
-        """Counts changes of ``pairs``."""
+        """Number of changes of ``pairs``."""
 
     def update(self, origin: Address, tc: Tc, until: Time, now: Time) -> None:
-        """Take a TC of *origin* that holds until then; one that is older than what is known is ignored."""
+        """Take a TC of *origin* that is valid to *until*; ignore one that is older than what is known."""
         self.advance(now)
         numbers = [number for (last, _), (number, _) in self._tuples.items() if last == origin]
         if any(newer(number, tc.ansn) for number in numbers):
@@ -169,7 +169,7 @@ class Topology:
             self._settle()
 
     def pairs(self) -> list[tuple[Address, Address]]:
-        """Return all (who has told it, whom that one reaches)."""
+        """Return all pairs (origin of a TC, robot that it reaches)."""
         return list(self._tuples)
 
     def _settle(self) -> None:
@@ -182,11 +182,11 @@ class _Sent(NamedTuple):
 
     neighbour: Address
     token: int | None
-    """The host's."""
+    """Token of the host."""
 
 
 class Olsr(Queues):
-    """The router of one robot that speaks OLSR; its numbers start anywhere, so that a reboot does not repeat them."""
+    """The OLSR router of one robot; its numbers start anywhere, so that a reboot does not repeat them."""
 
     def __init__(self, address: Address, settings: OlsrSettings, draws: Draws, now: Time = 0) -> None:
         super().__init__(address)
@@ -230,8 +230,8 @@ class Olsr(Queues):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Send *payload* on its way.
 
-        Its fate: DELIVERED when the next hop has acknowledged it, UNACKNOWLEDGED if that has not, NO_ROUTE if there is
-        none; SENT if it is to all; QUEUE_FULL if the station has no room, TOO_LONG if no IPv4 packet holds it;
+        Its fate is DELIVERED when the next hop has acknowledged it, UNACKNOWLEDGED if that has not, NO_ROUTE if there
+        is none; SENT if it is to all; QUEUE_FULL if the station has no room, TOO_LONG if no IPv4 packet holds it;
         DELIVERED if it is for this robot itself.
         """
         if self._settled(destination, payload, token):
@@ -245,7 +245,7 @@ class Olsr(Queues):
             self._route(datagram, token, now)
 
     def receive(self, packet: bytes, hop: Address, now: Time) -> None:
-        """Take a payload or an OLSR packet; what makes no sense is counted."""
+        """Take a payload or an OLSR packet; bytes that make no sense are counted and dropped."""
         try:
             datagram = decode(packet)
             if datagram.source == self._address:
@@ -262,7 +262,7 @@ class Olsr(Queues):
             self._counts["packets_malformed"] += 1
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
-        """Take notice of what has become of a payload; with MAC feedback a failure breaks the link (section 13)."""
+        """Note the fate of a payload; with MAC feedback a failure breaks the link (section 13)."""
         if (sent := self._sent.pop(token, None)) is None:
             return
         if sent.neighbour == BROADCAST:
@@ -273,7 +273,7 @@ class Olsr(Queues):
             self._counts["links_broken"] += self._neighbours.broken(sent.neighbour, now)
 
     def hop_refused(self, token: int, now: Time) -> None:
-        """Tell that a payload has not been on the air; that breaks no link."""
+        """Report that a payload has not been on the air; that breaks no link."""
         if (sent := self._sent.pop(token, None)) is not None:
             self._counts["payloads_unrouted"] += 1
             self._report_fate(sent.token, Outcome.QUEUE_FULL)
@@ -365,7 +365,7 @@ class Olsr(Queues):
         return self._message(HELLO, settings.hold, 1, body)
 
     def _tc(self, now: Time) -> list[Message]:
-        """Return the TC that is due (section 9.3): none if nothing is to be told, and nothing to be taken back."""
+        """Return the TC that is due (section 9.3): none if there is nothing to advertise, and nothing to withdraw."""
         settings, known = self._settings, self._neighbours
         advertised = known.selectors
         if settings.willingness != WILL_NEVER and settings.tc_redundancy:  # section 15.1
@@ -424,7 +424,7 @@ class Olsr(Queues):
         return self._table
 
     def relays(self, now: Time) -> frozenset[Address]:
-        """Return whom this robot has chosen as its multipoint relays."""
+        """Return the robots that this one has chosen as its multipoint relays."""
         self._neighbours.advance(now)
         return self._neighbours.mprs
 
