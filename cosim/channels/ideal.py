@@ -8,8 +8,8 @@ Three flaws can be asked for, each independent of all else, unlike those of a ra
 are lost, and a random delay. With a random delay payloads overtake each other, also those from one robot to one other;
 without it they never do.
 
-Robots may have ranges of their own. That of the sender decides who gets a payload, not that of the receiver; whether
-the sender learns that it has arrived, and whether there is a link, depends on both.
+Robots may have ranges of their own. That of the sender decides which robots get a payload, not that of the
+receiver; whether the sender learns that it has arrived, and whether there is a link, depends on both.
 """
 
 import math

@@ -6,7 +6,8 @@ is an optical link: light signals that a camera reads picture by picture. One pa
 time; it is received by robots that are in sight of the sender when it begins and when it arrives. A sender that is
 switched off before the end of its payload has not sent it.
 
-What looks like a link to a host is the line of sight: inquiry finds who is in sight, and a link ends with it.
+What looks like a link to a host is the line of sight: inquiry finds the robots in sight, and a link ends when sight
+does.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """An 802.11 ad hoc network as a channel: a station for every robot, on one medium.
 
 A payload to one robot is acknowledged by its radio, and sent again if it is not; one to all is sent once, at the lowest
-basic rate. What looks like a link to a host is reach: inquiry finds who is in reach, and a link ends with it. There is
-no such thing in 802.11; it lets protocols that manage links run here unchanged.
+basic rate. What looks like a link to a host is reach: inquiry finds the robots in reach, and a link ends with it. There
+is no such thing in 802.11; it lets protocols that manage links run here unchanged.
 
 Robots may have transmit powers of their own, or, where signals do not fade, ranges of their own: a frame arrives at all
 robots within the sender's range, whatever theirs. So a robot may hear another that does not hear it: its

@@ -52,7 +52,7 @@ class AdhocSettings(Settings):
     capture_db: Decibels | None = Field(
         default=5.0,
         ge=0,
-        description="dB, so much stronger a frame takes over from one in its preamble; null: none does",
+        description="dB by which a frame must be stronger to take over from one in its preamble; null: none does",
     )
     phy: PhyName = Field(
         default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"

@@ -149,7 +149,7 @@ class Air:
         self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
         self._power: list[list[float]] = self.band.medium.power_dbm.tolist()
 
-    # ------------------------------------------------------------ who hears whom
+    # ------------------------------------------------------------ powers
 
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""

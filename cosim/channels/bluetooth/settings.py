@@ -45,7 +45,7 @@ class BluetoothSettings(Settings):
         default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
     )
     scheduler: Scheduler = Field(
-        default="lazy", description="whom a master addresses: whoever is due or has a payload, or all in every slot"
+        default="lazy", description="slaves that a master addresses: those due or with a payload, or one in every slot"
     )
     packet_choice: Literal["smallest", "best"] = Field(
         default="smallest", description="packet type of a payload: the smallest, or the best at the link's Es/N0"
@@ -73,7 +73,7 @@ class BluetoothSettings(Settings):
     afh_interval_s: Seconds = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
     afh_retry_s: Seconds = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
     supervision_s: Seconds = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
-    clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
+    clock_ppm: int = Field(default=20, ge=0, le=250, description="ppm, greatest drift of native clocks")
     inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
     inquiry_scan: InquiryScanSettings = Field(
         default_factory=InquiryScanSettings, description="how devices let themselves be found"

@@ -77,6 +77,6 @@ class PiconetState:
     deliver: Deliver
 
     def report(self, events: LinkEvents) -> None:
-        """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
-        if events:
+        """Deliver *events* to their hosts in a new kernel event at this instant."""
+        if events:  # WAKE is the last phase before AIR, so this may be called in any that comes before
             self.kernel.at(self.kernel.now, partial(self.deliver, (), events), WAKE)

@@ -156,7 +156,7 @@ class Control(Output):
             self._reply(Rrep(route.hops, rrep.destination, route.sequence, rrep.originator, lifetime), now)
 
     def _reply(self, rrep: Rrep, now: Time) -> None:
-        """Send a reply one hop towards its originator, and note who will use the route (6.7)."""
+        """Send a reply one hop towards its originator, and note which neighbours will use the route (6.7)."""
         back = self.table.active(rrep.originator)
         route = self.table.active(rrep.destination)
         if back is None or (route is not None and route.next_hop == back.next_hop) or now < self._silent_until:

@@ -73,7 +73,8 @@ class AodvSettings(Settings):
         description="whether a router that starts again takes no part in searches until others have forgotten it",
     )
     use_rrep_ack: bool = Field(
-        default=False, description="whether route replies ask for an acknowledgement; who sends none is blacklisted"
+        default=False,
+        description="whether route replies ask for an acknowledgement; a robot that sends none is blacklisted",
     )
     destination_only: bool = Field(default=False, description="whether only the destination may answer a request")
     gratuitous: bool = Field(default=True, description="whether a robot that replies for a destination informs it too")

@@ -33,7 +33,7 @@ class FloodingSettings(Settings):
         default=0.01, ge=0, description="s, a payload is repeated within that time, uniformly distributed"
     )
     dup_hold_s: Seconds = Field(
-        default=30.0, gt=0, description="s, so long a payload is known again; its number returns after 65536 payloads"
+        default=30.0, gt=0, description="s for which a payload is remembered; its number returns after 65536 payloads"
     )
 
 

@@ -60,16 +60,16 @@ class OlsrSettings(Settings):
     kind: Literal["olsr"] = "olsr"
     hello_interval_s: Seconds = Field(default=2.0, gt=0, description="s between HELLOs, less the jitter")
     refresh_interval_s: Seconds = Field(
-        default=2.0, gt=0, description="s, each neighbour is advertised at least so often"
+        default=2.0, gt=0, description="s, longest time between two HELLOs that list a neighbour"
     )
     tc_interval_s: Seconds = Field(default=5.0, gt=0, description="s between TCs, less the jitter")
     neighb_hold_s: Seconds | None = Field(
-        default=None, gt=0, description="s, so long a HELLO holds; 3 refresh intervals if not given"
+        default=None, gt=0, description="s for which a HELLO is valid; 3 refresh intervals if not given"
     )
     top_hold_s: Seconds | None = Field(
-        default=None, gt=0, description="s, so long a TC holds; 3 TC intervals if not given"
+        default=None, gt=0, description="s for which a TC is valid; 3 TC intervals if not given"
     )
-    dup_hold_s: Seconds = Field(default=30.0, gt=0, description="s, so long a message is known again")
+    dup_hold_s: Seconds = Field(default=30.0, gt=0, description="s for which a message is remembered")
     maxjitter_s: Seconds | None = Field(
         default=None, ge=0, description="s, greatest jitter; a quarter of the HELLO interval if not given"
     )
