@@ -8,9 +8,8 @@ from itertools import count
 
 import networkx as nx
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.machine import Address, Outcome
 from cosim.units import Time
 
@@ -49,13 +48,13 @@ class Omniscient(Queues):
         """Send a payload another way that a neighbour has not taken: that one is known to be off."""
         datagram, told = self._sent.pop(token)
         if acknowledged:
-            self._tell(told, Outcome.DELIVERED)
+            self._report_fate(told, Outcome.DELIVERED)
         else:
             self._route(datagram, told)
 
     def hop_refused(self, token: int, now: Time) -> None:
         """Lose a payload that the station has no room for."""
-        self._tell(self._sent.pop(token)[1], Outcome.QUEUE_FULL)
+        self._report_fate(self._sent.pop(token)[1], Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Do nothing."""
@@ -72,7 +71,7 @@ class Omniscient(Queues):
         try:
             neighbour = nx.shortest_path(self._graph, self._address, datagram.destination)[1]
         except (nx.NetworkXNoPath, nx.NodeNotFound):
-            self._tell(token, Outcome.NO_ROUTE)
+            self._report_fate(token, Outcome.NO_ROUTE)
             return
         number = next(self._numbers)
         self._sent[number] = datagram, token
