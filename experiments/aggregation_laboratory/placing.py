@@ -16,8 +16,8 @@ from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Metres
 from cosim.simulation import simulate
-from experiments.aggregation_search import searching
-from experiments.aggregation_search.searching import COLUMNS
+from experiments.aggregation import searching
+from experiments.aggregation.searching import COLUMNS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
 

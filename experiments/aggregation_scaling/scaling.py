@@ -17,8 +17,8 @@ from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed, dump
 from cosim.settings import Count, Rate, Seconds
 from cosim.simulation import simulate
-from experiments.aggregation_search import searching
-from experiments.aggregation_search.searching import COLUMNS
+from experiments.aggregation import searching
+from experiments.aggregation.searching import COLUMNS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
 

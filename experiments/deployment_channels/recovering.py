@@ -1,6 +1,6 @@
 """What a deployment costs over a channel, and what becomes of it when a robot, or the host, is killed in mid-play.
 
-The starts are drawn as in :mod:`experiments.deployment_strategies.deploying`, whose settings these are; all arms of a
+The starts are drawn as in :mod:`experiments.deployment.deploying`, whose settings these are; all arms of a
 replicate have the same ones. What is counted beside its columns is how long the team takes to notice and to act.
 """
 
@@ -14,7 +14,7 @@ from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.units import S, to_seconds
-from experiments.deployment_strategies.deploying import Parameters
+from experiments.deployment.deploying import Parameters
 from protocols.deployment.spec import METRICS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]

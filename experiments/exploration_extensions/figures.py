@@ -6,9 +6,9 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import less
-from experiments.exploration_teams.comparison import MAPS, TIME, above, levels, more, panels, sooner_than
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm
+from cosim.report.comparison import NO_DATA, Answer, Arm, above, less, levels, more
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import MAPS, PANELS, TIME, sooner_than
 
 PLAIN: Final = "schemas"
 MANY: Final = 4
@@ -73,7 +73,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             ("in_sight_by_extension.png", "in_sight", "share of the time with another in sight"),
             ("beacon_by_extension.png", "beacon_in_sight", "moving, with a standing one in sight"),
         )
-        for path in panels(runs, folder, name, metric, label, over, lines)
+        for path in draw_panels(runs, folder / name, (metric, label), over, lines, PANELS)
     ]
 
 

@@ -21,7 +21,7 @@ from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
 from cosim.units import S, from_seconds
 from cosim.world.floorplan import load_floorplan
-from experiments.exploration_teams import exploring
+from experiments.exploration import exploring
 from protocols.exploration.spec import METRICS
 
 STANDS_M: Final = 0.02

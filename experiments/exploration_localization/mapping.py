@@ -21,7 +21,7 @@ from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import from_seconds, to_seconds
-from experiments.exploration_teams.exploring import Parameters
+from experiments.exploration.exploring import Parameters
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.truth import coverable_cells
 from protocols.mapping.belief import Frame

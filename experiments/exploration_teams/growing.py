@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from cosim.arrays import Bytes, Floats
 from cosim.experiment import load_experiment
 from cosim.geometry.marking import states
+from cosim.report.drawing import tracks
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
 from cosim.units import S, Time, to_seconds
-from experiments.exploration_teams.exploring import Parameters
-from experiments.reflection_tables.trajectories import ways
+from experiments.exploration.exploring import Parameters
 
 USUAL: Final = ("map=office", "robots=4", "algorithm=schemas")
 """What is drawn unless something else is chosen."""
@@ -94,7 +94,7 @@ def watch(scenario: Scenario, seed: int, shares: Sequence[float] = SHARES) -> Ex
             wanted = [] if over else [share for share in wanted if share > coverage]
     (left, low), size = frame.origin_m, frame.cell_m
     extent_m = left, left + frame.nx * size, low, low + frame.ny * size
-    return Exploration(pictures, ways(simulation.trace), extent_m, simulation.floorplan.walls_m)
+    return Exploration(pictures, tracks(simulation.trace), extent_m, simulation.floorplan.walls_m)
 
 
 def draw_growth(run: Exploration, path: Path) -> None:

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report import CONFIDENCE, estimates
+from cosim.report.estimates import CONFIDENCE, estimates
 from experiments.failure_detection.theory import nfd_s
 
 Answer = tuple[str, bool | None]

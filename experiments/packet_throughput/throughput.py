@@ -26,7 +26,7 @@ from cosim.settings import Count, Gain, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, SLOT, S, Time, to_seconds
-from experiments.page_time.paging import known_offset
+from experiments.radio.clocks import known_offset
 
 MASTER: Final[Address] = 0
 SLAVE: Final[Address] = 1

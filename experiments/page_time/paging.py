@@ -11,7 +11,6 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.paging import PageSettings
@@ -25,6 +24,7 @@ from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.trace import Field as Column
 from cosim.units import MS, Time, to_seconds
+from experiments.radio.clocks import known_offset
 
 Mode: TypeAlias = Literal["R0", "R1", "R2"]
 
@@ -90,15 +90,6 @@ def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
             {"page": number, "page_time_s": times.from_slot_s, "page_time_from_command_s": times.from_command_s}
         )
     return rows
-
-
-def known_offset(pager: NativeClock, paged: NativeClock, now: Time) -> int:
-    """Return how far *paged* is ahead of *pager* in ticks, as an inquiry at *now* would have told a host.
-
-    An FHS tells bits 27-2 of a clock, so that is a multiple of 4.
-    """
-    first = first_transmission(pager, now)
-    return ((paged.tick(pager.time_of(first)) - first) & ~3) % CLOCK_RANGE
 
 
 def page_times(given: Parameters, streams: Streams, number: int) -> Times:

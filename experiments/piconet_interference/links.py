@@ -12,7 +12,7 @@ from cosim.machine import Address, Connected, LinkEvent, Outgoing, Page, PageFai
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S
-from experiments.page_time.paging import known_offset
+from experiments.radio.clocks import known_offset
 
 SET_UP_WITHIN: Final = 60 * S
 SUPERVISION_S: Final = 2.0

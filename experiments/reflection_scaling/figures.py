@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimates
-from experiments.reflection_tables.comparison import NO_DATA, Answer
+from cosim.report.comparison import NO_DATA, Answer
+from cosim.report.estimates import estimates
 from protocols.reflection.frames import Frame, encode
 
 HALL: Final = "all explore a hall"

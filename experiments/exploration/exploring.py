@@ -1,7 +1,7 @@
 """An exploration of paper 001 with some of its settings chosen otherwise, and what its trace tells beside its metrics.
 
 What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
-values, as in :mod:`experiments.aggregation_search.searching`.
+values, as in :mod:`experiments.aggregation.searching`.
 
 An exploration that does not come to 95 % counts with the longest run: a lower bound of what it would have taken.
 """

@@ -9,8 +9,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
-from experiments.exploration_teams.comparison import MAPS, levels
-from experiments.exploration_teams.exploring import TENTHS
+from cosim.report.comparison import levels
+from cosim.report.drawing import legend_outside
+from experiments.exploration.claims import MAPS
+from experiments.exploration.exploring import TENTHS
 
 POINTS: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS} | {"time_95_s": 0.95, "time_99_s": 0.99}
 """Columns that hold when a share of what can be seen had been."""
@@ -55,10 +57,7 @@ def coverage_over_time(
         row[0].set_ylabel("share of what can be seen")
     for plot in plots[-1]:
         plot.set_xlabel("time, s")
-    handles = {
-        text: handle for plot in plots.flat for handle, text in zip(*plot.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+    legend_outside(figure, plots.flat)
     path = folder / name
     figure.savefig(path, dpi=120)
     return [path]

@@ -8,9 +8,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from cosim import report as reports
 from cosim.errors import UserError
-from cosim.report import Claim, Report, Verdict, draw, estimate, estimates, judge, published_claims, report
+from cosim.report import drawing, sweep_report
+from cosim.report.claims import Claim, Verdict, judge, published_claims
+from cosim.report.drawing import draw
+from cosim.report.estimates import estimate, estimates
+from cosim.report.sweep_report import Report, report
 from cosim.results import RunStore, SweepDescription
 
 DESCRIPTION: dict[str, Any] = {
@@ -283,7 +286,7 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         made.append(Figure(*args, **settings))
         return made[-1]
 
-    monkeypatch.setattr(reports, "Figure", remembered)
+    monkeypatch.setattr(drawing, "Figure", remembered)
 
     def panels(rows: pd.DataFrame, axes: list[str], panel: str | None = None) -> list[Any]:
         draw(rows, axes, "delay_s", "size", tmp_path, panel)
@@ -336,7 +339,7 @@ def test_the_report_takes_the_panel_from_the_sweep_and_draws_nothing_where_nothi
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     told: list[Any] = []
-    monkeypatch.setattr(reports, "draw", lambda *given: told.append((given[2], given[-1])) or tmp_path)
+    monkeypatch.setattr(sweep_report, "draw", lambda *given: told.append((given[2], given[-1])) or tmp_path)
     store = RunStore(tmp_path / "r")
     shown = {"metrics": ["delay_s", "constant"], "x": "size", "panel": "radio"}
     with store.writing():

@@ -11,9 +11,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from cosim import report as reports
 from cosim.errors import UserError
-from cosim.report import judge, published_claims, report
+from cosim.report import sweep_report
+from cosim.report.claims import judge, published_claims
+from cosim.report.sweep_report import report
 from cosim.results import ReportSettings, RunStore, SweepDescription
 from tests.oracles.campaign import soak_count
 
@@ -140,7 +141,7 @@ def reported(rng: random.Random, folder: Path) -> None:
 @pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder of results, of which no figures are drawn: that takes long, and sweep.json only names them."""
-    monkeypatch.setattr(reports, "draw", lambda frame, axes, metric, *_: tmp_path / f"{metric}.png")
+    monkeypatch.setattr(sweep_report, "draw", lambda frame, axes, metric, *_: tmp_path / f"{metric}.png")
     store = RunStore(tmp_path)
     fixed = {"experiment": "calls", "code": "k", "error": None, "wall_s": 0.1, "digest": "d"}
     rows = [row | fixed | {"replicate": row["seed"] - 1, "configuration": "cd"[row["size"] == 4]} for row in PLAIN_RUNS]

@@ -4,7 +4,7 @@ Nothing else in such a run is drawn, unless its channel draws: replicates differ
 the play is called. All arms of a replicate draw from one stream; teams of the same size start from the same places.
 
 What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
-values, as in :mod:`experiments.exploration_teams.exploring`.
+values, as in :mod:`experiments.exploration.exploring`.
 """
 
 import math
