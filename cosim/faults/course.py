@@ -10,17 +10,24 @@ brakes to rest under its acceleration limit, as if it were told to stand still. 
 A crashed robot is the same until it boots: then a new machine, with what all machines know beforehand and a stream of
 its own, has the radio and the body; the clock has gone on. The referee hears of no death, for that body does not rest
 for ever, and the run waits for it. A frozen body brakes likewise; once it thaws it carries out its last order.
+
+A battery is an amount of energy that host, radio and drive use up, from world tick to world tick. The law is linear:
+constant power of the host and of the radio while they are on, and a constant energy for each metre driven. A radio uses
+most of its energy for listening (Feeney and Nilsson, "Investigating the energy consumption of a wireless network
+interface in an ad hoc networking environment", INFOCOM 2001), so frames are not counted; neither is braking, nor what
+standing costs beyond the host.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
 
 from cosim.channels.base import Channel
 from cosim.errors import UserError
 from cosim.faults.air import AirFaults
-from cosim.faults.battery import Battery
 from cosim.faults.events import (
     BatteryEmpty,
     CameraOff,
@@ -37,7 +44,6 @@ from cosim.faults.events import (
     Thawed,
 )
 from cosim.faults.instants import Agenda, Happening, Span, lasting, spans
-from cosim.faults.places import check_places, drawn_places
 from cosim.faults.settings import (
     BatterySettings,
     CameraOffSettings,
@@ -56,15 +62,20 @@ from cosim.machine import Address, Drive, Machine, Scan
 from cosim.node import Node
 from cosim.protocol import Death
 from cosim.randomness import Streams
-from cosim.robots.carry import Carry
-from cosim.robots.motion import Fleet
+from cosim.robots.motion import Carry, Fleet
+from cosim.robots.placement import Point, misfit
 from cosim.robots.senses import Senses
 from cosim.trace import Trace
-from cosim.units import Time, from_seconds
+from cosim.units import Time, from_seconds, to_seconds
 from cosim.world.floorplan import Floorplan
 
 Boot: TypeAlias = Callable[[Address, int, Time], Machine]
 """(robot, how often it has booted again, its clock) -> its new machine."""
+
+TRIES: Final = 1000
+"""Number of places that are drawn before the floor counts as full."""
+_ROUNDING: Final = 1e-9
+"""Share of a battery's capacity that counts as empty, so that rounding costs no tick."""
 
 
 class Victims(NamedTuple):
@@ -295,3 +306,52 @@ class Faults:
         if battery.empty and robot not in self._dead:
             self._note(robot, BatteryEmpty())
             self._kill(robot)
+
+
+class Battery:
+    """What is left of the energy of one robot."""
+
+    def __init__(self, settings: BatterySettings) -> None:
+        self.left_j = settings.capacity_j
+        self._settings = settings
+        self._since: Time = 0
+
+    def last(self, now: Time, host_on: bool, radio_on: bool) -> None:
+        """Take what the time since the last call has cost, in which host and radio were on or off."""
+        power_w = self._settings.idle_w * host_on + self._settings.radio_w * radio_on
+        self.left_j -= power_w * to_seconds(now - self._since)
+        self._since = now
+
+    def drive(self, way_m: float) -> None:
+        """Take what a way has cost."""
+        self.left_j -= self._settings.drive_j_per_m * way_m
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is left."""
+        return self.left_j <= _ROUNDING * self._settings.capacity_j
+
+
+# ---------------------------------------------------------------- places
+
+
+def check_places(faults: Sequence[FaultSettings], radii_m: Sequence[float], floorplan: Floorplan) -> None:
+    """Raise UserError for a place to which a robot is to be moved where its body would not fit."""
+    for number, fault in enumerate(faults):
+        if isinstance(fault, MovedSettings) and fault.to_m is not None:
+            wrong = misfit(fault.to_m, float(radii_m[fault.robot]), floorplan)
+            if wrong is not None:
+                x, y = fault.to_m
+                raise UserError(f"faults[{number}].to_m: ({x:g}, {y:g}) {wrong}")
+
+
+def drawn_places(radius_m: float, floorplan: Floorplan, stream: np.random.Generator) -> Iterator[Point]:
+    """Yield places on the floor where a body of *radius_m* fits, drawn evenly from *stream*; none if it is full.
+
+    Nobody asks whether a way leads out of them.
+    """
+    x_min, y_min, x_max, y_max = floorplan.bounds_m
+    for _ in range(TRIES):
+        place = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+        if misfit(place, radius_m, floorplan) is None:
+            yield place

@@ -27,8 +27,7 @@ from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
-from cosim.robots.carry import Carry
-from cosim.robots.motion import Fleet
+from cosim.robots.motion import Carry, Fleet
 from cosim.robots.sense_kernels import (
     BLIND,
     BLOCKED,

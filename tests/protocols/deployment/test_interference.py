@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.robots.drive import approach
+from cosim.robots.motion import approach
 from cosim.units import MS, S
 from protocols.deployment.interference import SLIGHT, STILL_MPS, Shortfall, shortfall
 from protocols.deployment.standing import Board, ends_m, stage_of

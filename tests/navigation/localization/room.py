@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cosim.navigation.localization_likelihood import known_map
+from cosim.navigation.localization.likelihood import known_map
 
 CELL_M = 0.1
 ORIGIN_M = (-1.0, 2.0)

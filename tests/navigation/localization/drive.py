@@ -16,8 +16,8 @@ import scipy.ndimage
 
 from cosim.geometry.planning import cost_to_go, descent, occupancy_planning_grid, way_points
 from cosim.geometry.segments import ray_casts, segment_grid
-from cosim.navigation.localization import Localizer
-from cosim.navigation.localization_likelihood import known_map
+from cosim.navigation.localization.likelihood import known_map
+from cosim.navigation.localization.localizer import Localizer
 from cosim.navigation.schemas import beam_directions
 from cosim.randomness import Draws
 from cosim.world.maps import OccupancyMap, read_movingai_map, read_ros_map

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.navigation.localization_drive import (
+from tests.navigation.localization.drive import (
     MAPS,
     SPEED_M_S,
     TICK_S,

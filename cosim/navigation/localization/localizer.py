@@ -1,9 +1,9 @@
 """Monte Carlo localisation: where a robot is on a known map, from odometry and range scans.
 
 The filter of Nav2's AMCL (Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapters 4 and 8): particles move as
-odometry says, each with its own errors (:mod:`cosim.navigation.localization_motion`); the scan weighs them
-(:mod:`cosim.navigation.localization_likelihood`); they are drawn anew by weight, as many as their spread needs, some of
-them at random places if scans fit worse than they used to (:mod:`cosim.navigation.localization_resampling`). Nothing of
+odometry says, each with its own errors (:mod:`cosim.navigation.localization.motion`); the scan weighs them
+(:mod:`cosim.navigation.localization.likelihood`); they are drawn anew by weight, as many as their spread needs, some of
+them at random places if scans fit worse than they used to (:mod:`cosim.navigation.localization.resampling`). Nothing of
 it happens before the robot has moved far enough; the estimate goes on by odometry alone until then.
 
 Defaults are Nav2's, but for those of aggregation, alphas and recovery, which were chosen on real maps
@@ -28,16 +28,23 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from cosim.arrays import Floats, Int64s
-from cosim.navigation.localization_draws import CHANCE, PICK, fill_uniform
-from cosim.navigation.localization_likelihood import (
+from cosim.navigation.localization.likelihood import (
     KnownMap,
     beam_scores,
     field_addends,
     field_scores,
     random_poses,
 )
-from cosim.navigation.localization_motion import Pose, move_particles, odometry_motion, scatter_particles
-from cosim.navigation.localization_resampling import (
+from cosim.navigation.localization.motion import (
+    CHANCE,
+    PICK,
+    Pose,
+    fill_uniform,
+    move_particles,
+    odometry_motion,
+    scatter_particles,
+)
+from cosim.navigation.localization.resampling import (
     Recovery,
     clusters,
     independent,

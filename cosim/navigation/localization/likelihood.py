@@ -28,7 +28,7 @@ import scipy.ndimage
 
 from cosim.arrays import Bools, Floats, Int32s, Singles
 from cosim.jit import njit
-from cosim.navigation.localization_draws import PLACE
+from cosim.navigation.localization.motion import PLACE
 from cosim.randomness import philox_words
 
 LEAST: Final = 1e-12

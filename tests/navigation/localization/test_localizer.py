@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cosim.navigation.localization import Estimate, LocalizationParameters, Localizer, beam_stride
-from cosim.navigation.localization_resampling import Recovery
+from cosim.navigation.localization.localizer import Estimate, LocalizationParameters, Localizer, beam_stride
+from cosim.navigation.localization.resampling import Recovery
 from cosim.navigation.schemas import beam_directions
 from cosim.randomness import Draws
-from tests.navigation.localization_room import room_map, scan
+from tests.navigation.localization.room import room_map, scan
 
 # ---------------------------------------------------------------- recovery
 

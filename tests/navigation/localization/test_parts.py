@@ -7,9 +7,7 @@ import pytest
 from scipy import stats
 from scipy.spatial import cKDTree
 
-from cosim.navigation.localization import LocalizationParameters, enough
-from cosim.navigation.localization_draws import MOVE, fill_uniform, four_normals
-from cosim.navigation.localization_likelihood import (
+from cosim.navigation.localization.likelihood import (
     beam_probability,
     beam_scores,
     field_addends,
@@ -19,8 +17,18 @@ from cosim.navigation.localization_likelihood import (
     random_poses,
     surface,
 )
-from cosim.navigation.localization_motion import Motion, move_particles, odometry_motion, scatter_particles, wrapped
-from cosim.navigation.localization_resampling import (
+from cosim.navigation.localization.localizer import LocalizationParameters, enough
+from cosim.navigation.localization.motion import (
+    MOVE,
+    Motion,
+    fill_uniform,
+    four_normals,
+    move_particles,
+    odometry_motion,
+    scatter_particles,
+    wrapped,
+)
+from cosim.navigation.localization.resampling import (
     Recovery,
     clusters,
     independent,
@@ -30,7 +38,7 @@ from cosim.navigation.localization_resampling import (
 )
 from cosim.navigation.schemas import beam_directions
 from cosim.randomness import Draws
-from tests.navigation.localization_room import CELL_M, ORIGIN_M, room, room_map, scan, slab_ranges, squares
+from tests.navigation.localization.room import CELL_M, ORIGIN_M, room, room_map, scan, slab_ranges, squares
 
 NO_BEAM = np.empty((0, 2))
 KEY = Draws(6, "test").key

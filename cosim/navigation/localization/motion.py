@@ -8,6 +8,9 @@ between two poses is a turn by rot1, a straight way trans and a turn by rot2. Ea
 where the second argument is a variance and r is the least of |rot| and |pi - rot|, so that to drive backwards is no
 turn. A way shorter than 1 cm has no direction: rot1 is 0, all of the turn is rot2. (So a filter must not be updated in
 every tick of a slow robot; that is what the least distance of an update is for.)
+
+All random numbers of a particle filter are pure functions of a key, a step, a particle and a purpose, by Philox
+(:mod:`cosim.randomness`): they do not depend on what was drawn before, nor on how many.
 """
 
 import math
@@ -15,13 +18,42 @@ from typing import Final, NamedTuple, TypeAlias
 
 from cosim.arrays import Floats
 from cosim.jit import njit
-from cosim.navigation.localization_draws import MOVE, SCATTER, four_normals
+from cosim.randomness import philox_words
 
 Pose: TypeAlias = tuple[float, float, float]
 """x_m, y_m, heading_rad."""
+Quad: TypeAlias = tuple[float, float, float, float]
+
+SCATTER, MOVE, PICK, CHANCE, PLACE = range(1, 6)
+"""Purposes of draws: a start, a motion, resampling, whether a pose is injected, and where."""
 
 _NO_WAY_M: Final = 0.01
 _TURN: Final = 2.0 * math.pi
+_WORD: Final = 2.0**-32
+
+
+# ---------------------------------------------------------------- random numbers
+
+
+@njit(cache=True)
+def four_normals(step: int, particle: int, purpose: int, key_0: int, key_1: int) -> Quad:
+    """Return four independent standard normal numbers (Box and Muller, of 32-bit words: none beyond 6.8)."""
+    a, b, c, d = philox_words(step, step >> 32, particle, purpose, key_0, key_1)
+    first = math.sqrt(-2.0 * math.log((a + 0.5) * _WORD))
+    second = math.sqrt(-2.0 * math.log((c + 0.5) * _WORD))
+    along, across = _TURN * _WORD * b, _TURN * _WORD * d
+    return first * math.cos(along), first * math.sin(along), second * math.cos(across), second * math.sin(across)
+
+
+@njit(cache=True)
+def fill_uniform(numbers: Floats, step: int, purpose: int, key_0: int, key_1: int) -> None:
+    """Set *numbers* (n,) to uniform ones in [0, 1) with 53 random bits each."""
+    for i in range(numbers.shape[0]):
+        a, b, _, _ = philox_words(step, step >> 32, i, purpose, key_0, key_1)
+        numbers[i] = ((a << 21) | (b >> 11)) * 2.0**-53
+
+
+# ---------------------------------------------------------------- motion
 
 
 class Motion(NamedTuple):
