@@ -4,7 +4,7 @@
 disc does. ``grids`` has the cells that a team covers, ``marking`` the evidence grid that scans are marked into, with
 its frontiers, and ``frontiers`` Yamauchi's.
 
-Ways: ``planning`` is where to begin (free cells, the wavefront, way points), ``value_iteration`` adds prices,
-``astar`` a goal, an estimate and cells that may only be entered, ``roadmap`` finds ways between corners of obstacles,
-and ``polylines`` measures them. All of it is pure functions, most of them numba kernels.
+Ways: ``planning`` is where to begin (free cells, the wavefront, way points); ``value_iteration`` adds prices, ``astar``
+a goal and an estimate, all three by the search of ``grid_search``. ``roadmap`` finds ways between corners of obstacles,
+``polylines`` measures ways. All of it is pure functions, most of them numba kernels.
 """

@@ -7,8 +7,8 @@ of the shortest ways to the nearest goal; steepest descent in it is a shortest w
 (Barraquand, Langlois and Latombe, IEEE Trans. Systems, Man, and Cybernetics 22(2), 1992), with the eight steps of the
 driver ``wavefront`` of Player.
 
-No step is shorter than a cell. So the cells whose cost lies in [i, i + 1) cannot shorten each other's ways: wave i is
-final as soon as wave i - 1 has been expanded, in any order within, and Dijkstra's algorithm needs no heap.
+No step is shorter than a cell. So the cells whose cost lies in [i, i + 1), a wave, cannot shorten each other's ways:
+the search of :mod:`cosim.geometry.grid_search` takes one wave after the other, and needs no heap.
 
 Where the centres of free cells have a clearance c, steps and lines of sight between centres have at least c less half a
 cell's diagonal.
@@ -23,7 +23,8 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from cosim.arrays import Bools, Floats, Int32s, Int64s, Singles
+from cosim.arrays import Bools, Floats, Int32s, Singles
+from cosim.geometry.grid_search import costs
 from cosim.geometry.grids import TOUCH_M, Cell
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.jit import njit
@@ -31,8 +32,6 @@ from cosim.jit import njit
 Point: TypeAlias = tuple[float, float]
 
 _DIAGONAL: Final = math.sqrt(2.0)
-_WAVES: Final = 3
-"""Waves under way at once: the one that is expanded, and the two that a step of 1 or 1.41 leads to."""
 
 
 # ---------------------------------------------------------------- free cells
@@ -174,7 +173,8 @@ def cost_to_go(free: Bools, goals: npt.ArrayLike) -> Floats:
     cells = np.asarray(goals, np.int64).reshape(-1)
     for cell in cells.tolist():
         _check_cell(free, cell)
-    return _wavefront(np.ascontiguousarray(free), cells)
+    known = np.ascontiguousarray(free)
+    return costs(known, cells[known.flat[cells]])
 
 
 def descent(free: Bools, cost: Floats, start: Cell) -> Int32s | None:
@@ -261,51 +261,6 @@ def open_steps(free: Bools, enterable: Bools, ix: int, iy: int) -> int:
         if right and free[iy, ix + 1] and enterable[iy + 1, ix + 1]:
             steps |= 1 << 8
     return steps
-
-
-@njit(cache=True)
-def _wavefront(free: Bools, goals: Int64s) -> Floats:
-    ny, nx = free.shape
-    cost = np.full((ny, nx), np.inf)
-    wave_of = np.full((ny, nx), -1, np.int32)  # the last wave that a cell has been written to
-    cells = np.empty((_WAVES, ny * nx), np.int32)
-    sizes = np.zeros(_WAVES, np.int32)
-    for goal in goals:
-        iy, ix = goal // nx, goal % nx
-        if free[iy, ix] and wave_of[iy, ix] < 0:
-            cost[iy, ix], wave_of[iy, ix] = 0.0, 0
-            cells[0, sizes[0]] = goal
-            sizes[0] += 1
-    wave = 0
-    while sizes.any():
-        now = wave % _WAVES
-        for at in range(sizes[now]):
-            iy, ix = cells[now, at] // nx, cells[now, at] % nx
-            if wave_of[iy, ix] == wave:  # else an earlier wave has reached it
-                _expand(free, ix, iy, cost, wave_of, cells, sizes)
-        sizes[now] = 0
-        wave += 1
-    return cost
-
-
-@njit(cache=True)
-def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Int32s, cells: Int32s, sizes: Int32s) -> None:
-    """Lead the ways of all neighbours of a cell over it where that makes them shorter, and list them in their waves."""
-    steps = open_steps(free, free, ix, iy)
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if not steps >> (3 * dy + dx + 4) & 1:
-                continue
-            x, y = ix + dx, iy + dy
-            length = cost[iy, ix] + (_DIAGONAL if dx != 0 and dy != 0 else 1.0)
-            if length >= cost[y, x]:
-                continue
-            cost[y, x] = length
-            wave = int(length)
-            if wave != wave_of[y, x]:
-                wave_of[y, x] = wave
-                cells[wave % _WAVES, sizes[wave % _WAVES]] = y * free.shape[1] + x
-                sizes[wave % _WAVES] += 1
 
 
 @njit(cache=True)
