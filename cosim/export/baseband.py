@@ -34,7 +34,7 @@ LAP, reference LAP and UAP, packet header, flags."""
 _TRANSPORT: Final = 0x30
 """ACL transport at Basic Rate."""
 _ANY_TRANSPORT: Final = 0x00
-"""That of an ID, which could be anything."""
+"""Packet type of an ID, which could be anything."""
 
 # flags of the pseudo-header
 _PLAIN: Final = 0x0009  # de-whitened, not encrypted
@@ -48,7 +48,7 @@ _CRC_PASSED: Final = 0x0800
 _WHOLE: Final = (Heard.RECEIVED, Heard.REFUSED)
 """Outcomes of frames of which no bit was wrong."""
 INQUIRY: Final = -1
-"""Stands for the general inquiry access code, which belongs to no device."""
+"""Value for the general inquiry access code, which belongs to no device."""
 NO_LLID: Final = 0
 """The channel sends payloads as they are: they belong to no logical link, L2CAP or LMP."""
 _PAGE_LIMIT: Final = 48 * SLOT

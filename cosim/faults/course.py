@@ -107,12 +107,12 @@ class Faults:
         self._streams = streams
         self._nodes, self._channel, self._fleet, self._senses, self._floorplan, self._boot = victims
         self._lasting: dict[tuple[str, Address, int | None], int] = {}
-        """How many faults of a kind a robot has just now, those of one of its radios by its number."""
+        """Number of faults of a kind that a robot has just now, those of one of its radios by its number."""
         self._down: set[Address] = set()
-        """Who has crashed and will boot again, or would if the run were longer."""
+        """Robots that have crashed and will boot again, or would if the run were longer."""
         self._boots = [0] * len(self._nodes)
         self._to_scan: set[Address] = set()
-        """Who has booted, but has not had its radio on since."""
+        """Robots that have booted, but have not had their radios on since."""
         self._batteries: dict[Address, Battery] = {}
         self._dead: set[Address] = set()
         self._coasting: dict[Address, Time] = {}

@@ -16,9 +16,9 @@ from cosim.units import Time, from_seconds
 
 LAST_CHANNEL: Final = 78
 MOST_OFTEN_PER_S: Final = 1e3
-"""Once a millisecond: a run is to get on."""
+"""Greatest rate: once a millisecond, so that a run gets on."""
 LONGEST_STEP_S: Final = 1e9
-"""Thirty years: what a clock then reads still is an integer of 64 bits, in the tables too."""
+"""Longest step, thirty years: the clock still reads an integer of 64 bits, in the tables too."""
 MODES: Final = {"constant": CONSTANT, "sweeping": SWEEPING, "pulsed": PULSED}
 
 RfChannel: TypeAlias = Annotated[int, Field(ge=0, le=LAST_CHANNEL)]

@@ -28,11 +28,11 @@ PackedBoundary: TypeAlias = tuple[Floats, Int32s, Int64s, float]
 """Numbers and members of the grid, links (3, n), and the side."""
 
 CLEAR_M: Final = 1e-6
-"""How far beside an edge the eye of a robot is that touches the edge."""
+"""Distance between an edge and the eye of a robot that touches it."""
 SLACK_M: Final = 1e-7
-"""Lengths below this are rounding: of shadows, of what is left of an edge, of gaps between two places."""
+"""Length below which a shadow, the rest of an edge or a gap between two places is rounding."""
 _DEEP_M: Final = 1.0
-"""A point that is not deeper than this inside an obstacle is taken to the nearest place of its boundary."""
+"""Depth inside an obstacle up to which a point is moved to the nearest place of its boundary."""
 _NARROW: Final = 0.05
 """Half the angle of the narrowest corner (sine) whose both sides the eye keeps its distance from."""
 
@@ -48,7 +48,7 @@ class Boundary(NamedTuple):
     loop: Int64s
     """The number of each edge's loop, (n,): obstacles first, in the order given, then enclosures."""
     side: float
-    """1.0 if the obstacle is at the right hand of who walks (local direction left), else -1.0."""
+    """1.0 if the obstacle is on the right of a walker (local direction left), else -1.0."""
 
 
 def boundary(

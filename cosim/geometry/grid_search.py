@@ -44,9 +44,9 @@ _SLICES: Final = (1, 4, 1024)
 """Buckets to one unit of cost, for each estimate. Without one, the cells of a bucket of 1 cannot shorten each other's
 ways; with the straight line, order decides, and is kept to a thousandth."""
 _MOST_BUCKETS: Final = 1 << 16
-"""Buckets are wider rather than more."""
+"""Largest number of buckets to a ring; wider ones are used where it would take more."""
 _RISE: Final = 1.0 + 2.0 * DIAGONAL
-"""By less than this, and the prices, a cell promises more than that from which it is entered."""
+"""Greatest rise of what a cell promises over the cell from which it is entered, without prices."""
 _LINKS: Final = 1 << 17
 """Number of links of a queue; a search that needs more begins again with twice as many."""
 _ALIKE: Final = np.empty((0, 0), np.float32)

@@ -33,9 +33,9 @@ EMPTY: Final = 1
 OCCUPIED: Final = 2
 
 _HAIR: Final = 1e-5
-"""Of a cell. It is far more than rounding loses, also that of the steps of 2^-32 cells along a beam."""
+"""Share of a cell, far more than rounding loses, also that of the steps of 2^-32 cells along a beam."""
 _MARGIN: Final = 3.0 * _HAIR
-"""How near to the grid's edge a beam may end, so that no cell beyond it is looked at."""
+"""Least distance of a beam's end from the grid's edge, so that no cell beyond it is read."""
 _BITS: Final = 32
 _ONE: Final = 4294967296.0
 """One cell in fixed point: 2 ** _BITS."""

@@ -63,14 +63,14 @@ S_X, S_Y, T_X, T_Y, U_X, U_Y, TOTAL, WALKING, EDGE, ALONG, LINE, HIT, LAST, STAT
 SIZE: Final = 14
 
 NOTHING, LEFT, CLOSED, GOAL = 0, 1, 2, 3
-"""What a stretch of boundary brings: nothing, a leave point, the hit point again, the goal."""
+"""Results of a stretch of boundary: nothing, a leave point, the hit point again, the goal."""
 _WAITING: Final = 20
-"""After so many steps in a row that were not gone a robot is stuck."""
+"""Number of steps in a row that were not gone after which a robot is stuck."""
 _AWAY_M: Final = 1e-6
-"""Who is no farther from where he was sent is there."""
+"""Distance from its target within which a robot has arrived."""
 
 _BESIDE_M: Final = 40 * CLEAR_M
-"""A place this near to an eye is seen: an eye beside a narrow corner is so far from it."""
+"""Distance from an eye within which every place is seen: that of an eye beside a narrow corner."""
 
 # columns of Bug2's memory behind the search: where the robot was sent, from where, and for how many steps in vain
 _ASKED_X, _ASKED_Y, _FROM_X, _FROM_Y, _IDLE = range(SIZE, SIZE + 5)

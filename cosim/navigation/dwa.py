@@ -76,9 +76,9 @@ BODY_COLUMNS: Final = 6
 
 _WAYS: Final = 5
 _TURNS: Final = 9
-"""So many ways and turns of the window are tried, and the turn that lands on the aim, and none."""
+"""Numbers of ways and of turns of the window that are tried, beside the turn that lands on the aim, and none."""
 _STARTED: Final = 1.05
-"""A robot that stands has gone at most this many changes of its way before others see it move."""
+"""Largest number of changes of its way that a robot at rest makes before others see it move."""
 _SAME_M: Final = 1e-6
 _ROUNDING: Final = 1e-9
 

@@ -28,9 +28,9 @@ from cosim.randomness import Draws
 Vector: TypeAlias = tuple[float, float]
 
 OVERWHELMING: Final = 1e5
-"""What stands for an infinite repulsion (MissionLab's GT_INFINITY): more than all other schemas together."""
+"""Value of an infinite repulsion (MissionLab's GT_INFINITY): more than all other schemas together."""
 NOWHERE: Final = 1e-9
-"""A sum shorter than this is rounding: it has no direction."""
+"""Length below which a sum is rounding and has no direction."""
 _COINCIDENT_M: Final = 1e-5
 _DEGREES: Final = 360
 

@@ -69,9 +69,9 @@ POWER, SLACK_M, SLACK_RAD, STEP_M, STEP_RAD, STRAY, NEWS = range(NUMBERS)
 """Numbers of a search: power, the two slacks, the first steps (m, rad), and log(stray) and log(news)."""
 
 _MOST_MOVES: Final = 60
-"""A climb ends after so many steps upwards, however far it still could go."""
+"""Largest number of steps of a climb."""
 _NOTHING: Final = np.float32(1.0)
-"""In a field: unknown, and nothing known is near. A logarithm of p is never above 0."""
+"""Value of a field's cell that is unknown and far from all known ones: a logarithm of p is never above 0."""
 _TURN: Final = 2.0 * math.pi
 _NO_BODIES: Final = np.empty((0, 3))
 
@@ -183,9 +183,9 @@ class Slam:
         self.weights: Floats = np.full(own.particles, 1.0 / own.particles)
         """Shape (n,); their sum is 1."""
         self.updates = 0
-        """How often the filter has been updated."""
+        """Number of updates of the filter."""
         self.resamplings = 0
-        """How often particles have been drawn anew."""
+        """Number of resamplings."""
         self._odometry: Pose | None = None  # at the last update
         self._ticks = 0  # since then
         self._mean = self._estimated()

@@ -18,4 +18,4 @@ class Status(IntEnum):
 
 UNDERWAY, ARRIVED, UNREACHABLE, STUCK = map(int, Status)  # for kernels
 STATUSES: Final = tuple(Status)
-"""By their numbers: faster than the enumeration's constructor."""
+"""Statuses by their numbers: faster than the enumeration's constructor."""

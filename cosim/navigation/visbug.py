@@ -74,11 +74,11 @@ from cosim.navigation.bug2 import (
 from cosim.navigation.status import ARRIVED, UNDERWAY, UNREACHABLE, Status
 
 _AT_M: Final = 1e-6
-"""A robot this near to its intermediate target is at it."""
+"""Distance within which a robot is at its intermediate target."""
 _ASIDE_M: Final = 1e-5
-"""Who is farther than this beside the M-line is in a half-plane, not on the line."""
+"""Distance from the M-line beyond which a robot is in a half-plane, not on the line."""
 _BACK: Final = 16
-"""So many edges a robot that lost its intermediate target looks back along the boundary for a place that it sees."""
+"""Number of edges along which a robot looks back for a place that it sees, once it has lost its target."""
 
 # The memory: the search whose place is T_i; the search as it was seen from where the last step began; where the robot
 # was sent, from where, for how many steps in vain; how often a search was begun anew because the robot was moved.
@@ -86,7 +86,7 @@ _SEEN: Final = SIZE
 _ASKED_X: Final = 2 * SIZE
 _ASKED_Y, _FROM_X, _FROM_Y, _IDLE, LOST = range(_ASKED_X + 1, _ASKED_X + 6)
 MEMORY: Final = _ASKED_X + 6
-"""How many numbers the memory has; number :data:`LOST` counts how often a displaced robot began anew."""
+"""Number of numbers in the memory; number :data:`LOST` counts how often a displaced robot began again."""
 
 
 def visbug_step(

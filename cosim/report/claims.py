@@ -57,7 +57,7 @@ class Claim(Settings):
     test: str
     published: str
     place: str = "published.csv"
-    """Where it stands, for errors."""
+    """Place of the row, for errors."""
 
     @field_validator("test")
     @classmethod

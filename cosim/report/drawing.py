@@ -21,7 +21,7 @@ Named: TypeAlias = tuple[str, Mapping[Any, str]]
 OFFSET = 0.06
 """Distance between the points of neighbouring lines, in steps of the axis."""
 MOST_LABELS = 4
-"""Most names below a figure that stand side by side; more stand upright."""
+"""Largest number of names that stand side by side below a figure; more are turned upright."""
 
 
 def draw(

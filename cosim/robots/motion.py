@@ -68,11 +68,11 @@ Pose: TypeAlias = tuple[float, float, float]
 """x_m, y_m, heading_rad."""
 
 LAND_M: Final = 1e-9
-"""A body that would end a tick as near to its goal as this ends it there."""
+"""Distance from its goal at which a body that would end a tick there ends it on the goal."""
 ALIGNED_RAD: Final = 1e-9
-"""A heading as near to the goal's bearing as this needs no turn."""
+"""Difference between heading and the goal's bearing that needs no turn."""
 _ROUNDING: Final = 1e-9
-"""By which share of h a change of the way may exceed it, so that rounding costs no tick."""
+"""Share of h by which a change of the way may exceed it, so that rounding costs no tick."""
 _NOBODY: Final[tuple[Address, ...]] = ()
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
@@ -108,7 +108,7 @@ class Fleet:
         starts = np.asarray(starts_m, dtype=np.float64).reshape(count, 2)
         self.tick = tick
         self.time = start
-        """The last tick."""
+        """Time of the last tick."""
         self._wall_numbers, self._wall_members = packed_walls(walls)
         self._table = np.zeros((ROWS, count))
         self._table[X], self._table[Y] = self._table[NEXT_X], self._table[NEXT_Y] = starts.T

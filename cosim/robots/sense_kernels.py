@@ -14,7 +14,7 @@ from cosim.jit import njit
 from cosim.randomness import philox_words
 
 Room: TypeAlias = tuple[Floats, Floats, Floats, Int32s]
-"""What all kernels look at: poses, limits, and the packed walls."""
+"""Arguments of all kernels: poses, limits, and the packed walls."""
 
 _SIGHT_PURPOSE: Final = 1
 _DRIFT_PURPOSE: Final = 2

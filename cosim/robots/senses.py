@@ -52,9 +52,9 @@ WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
 _NO_PICTURE: Final = np.empty(0, np.int64)
 _STALE: Final = [-1]  # the pairs of no picture
 _POINTS: Final = 16
-"""So many points fit at first."""
+"""Number of points that fit at first."""
 _FEW: Final = 2
-"""So many points are passed as numbers."""
+"""Number of points that are passed as numbers."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -107,7 +107,7 @@ class Senses:
         count = len(radii_m)
         self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
         self.aware = settings.frames == "world" and not self._drifts
-        """Whether a robot knows where it is, also if it has been carried there: odometry would not notice."""
+        """True if a robot knows where it is, also if it has been carried there: odometry would not notice."""
         self._poses = np.zeros((count, COLUMNS))
         self._poses[:, FRAME_X : FRAME_TURN + 1] = frames
         self._poses[:, RADIUS] = radii_m
@@ -129,7 +129,7 @@ class Senses:
         )
         self._room = self._poses, self._limits, *walls
         self._pairs = np.empty(count * count, np.int64)
-        """Who sees whom, as the observer's number times that of robots, plus the other's; and where."""
+        """Pairs that see each other, as the observer's number times that of robots, plus the other's; and where."""
         self._places = np.empty((2, count * count))
         self._in_sight: list[int] = []
         """The pairs of the last picture; whom they are with, and which of them are each robot's."""

@@ -40,21 +40,21 @@ Samples: TypeAlias = np.ndarray[Any, np.dtype[np.uint8 | np.uint16]]
 
 UNKNOWN: Final = -1
 MOST_CELLS: Final = 100_000_000
-"""The size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
+"""Size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
 MOST_BYTES: Final = 6 * MOST_CELLS
-"""The size of the largest file of a map: a number of five digits and a space for each cell."""
+"""Size of the largest file of a map: a number of five digits and a space for each cell."""
 FARTHEST_M: Final = 1e6
-"""The largest extent of a map."""
+"""Largest extent of a map."""
 SMALLEST_CELL_M: Final = 1e-3
-"""The size of the smallest cells."""
+"""Size of the smallest cells."""
 MOST_SIDES: Final = 1_000_000
-"""The largest number of sides that the solid cells of a map may have together: walls take more room than cells."""
+"""Largest number of sides of all solid cells of a map: walls take more room than cells."""
 LARGEST_YAW_RAD: Final = 2 * math.pi
-"""By how much a map may be turned; more is no angle in radians that anybody means."""
+"""Largest turn of a map; more is no angle in radians that a user means."""
 _TILE: Final = 128
-"""The side of the tiles of an image whose shades are computed at once, in pixels."""
+"""Side of the tiles of an image whose shades are computed at once, in pixels."""
 _BLOCK: Final = 1 << 20
-"""The number of bytes of a plain graymap that are split into words at once."""
+"""Number of bytes of a plain graymap that are split into words at once."""
 _BAND: Final = 1 << 22
 """Number of cells whose edges are searched at once for an outline: that takes many times their memory."""
 _SPACE: Final = re.compile(rb"\s")
@@ -69,7 +69,7 @@ _CODES: Final = bytes(
     {**dict.fromkeys(_PASSABLE, _FREE), **dict.fromkeys(_BLOCKED, _SOLID), "\n": _LINE_END}.get(chr(byte), _STRANGE)
     for byte in range(256)
 )
-"""What each byte of the rows of a MovingAI map stands for."""
+"""Meaning of each byte in the rows of a MovingAI map."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,9 @@ from experiments.aggregation.claims import NAMES, OURS, TIME, less
 NETWORKS: Final = ("ideal", "adhoc", "jammed")
 STRATEGIES: Final = (*OURS, "mito")
 SLIGHT: Final = 1.1
-"""A network that makes searches less than this factor longer costs next to nothing."""
+"""Factor below which a network that makes searches longer costs next to nothing."""
 IN_TIME: Final = 0.75
-"""A strategy handles jamming if it brings this share of the searches to an end."""
+"""Share of the searches that a strategy must bring to an end to handle jamming."""
 METRICS: Final = {
     TIME: "search time, min",
     "distance_m": "driven by all robots, m",

@@ -31,15 +31,15 @@ from cosim.report.estimates import estimate, estimates
 from experiments.aggregation.claims import NAMES, OURS, TIME, UNITS, less
 
 DISTRIBUTIONS: Final = (1, 2, 3, 4)
-"""From easy to hard."""
+"""Target distributions, from easy to hard."""
 CONSTANT: Final = 0.25
-"""SRP is nearly constant if no distribution takes it this share more, or less, than the first."""
+"""Share by which a distribution may take longer, or less long, than the first for SRP to be nearly constant."""
 STRAIGHT: Final = 0.9
-"""The least share of the sum of squares between the distributions that a straight line has to account for."""
+"""Least share of the sum of squares between the distributions that a straight line has to account for."""
 SIMILAR: Final = 0.1
-"""MRP is like SRP if it takes at most this share more or less."""
+"""Share by which MRP may take more or less time to be like SRP."""
 MOST: Final = 0.5
-"""Random search mostly fails if fewer than this share of the runs come to an end."""
+"""Share of the runs below which random search mostly fails."""
 
 
 def _arm(strategy: str, distribution: int) -> Arm:

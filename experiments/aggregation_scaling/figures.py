@@ -20,7 +20,7 @@ from experiments.aggregation.claims import NAMES, OURS, TIME, less
 AXES: Final = ("strategy", "side_m", "sub_teams")
 MOBILE: Final = ("mrp", "mi")
 IN_TIME: Final = 0.75
-"""A strategy extends to an area in which it brings this share of the searches to an end."""
+"""Share of the searches that a strategy must bring to an end to extend to an area."""
 
 
 def _arm(strategy: str, side_m: float, sub_teams: int) -> Arm:

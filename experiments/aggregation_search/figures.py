@@ -32,11 +32,11 @@ CASES: Final = ("normal", "out_of_range", "failed")
 FAULTS: Final = CASES[1:]
 STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
 WRITTEN_OFF: Final = 1.5
-"""Who removes a lost host and its searchers from the team (section VI.A) does three thirds of the work with two."""
+"""Factor of the time if a lost host and its searchers are removed (section VI.A): two thirds do all work."""
 IN_TIME: Final = 0.9
-"""The share of the searches that has to come to an end in time for a strategy to be called robust."""
+"""Share of the searches that must come to an end in time for a strategy to be robust."""
 MUCH: Final = 10.0
-"""Movement "usually consumes much more power than communication": an order of magnitude."""
+"""Factor of "usually consumes much more power than communication": an order of magnitude."""
 COSTS: Final = {
     "distance_m": "driven, m",
     "distance_after_m": "after the end, m",

@@ -32,11 +32,11 @@ from protocols.deployment.spec import METRICS
 Point: TypeAlias = tuple[float, float]
 
 ATTEMPTS: Final = 1000
-"""So often the whole team is placed anew."""
+"""Number of times that the whole team is placed again."""
 TRIES: Final = 200
-"""So many places are drawn for each robot before that."""
+"""Number of places that are drawn for each robot before that."""
 AWAY_M: Final = 1.0
-"""A body that has come so far from where it stood when it was ordered off has left."""
+"""Distance from where a body was ordered off at which it has left."""
 _OWN: Final = (
     Column(
         "until_deployed_s",

@@ -27,7 +27,7 @@ _KEPT: Final = (
     *("wall_contacts", "nearest_m", "robots_killed"),
 )
 _RENEWED: Final = re.compile(r".*(~\d+(?=/stage-\d+/)|/reunited(?=/))")
-"""How the names of drives begin whose stages were made anew: for the robots that are left, or a team that met again."""
+"""Beginning of the names of drives whose stages were planned again: for the robots left, or a reunited team."""
 _OWN: Final = (
     Column("until_deployed_s", "float", "s", "deployment_s; the longest run if they never were held"),
     Column("noticed_s", "float", "s", "from the death until a host took the robot for lost; NaN if none ever did"),

@@ -32,15 +32,15 @@ __all__ = ["touches_nothing"]
 
 STRATEGIES: Final = ("group", "wave", "leap_frog")
 AUGMENTED: Final = ("group", "leap_frog")
-"""Those that have anything to augment."""
+"""Strategies that have anything to augment."""
 SIZES: Final = (2, 4, 6, 8)
 LOST: Final = "interference_s"
 HINDERED: Final = "hindered_s"
 WAITED: Final = "waited_s"
 EITHER: Final = "lost_or_waited_s"
-"""Both together."""
+"""Column of both together."""
 NOTHING: Final = 0.01
-"""Less than this share of the time under way is no interference."""
+"""Share of the time under way below which there is no interference."""
 UNIT: Final = "robot-s"
 
 

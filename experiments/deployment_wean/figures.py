@@ -13,11 +13,11 @@ __all__ = ["touches_nothing"]
 
 NETWORKS: Final = ("ideal", "adhoc")
 TIME_S: Final = (180.0, 240.0)
-"""The whole deployment would take about 3-4 minutes."""
+"""Range of the paper's "about 3-4 minutes" for the whole deployment."""
 WAY_M: Final = 50.0
-"""The robots would average about 50 meters of travel."""
+"""The paper's "about 50 meters of travel" in the mean of the robots."""
 ABOUT: Final = 0.1
-"""That much off is still about it."""
+"""Share by which a value may be off and still be about the paper's."""
 
 
 def _interval(network: str, metric: str, runs: pd.DataFrame) -> tuple[float, float, str]:

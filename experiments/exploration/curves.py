@@ -15,9 +15,9 @@ from experiments.exploration.claims import MAPS
 from experiments.exploration.exploring import TENTHS
 
 POINTS: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS} | {"time_95_s": 0.95, "time_99_s": 0.99}
-"""Columns that hold when a share of what can be seen had been."""
+"""Shares of what can be seen, by the columns that hold when they had been."""
 BAND: Final = (25, 75)
-"""Percentiles."""
+"""Percentiles of the band."""
 INSTANTS: Final = 200
 
 

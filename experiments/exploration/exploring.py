@@ -27,7 +27,7 @@ from cosim.units import from_seconds
 from protocols.exploration.spec import METRICS
 
 TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
-"""Of what can be seen: when so much had been gives the curve of the coverage over time."""
+"""Shares of what can be seen whose times give the curve of coverage over time."""
 _SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
 _OWN: Final = (
     Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),

@@ -15,9 +15,9 @@ USUAL: Final = "usual"
 NO_LAYER: Final = "no subsumption"
 MANY: Final = 4
 LED_ON: Final = 0.75
-"""Escapes are effective if more than this share of the paths lead to a frontier."""
+"""Share of the paths that must lead to a frontier for escapes to be effective."""
 STALLED: Final = 0.95
-"""Who covers less has stalled."""
+"""Coverage below which a robot has stalled."""
 
 
 def _arm(floor: str, robots: int, behaviour: str = USUAL) -> Arm:

@@ -13,9 +13,9 @@ from experiments.exploration.claims import MAPS, PANELS, TIME, sooner_than
 PLAIN: Final = "schemas"
 MANY: Final = 4
 MAINTAINED: Final = 0.75
-"""Visibility is maintained if robots see another for more than this share of their time."""
+"""Share of their time for which robots must see another for visibility to be maintained."""
 WATCHED: Final = 0.5
-"""Overwatch is reproduced if those who move see one that stands for more than this share."""
+"""Share of their time for which moving robots must see one at rest for overwatch to be reproduced."""
 COVERED: Final = 0.95
 NAMES: Final = {2: "2 robots", MANY: f"{MANY} robots"}
 FLOORS: Final = tuple(floor for floor in MAPS if floor != "empty")

@@ -25,7 +25,7 @@ from experiments.exploration import exploring
 from protocols.exploration.spec import METRICS
 
 STANDS_M: Final = 0.02
-"""Who has moved less than this in a second stands."""
+"""Movement in a second below which a robot counts as standing, m."""
 _OWN: Final = (
     Column("in_sight", "float", "1", "share of the robots' time in which one sees another"),
     Column("beacon_in_sight", "float", "1", "share of the time of robots that move in which one sees one that stands"),

@@ -19,16 +19,16 @@ TRUE: Final = "true"
 ODOMETRY: Final = "odometry"
 CONSTANT: Final = "constant speed"
 STOPS: Final = {1: "stop at 0.1 m", 2: "stop at 0.2 m", 4: "stop at 0.4 m"}
-"""The arms with speed control, by their threshold in tenths of a metre, which are cells."""
+"""Arms with speed control, by their threshold in tenths of a metre, which are cells."""
 NAMES: Final = {
     TRUE: "true positions",
     ODOMETRY: "odometry alone",
     CONSTANT: "filter, constant speed",
     **{stop: f"filter, {stop}" for stop in STOPS.values()},
 }
-"""The arms, as figures call them."""
+"""Names of the arms in figures."""
 MOSTLY: Final = 0.5
-"""Waiting helps if more than this share of the waits end with the robot localised again."""
+"""Share of the waits that must end with the robot localised again for waiting to help."""
 
 
 def _arm(floor: str, position: str) -> Arm:

@@ -46,11 +46,11 @@ from protocols.monitoring.parameters import Parameters as Monitoring
 SENDER: Final[Address] = 0
 WATCHER: Final[Address] = 1
 SETTLING: Final = 100
-"""Periods before mistakes count, and before a robot is killed: what detectors are told at first is mostly forgotten."""
+"""Periods before mistakes count, and before a robot is killed: by then detectors have forgotten most of the start."""
 OLDEST: Final = 1000
 """Periods after which every robot that is to be killed has been."""
 LAST_ARRIVALS: Final = 10 * S
-"""After the last heartbeat; nothing is on its way for as long."""
+"""Time after the last heartbeat; no message takes as long."""
 PATIENCE: Final = 1000
 """Periods after a crash within which it is noticed, or never."""
 LONG_WINDOW: Final = 1000
@@ -182,7 +182,7 @@ class Candidate(NamedTuple):
     bound_s: float = math.nan
     threshold: float = math.nan
     cut: Time | None = None
-    """Heartbeats that are later than this do not count."""
+    """Delay above which heartbeats do not count."""
 
     def told(self, heard: Arrivals, period: Time) -> Arrivals:
         """Return those of the arrivals that it is told of."""

@@ -32,7 +32,7 @@ MASTER: Final[Address] = 0
 SLAVE: Final[Address] = 1
 NEAR_M: Final = 1.0
 BACKLOG: Final = 3
-"""Payloads that wait at the master at any time."""
+"""Number of payloads that wait at the master at any time."""
 SETTLE: Final[Time] = 100 * MS
 SET_UP_WITHIN: Final[Time] = 60 * S
 COLUMNS: Final = (

@@ -31,9 +31,9 @@ Mode: TypeAlias = Literal["R0", "R1", "R2"]
 PAGER: Final[Address] = 0
 PAGED: Final[Address] = 1
 INTERVAL_S: Final[dict[Mode, float]] = {"R0": 0.01125, "R1": 1.28, "R2": 2.56}
-"""From one page scan window to the next; R0 scans all the time."""
+"""Interval from one page scan window to the next; R0 scans all the time."""
 LOOK: Final[Time] = 160 * MS
-"""How often the outcome of a page is looked at."""
+"""Interval between checks of the outcome of a page."""
 COLUMNS: Final = (
     Column("page", "int", "", "number of the page in the run, from 0"),
     Column("page_time_s", "float", "s", "from the first transmit slot to the start of the response; NaN: none"),
@@ -56,9 +56,9 @@ class Times(NamedTuple):
     """Seconds until the start of the response; NaN if there was none."""
 
     from_slot_s: float
-    """From the pager's first transmit slot."""
+    """Time from the pager's first transmit slot."""
     from_command_s: float
-    """From the host's command, at any time."""
+    """Time from the host's command, which may come at any time."""
 
 
 class Host:

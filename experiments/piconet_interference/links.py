@@ -17,7 +17,7 @@ from experiments.radio.clocks import known_offset
 SET_UP_WITHIN: Final = 60 * S
 SUPERVISION_S: Final = 2.0
 SETTLE: Final = 20 * MS
-"""From the beginning of the load to that of the count."""
+"""Time from the beginning of the load to that of the count."""
 
 
 class Host:

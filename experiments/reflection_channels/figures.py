@@ -27,9 +27,9 @@ LINKS: Final = {
     "adhoc": "802.11, 1 s",
     "adhoc_each_tick": "802.11, 0.1 s",
 }
-"""By the ends of the tests' names."""
+"""Links, by the ends of the tests' names."""
 SLIGHT: Final = 0.1
-"""A link that costs less than this share of the steps costs next to nothing."""
+"""Share of the steps below which a link costs next to nothing."""
 AXES: Final = ("floor", "algorithm", "link")
 METRICS: Final = {
     "steps": "motion steps a target",

@@ -20,9 +20,9 @@ from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEP
 ERRORS: Final = ("0", "0.1", "0.2", "0.3", "0.4")
 ALONE: Final = "alone"
 SOON: Final = "0.2"
-"""The error at which helpers are to have become almost useless: half of the largest."""
+"""Error at which helpers are to have become almost useless: half of the largest."""
 ALMOST_USELESS: Final = 0.1
-"""Helpers that save less than this share of the steps of the robot alone are almost useless."""
+"""Share of the steps of the robot alone below which the saving by helpers is almost useless."""
 
 
 def _arm(floor: str, algorithm: str, error: str) -> Arm:

@@ -18,7 +18,7 @@ from cosim.report.estimates import estimate, estimates
 from experiments.reflection.tables import ALGORITHMS, NAMES, STEPS
 
 TEAM: Final = 4
-"""The size of the teams in which dedicated helpers are compared with explorers."""
+"""Size of the teams in which dedicated helpers are compared with explorers."""
 AXES: Final = ("algorithm", "explorers", "helpers")
 
 

@@ -15,7 +15,7 @@ HALL: Final = "all explore a hall"
 ROOMS: Final = "all explore rooms"
 HELPED: Final = "one explores rooms"
 ORDERS: Final = {"bytes_a_frame": 1, "bytes_a_period": 2}
-"""The power of the team's size that the paper gives for each."""
+"""Powers of the team's size that the paper gives, by metric."""
 
 
 def most(robots: int) -> int:

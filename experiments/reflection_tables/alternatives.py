@@ -30,7 +30,7 @@ AS_IN_THE_TABLES: Final = "as in the tables"
 FEW: Final = "smallest"
 MANY: Final = "whole"
 EVERY_TEAM: Final = ("fewer", "closer")
-"""What the ids of claims begin with that need the teams between the smallest and the whole one."""
+"""Beginnings of the ids of claims that need the teams between the smallest and the whole one."""
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -34,7 +34,7 @@ ALIKE: Final = 1.3
 """Algorithms are alike if their steps differ by less than this factor: the curves that the paper calls very similar
 differ by up to 1.28 (Table 1, four robots: 257.2 and 201.2), and those of smaller teams by 2.1 and 1.5."""
 TICKS: Final = (100, 200, 300, 500, 1000, 2000)
-"""Of the steps a target."""
+"""Ticks of the axis of steps a target."""
 
 
 def _arm(floor: str, algorithm: str, robots: int) -> Arm:

@@ -13,7 +13,7 @@ from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confiden
 SHAPES: Final = ("diamond", "ladder", "ring")
 GOLDEN: Final = 0.618
 INTERVAL_S: Final = 0.1
-"""From payload to payload."""
+"""Interval from payload to payload."""
 TC_S: Final = 5.5
 """A TC interval, and the jitter of the one who repeats the TC on its way to the source of the ring."""
 ROWS: Final = {

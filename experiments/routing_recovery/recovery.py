@@ -29,11 +29,11 @@ from cosim.units import MS, S, Time, from_seconds, to_seconds
 from experiments.routing_recovery.omniscient import Omniscient, reach
 
 LOOK: Final = 10 * MS
-"""So often it is looked whether the death has been noticed."""
+"""Interval between checks whether the death has been noticed."""
 GAP: Final = S // 2
-"""Longer without a payload is an interruption."""
+"""Time without a payload above which there is an interruption."""
 END: Final = 2 * S
-"""Payloads of the last 2 s are not counted: they may be under way."""
+"""Time at the end whose payloads are not counted: they may be under way."""
 COLUMNS: Final = (
     Column("outage_s", "float", "s", "from the last payload over the old way to the first over another"),
     Column("recovery_s", "float", "s", "from the death to the first payload over another way"),
@@ -87,15 +87,15 @@ class Observed(AdhocChannel):
         places_m, self.destination = SHAPES[given.shape]
         self._who = reach(places_m, given.radio.range_m or math.inf)
         self.last_relay: Address | None = None
-        """Who has handed the last payload to its destination."""
+        """Robot that has handed the last payload to its destination."""
         self.sender_over: dict[Address, Address] = {}
-        """Who has sent the last payload over each relay."""
+        """Robot that has sent the last payload over each relay."""
         self.sent_to: dict[tuple[Address, Address], int] = {}
-        """How many payloads each has handed to its station for each neighbour."""
+        """Number of payloads that each has handed to its station for each neighbour."""
         self.done_with: dict[tuple[Address, Address], int] = {}
-        """How many of them the station is done with: acknowledged, or tried often enough."""
+        """Number of them that the station is done with: acknowledged, or tried often enough."""
         self.heard_at: dict[tuple[Address, Address], Time] = {}
-        """When each router has last had a sign of life of each neighbour."""
+        """Times at which each router last heard each neighbour."""
         super().__init__(given.radio, kernel, Trace(()), len(places_m), streams)
         self.moved(np.array(places_m))
 

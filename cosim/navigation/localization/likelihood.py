@@ -32,7 +32,7 @@ from cosim.navigation.localization.motion import PLACE
 from cosim.randomness import philox_words
 
 LEAST: Final = 1e-12
-"""Less than this no p is, so that it has a logarithm."""
+"""Least value of p, so that it has a logarithm."""
 BEAM_NUMBERS: Final = 7
 _HIT, _SHORT, _MOST, _RANDOM, _SIGMA, _LAMBDA, _RANGE = range(BEAM_NUMBERS)
 _CORNERS: Final = 1.415  # two centres of cells are so much farther apart than points of them can be, in cells

@@ -141,7 +141,7 @@ class Estimate(NamedTuple):
     y_m: float
     heading_rad: float
     share: float
-    """Of all weight, what the heaviest cluster has: the others are places where the robot might be, too."""
+    """Share of all weight in the heaviest cluster: the others are places where the robot might be, too."""
     spread_m: float
     """Root of the cluster's mean squared distance from (x, y)."""
     spread_rad: float
@@ -184,11 +184,11 @@ class Localizer:
             [own.z_hit, own.z_short, own.z_max, own.z_rand, own.sigma_hit_m, own.lambda_short_per_m, own.range_m]
         )
         self.recovery = Recovery(own.recovery_slow, own.recovery_fast)
-        """How well scans have fitted."""
+        """Averages of how well scans have fitted."""
         self.updates = 0
-        """How often the filter has been updated."""
+        """Number of updates of the filter."""
         self.injected = 0
-        """How many random poses recovery has injected."""
+        """Number of random poses that recovery has injected."""
         self.poses: Floats = np.empty((own.most_particles, 3))
         """Shape (n, 3): x_m, y_m, heading_rad of each particle."""
         self.weights: Floats = np.empty(own.most_particles)

@@ -106,7 +106,7 @@ class Recovery:
     slow: float = 0.0
     fast: float = 0.0
     noted: int = 0
-    """How many scans the averages have taken in."""
+    """Number of scans in the averages."""
 
     def note(self, fit: float) -> None:
         """Take in how well a scan fits, a number > 0."""
