@@ -4,7 +4,7 @@ Captured is, at the radio of its receiver, every frame whose header was received
 outcome is "received" or (a whole payload for which there was no room) "refused", or of which the payload alone was
 lost; such a one is marked as having a bad CRC. A frame that its receiver did not hear is in no capture. Times,
 channels, addresses, types and lengths are the run's; the bytes of payloads, which the table does not hold, are zeros.
-FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
+FLOW is 1, ARQN and SEQN are 0: the table does not have them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -125,7 +125,7 @@ def _zeros(kind: str, uap: int, length: int) -> bytes:
 
 
 def _contents(device: Identity, time: Time, called: int) -> bytes:
-    """Return what an FHS that *device* sends at *time* tells of it."""
+    """Return the fields of an FHS that *device* sends at *time*."""
     clock = device.clock.tick(time) >> 2 & (1 << 26) - 1
     fhs = Fhs(device.hop_address & 0xFFFFFF, device.hop_address >> 24, 0, 0, called, clock)
     return fhs.to_bytes()

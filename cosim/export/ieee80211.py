@@ -8,8 +8,8 @@ only if they are told so.
 
 Robots have no MAC addresses of their own. Robot r's radio n has the locally administered 02:00:00:nn:rr:rr, and the
 network of radios n the BSSID 02:63:6f:73:69:nn. What a router has made is an IPv4 packet after LLC and SNAP headers
-(RFC 1042); a payload that nobody routes has the EtherType for local experiments (IEEE 802, local experimental EtherType
-1). These headers are there whatever the settings say of overhead.
+(RFC 1042); a payload that is not routed has the EtherType for local experiments (IEEE 802, local experimental EtherType
+1). These headers are there whatever overhead the settings have.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

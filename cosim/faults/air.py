@@ -1,4 +1,4 @@
-"""Faults of the air: jammers, and walls of loss. They are nobody's, so their events have no robot."""
+"""Faults of the air: jammers, and walls of loss. They belong to no robot, so their events have none."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial

@@ -1,11 +1,9 @@
-"""What faults do in the course of a run; carried out in the phase FAULT.
+"""Faults in the course of a run, carried out in the phase FAULT: before a world tick of the same instant.
 
-A fault of the instant of a world tick comes before the tick.
-
-A killed robot's host neither takes nor answers anything from that instant on, its radio is off, and its body coasts:
-it keeps its velocity until the next world tick (that way has been checked against walls and bodies), and from there on
-brakes to rest under its acceleration limit, as if it were told to stand still. It rests there as an obstacle for ever.
-(A body that stood at once, in the midst of a tick, could be run into by one that follows it.)
+A killed robot's host neither takes nor answers anything from that instant on, its radio is off, and its body coasts: it
+keeps its velocity until the next world tick (that way has been checked against walls and bodies), and from there on
+brakes to rest under its acceleration limit, as if it were ordered to stand still. It rests there as an obstacle for
+ever. (A body that stood at once, in the midst of a tick, could be run into by one that follows it.)
 
 A crashed robot is the same until it boots: then a new machine, with what all machines know beforehand and a stream of
 its own, has the radio and the body; the clock has gone on. The referee hears of no death, for that body does not rest
@@ -95,7 +93,7 @@ class Faults:
     def __init__(
         self, settings: Sequence[FaultSettings], kernel: Kernel, victims: Victims, trace: Trace, streams: Streams
     ) -> None:
-        """Raise UserError for a place to which a robot is to be moved, but where it does not fit."""
+        """Raise UserError for a place to which a robot is to be moved where it does not fit."""
         check_places(settings, victims.fleet.radii_m.tolist(), victims.floorplan)
         self.killed = 0
         """Robots that have died."""
@@ -166,7 +164,7 @@ class Faults:
         return [self._death(robot, self._coasting.pop(robot)) for robot in rested]
 
     @property
-    def anybody_returns(self) -> bool:
+    def reboots_pending(self) -> bool:
         """Whether a host is down that will boot again."""
         return bool(self._down)
 
@@ -348,7 +346,7 @@ def check_places(faults: Sequence[FaultSettings], radii_m: Sequence[float], floo
 def drawn_places(radius_m: float, floorplan: Floorplan, stream: np.random.Generator) -> Iterator[Point]:
     """Yield places on the floor where a body of *radius_m* fits, drawn evenly from *stream*; none if it is full.
 
-    Nobody asks whether a way leads out of them.
+    Whether a way leads out of them is not checked.
     """
     x_min, y_min, x_max, y_max = floorplan.bounds_m
     for _ in range(TRIES):

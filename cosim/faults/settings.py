@@ -1,4 +1,4 @@
-"""What a scenario can say about faults: what goes wrong, when, to whom; at a given time, or at random with a rate.
+"""Faults as a scenario describes them: what goes wrong, with which robot, at a given time or at random with a rate.
 
 With a rate, a fault happens at the points of a Poisson process: the gaps are exponential, drawn from a stream of that
 fault's own. Faults of one kind and one robot may overlap; what they have in common is over when the last of them is.
@@ -234,7 +234,7 @@ FaultSettings: TypeAlias = Annotated[
 def misplaced(faults: Sequence[FaultSettings], team: int, duration_s: float) -> tuple[int, str, str] | None:
     """Return (number, field, what is wrong) of the first of *faults* that cannot happen in a run, if there is one.
 
-    A robot must be one of the *team*, a fault begin before the run ends, nobody die twice or have two batteries.
+    A robot must be one of the *team*, a fault begin before the run ends, no robot die twice or have two batteries.
     """
     dead: set[Address] = set()
     supplied: set[Address] = set()

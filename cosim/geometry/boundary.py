@@ -7,9 +7,9 @@ it meets one ("local direction left"), else at its left. A place on it is an edg
 
 Sight: the points of a base segment P-Q that an apex C does not see lie in the shadows of the edges that reach into the
 triangle C P Q. A shadow is an interval of fractions of the base; the kernels here cast and join shadows. A kernel that
-looks from C at P-Q reads nothing but the parts of edges inside that triangle, so nobody learns what is out of sight.
-Floating point: a shadow narrower than ``SLACK_M`` at the base's beginning is none (the line C-P may graze a corner that
-lies behind the sweep), and a robot that touches an edge looks from ``CLEAR_M`` beside it.
+looks from C at P-Q reads nothing but the parts of edges inside that triangle, so a robot learns nothing of what is out
+of sight. Floating point: a shadow narrower than ``SLACK_M`` at the base's beginning is none (the line C-P may graze a
+corner that lies behind the sweep), and a robot that touches an edge looks from ``CLEAR_M`` beside it.
 """
 
 import math
@@ -188,7 +188,7 @@ def nearest_place(loops: Boundary, x: float, y: float, limit_m: float) -> tuple[
 
 @njit(cache=True)
 def stand_clear(loops: Boundary, x: float, y: float) -> tuple[float, float, float, float]:
-    """Return where a robot stands, and its eye: two points in metres; a kernel for kernels.
+    """Return the place of a robot and that of its eye, two points in metres; a kernel for kernels.
 
     In free space both are (x, y). A point inside an obstacle, up to a metre deep, stands at the nearest place of the
     boundary. The eye of a robot at the boundary is CLEAR_M beside it.

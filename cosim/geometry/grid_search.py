@@ -251,7 +251,7 @@ def _buckets(dearest: float, estimate: int) -> tuple[float, Int32s]:
 
 @njit(cache=True)
 def _put(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int, cell: int) -> None:
-    """Put a cell before those of a bucket: a link holds a cell, and says which is the next one."""
+    """Put a cell before those of a bucket: a link holds a cell and the number of the next link."""
     at, link = bucket & (first.size - 1), count[_SPARE]
     if link == _NONE:
         link = count[_USED]

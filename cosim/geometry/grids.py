@@ -71,8 +71,8 @@ def coverage_grid(
 ) -> CoverageGrid:
     """Cut the floor into cells of *cell_m* and find out where a disc of *radius_m* can stand and step.
 
-    *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m*
-    has the shape (n, 4). *forbidden* says of points (n, 2) which of them are occupied, unknown or outside. Reachable is
+    *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m* has
+    the shape (n, 4). *forbidden* returns for points (n, 2) which of them are occupied, unknown or outside. Reachable is
     what can be stepped to from the cells that hold *starts_m* (n, 2), as far as they are free; without starts, the
     largest set of cells that can be stepped to from each other (of equal ones that with the lowest cell).
 

@@ -1,11 +1,11 @@
 """Ways over a floor of square cells: the wavefront planner, and way points that see each other.
 
-A grid of booleans says in which cells the centre of a robot may be: obstacles are grown by the robot's radius, so that
-the robot is a point. A step leads to one of eight neighbours and costs its length, 1 or the square root of 2 cells; a
-diagonal step needs the cells on both of its sides free too (no corner is cut). The wavefront is the field of the costs
-of the shortest ways to the nearest goal; steepest descent in it is a shortest way: a numerical navigation function
-(Barraquand, Langlois and Latombe, IEEE Trans. Systems, Man, and Cybernetics 22(2), 1992), with the eight steps of the
-driver ``wavefront`` of Player.
+A grid of booleans marks the cells in which the centre of a robot may be: obstacles are grown by the robot's radius, so
+that the robot is a point. A step leads to one of eight neighbours and costs its length, 1 or the square root of 2
+cells; a diagonal step needs the cells on both of its sides free too (no corner is cut). The wavefront is the field of
+the costs of the shortest ways to the nearest goal; steepest descent in it is a shortest way: a numerical navigation
+function (Barraquand, Langlois and Latombe, IEEE Trans. Systems, Man, and Cybernetics 22(2), 1992), with the eight steps
+of the driver ``wavefront`` of Player.
 
 No step is shorter than a cell. So the cells whose cost lies in [i, i + 1), a wave, cannot shorten each other's ways:
 the search of :mod:`cosim.geometry.grid_search` takes one wave after the other, and needs no heap.
@@ -89,7 +89,7 @@ class PlanningGrid:
         :func:`in_view`. Start and goal may be off the centres of their cells, the legs there by as much off the line.
         A start or goal where the robot does not fit is replaced by the centre of the nearest free cell that is at most
         *snap_m* away, which is then a way point; without such a cell there is no way from or to it. With a *snap_m* of
-        at most the radius by which obstacles have been grown, nobody snaps to the other side of a wall.
+        at most the radius by which obstacles have been grown, no place snaps to the other side of a wall.
 
         Raise LookupError if the start or a goal is off the grid.
         """
@@ -136,7 +136,7 @@ def wall_planning_grid(
     """Return where the centre of a robot of *radius_m* may be among walls, as cells of *cell_m* metres.
 
     *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m* has
-    the shape (n, 4). *forbidden* says of points (n, 2) which of them are occupied, unknown or outside.
+    the shape (n, 4). *forbidden* returns for points (n, 2) which of them are occupied, unknown or outside.
 
     Raise ValueError if no cell fits into the bounds, a measure is not positive, or the radius is less than half the
     diagonal of a cell: there might be free cells side by side with a wall between them.
@@ -289,7 +289,7 @@ def _descent(free: Bools, cost: Floats, start: int) -> Int32s:
 def in_view(free: Bools, a: Cell, b: Cell) -> bool:
     """Return whether all cells that the line between the centres of the cells *a* and *b* meets are free.
 
-    A line through a corner meets all four cells there. Symmetric. Whole numbers say exactly by which side the line
+    A line through a corner meets all four cells there. Symmetric. Whole numbers decide exactly by which side the line
     leaves a cell.
     """
     nx = free.shape[1]

@@ -17,8 +17,8 @@ the map has
     log p = -d^2 / 2 sigma^2,  but no less than log(stray);
 
 between centres of cells it is interpolated, so that poses are told apart within a cell. Ends that lie in the unknown,
-far from all that is known, are left out: what a scan finds anew must not pull it back to what is known. Which they are
-is settled once for each scan, where odometry puts the particle; each counts log(news) for the particle's weight.
+far from all that is known, are left out: what a scan has just found must not pull it back to what is known. They
+are determined once for each scan, where odometry puts the particle; each counts log(news) for the particle's weight.
 
 The beams of a scan err together, as the map does: each counts only as *power* of an independent one. What is climbed is
 
@@ -37,7 +37,7 @@ Where it differs from the paper and GMapping:
 - maps are whole grids of int8, copied when a particle is drawn twice; GMapping shares patches.
 - a robot that rests is updated, too, after some ticks (GMapping's temporalUpdate): so that waiting may help.
 
-The spread says less than the error is. Beams of a scan err together, and as those before them that met the same walls.
+The spread is smaller than the error. Beams of a scan err together, and as those before them that met the same walls.
 Taken for independent they make one particle by far the heaviest; soon all descend from it, and what it has gone astray
 is in all of their maps. A lower *power* and more particles help: on a loop through two rooms the error was 2.5 times
 the spread with 0.1 and 10, 0.6 times with 0.03 and 30; on longer drives through an office of 20 m x 16 m, 3 and 1.5
@@ -201,7 +201,7 @@ class Slam:
         return float(1.0 / (self.weights @ self.weights))
 
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
-        """Return the estimate after one more tick: *odometry* as told now, *ranges_m* (n,) as scanned now.
+        """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.
 
         A beam that meets nothing reads the range or more; one that reads NaN (or has met another robot, and is made so
         by the caller) counts for nothing. The first call updates the filter; a later one does if the robot has moved
@@ -231,7 +231,7 @@ class Slam:
         return self._mean
 
     def _update(self, ranges: Floats, beams: Floats) -> None:
-        """Match, weigh, estimate, mark and draw anew; *beams* (n, 2) are in the body's frame."""
+        """Match, weigh, estimate, mark and resample; *beams* (n, 2) are in the body's frame."""
         own = self._own
         hit = np.flatnonzero(ranges < own.range_m)
         hit = hit[hit % -(-len(ranges) // own.max_beams) == 0]
@@ -267,7 +267,7 @@ class Slam:
         return SlamEstimate(float(x), float(y), math.atan2(sin, cos), spread, math.sqrt(-2.0 * math.log(length)))
 
     def _resample(self) -> None:
-        """Draw the particles anew by weight; who survives keeps its place, and only copies are copied."""
+        """Resample the particles by weight; survivors keep their places, and only copies are copied."""
         uniform = np.empty(1)
         fill_uniform(uniform, self.updates, PICK, *self._key)
         chosen = low_variance(self.weights, len(self.weights), float(uniform[0]))

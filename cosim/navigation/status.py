@@ -1,4 +1,4 @@
-"""What every local navigation algorithm says of its way to the goal."""
+"""Statuses that every local navigation algorithm returns."""
 
 from enum import IntEnum
 from typing import Final

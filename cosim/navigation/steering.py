@@ -209,10 +209,10 @@ def _past_step(
 
 @njit(cache=True)
 def _is_held(memory: Floats, x_m: float, y_m: float, step_m: float) -> bool:
-    """Return whether the robot has not moved for a few steps, though the field has told it to.
+    """Return whether the robot has not moved for a few steps, although the field would have it move.
 
-    A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what repels nobody.
-    A step in a random direction frees it.
+    A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what does not repel
+    it. A step in a random direction frees it.
     """
     last_x, last_y = memory[_LAST_X], memory[_LAST_Y]
     memory[_LAST_X], memory[_LAST_Y] = x_m, y_m

@@ -347,7 +347,7 @@ def _note_motion(own: Floats, memory: Floats, x_m: float, y_m: float, step_m: fl
 class Vfh:
     """VFH+ behind the convention of navigators, see :class:`cosim.navigation.steering.Navigator`.
 
-    All steps have length 1; the choice of a speed is left to who drives.
+    All steps have length 1; the caller chooses the speed.
     """
 
     def __init__(self, parameters: VfhParameters) -> None:

@@ -170,7 +170,7 @@ class Fleet:
         return x + part * (own[NEXT_X] - x), y + part * (own[NEXT_Y] - y), heading
 
     def freeze(self, body: int, frozen: bool) -> None:
-        """Have *body* brake from the next :meth:`step` on, and stand; or follow its last command (again)."""
+        """Have *body* brake from the next :meth:`step` on, and stand; or follow its last command again."""
         self._table[FROZEN, body] = frozen
 
     def carry(self, body: int, carried: Carry, unaware: bool) -> bool:

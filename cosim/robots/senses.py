@@ -1,13 +1,13 @@
 """What robots sense: where they are in their own frames, where they see each other, and how far the walls are.
 
 A robot's frame F_i is odometry: it begins where the scenario has it and, with a drift, turns and stretches as the robot
-drives. What a robot sees lies relative to its body, so it is told in F_i by way of where the robot takes itself to be.
+drives. What a robot sees lies relative to its body, so it is given in F_i by where the robot takes itself to be.
 
 The camera measures another robot's distance d and direction alpha with the errors of Sgorbissa and Arkin ("Local
 navigation strategies for a team of robots", section 6.1, equations 1 and 2): d (1 + U[-e, e]), and alpha plus the angle
 under which half of the other's body appears, times U[-b, b]. The paper has b = 1.
 
-The range scanner tells where each of a ring of beams meets a wall or a body first: with normal noise, which makes it
+The range scanner measures where each of a ring of beams meets a wall or a body first: with normal noise, which makes it
 miss what it would measure beyond its range, and with false returns, which may be any range up to its own.
 """
 
@@ -92,7 +92,7 @@ class SenseSettings(Settings):
 
 
 class Senses:
-    """The sensors of all robots of a run; asked once a tick, after the robots have moved."""
+    """The sensors of all robots of a run; read once a tick, after the robots have moved."""
 
     def __init__(
         self,
@@ -162,7 +162,7 @@ class Senses:
         ]
 
     def _picture(self, seen: int) -> None:
-        """Sort what the cameras have *seen* in all by who has seen it; mostly they see whom they saw before."""
+        """Sort all that the cameras have *seen* by the observer; mostly they see the same ones as before."""
         pairs, (xs, ys) = self._pairs[:seen].tolist(), self._places[:, :seen].tolist()
         if pairs != self._in_sight:
             self._in_sight = pairs

@@ -223,7 +223,7 @@ def _walls_of(settings: FloorSettings | FloorplanSettings) -> list[_Walls]:
 
 
 def _losses_db(name: str, walls: Sequence[_Walls], losses: Mapping[str, float]) -> Floats:
-    """Return the loss of each of *walls*, shape (n,); raise UserError for a kind that is not told, or told in vain."""
+    """Return the loss of each of *walls*, shape (n,); raise UserError for an unknown kind, or one that no wall has."""
     known = {**WALL_LOSS_DB, **losses}
     used = {group.kind for group in walls}
     for kind in sorted(used - known.keys()):

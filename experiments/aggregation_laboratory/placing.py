@@ -23,7 +23,7 @@ __all__ = ["COLUMNS", "Parameters", "measure"]
 
 
 class Parameters(searching.Parameters):
-    """A search, where its targets are, and how exactly its robots are put where ``team.starts`` says."""
+    """A search, where its targets are, and how exactly its robots are put at ``team.starts``."""
 
     distribution: Count = Field(
         default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is"

@@ -4,7 +4,7 @@
 
 writes ``rooms_50.yaml``, ``rooms_100.yaml`` and so on, the floors that the sweep uses. Rooms are 25 m x 25 m, with a
 door of 2 m in every wall between two of them. Doors stand off the middle of their walls, in another place from wall to
-wall, so that nobody sees far through several.
+wall, so that no robot sees far through several.
 """
 
 import sys

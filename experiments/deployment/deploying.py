@@ -156,7 +156,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 def lead_s(events: Mapping[str, Any], poses: Mapping[str, Any], ahead: str, behind: str) -> float:
     """Return by how much the first robot of the tasks *ahead* had left before the first of the tasks *behind*, seconds.
 
-    Tasks are told by the beginnings of their names. NaN if nobody has left for the one or the other.
+    Tasks are given by the beginnings of their names. NaN if no robot has left for the one or the other.
     """
     firsts = [min(left(events, poses, name).values(), default=None) for name in (ahead, behind)]
     return math.nan if None in firsts else to_seconds(firsts[1] - firsts[0])  # type: ignore[operator]

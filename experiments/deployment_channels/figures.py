@@ -1,4 +1,4 @@
-"""What paper 004 says that does not depend on how messages travel, as tests; ``deploys_adhoc`` is ``deploys``."""
+"""Paper 004's claims that do not depend on how messages travel, as tests; ``deploys_adhoc`` is ``deploys``."""
 
 from functools import partial
 from typing import Final

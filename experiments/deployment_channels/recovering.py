@@ -80,7 +80,7 @@ def recovery(rows: Iterable[Row], killed: Iterable[tuple[int, int]], host: int) 
 
 
 def _recovered(rows: Iterable[Row], at: int, noticed: int) -> float:
-    """Return how long after *at* a robot set off by stages that nobody had been at before the loss was *noticed*.
+    """Return how long after *at* a robot set off by stages that no robot had been at before the loss was *noticed*.
 
     Whoever orders: the host, or each robot itself.
     """

@@ -1,4 +1,4 @@
-"""What paper 004 says of deploying by a map just made, as tests; ``deploys_adhoc`` is ``deploys`` for ``adhoc``."""
+"""Paper 004's claims on deploying by a map just made, as tests; ``deploys_adhoc`` is ``deploys`` for ``adhoc``."""
 
 from functools import partial
 from typing import Final

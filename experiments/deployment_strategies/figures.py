@@ -1,4 +1,4 @@
-"""What paper 004 says of its three strategies, as tests: how many robots move, and what the augmentations are good for.
+"""Paper 004's claims on its three strategies, as tests: how many robots move, and what the augmentations are good for.
 
 ``lowers_group_4`` in published.csv is ``lowers`` for the strategy ``group`` and four robots; the tests by such names
 are made at the end of this file. Interference is robot-seconds that robots lose to others: below their free speed

@@ -1,4 +1,4 @@
-"""What paper 004, section 7, says of its typical scenario, as tests; ``time_adhoc`` is ``time`` for ``adhoc``."""
+"""Paper 004, section 7: the claims on its typical scenario, as tests; ``time_adhoc`` is ``time`` for ``adhoc``."""
 
 from functools import partial
 from typing import Final

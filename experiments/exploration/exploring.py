@@ -1,4 +1,4 @@
-"""An exploration of paper 001 with some of its settings chosen otherwise, and what its trace tells beside its metrics.
+"""An exploration of paper 001 with some of its settings chosen otherwise, and what its trace shows beside its metrics.
 
 What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
 values, as in :mod:`experiments.aggregation.searching`.
@@ -55,7 +55,7 @@ COLUMNS: Final = (
 
 
 class Partings(Settings):
-    """When, and of whom, it is asked whether robots part."""
+    """When robots are compared to see whether they part, and which ones."""
 
     later_s: Seconds = Field(default=30.0, gt=0, description="s from a path laid, after which distances are compared")
     near_m: Metres | None = Field(
@@ -104,7 +104,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 
 
 def told(trace: Trace, asked: Partings) -> dict[str, float]:
-    """Return what the events and poses of a run tell of its escapes."""
+    """Return what the events and poses of a run show of its escapes."""
     events = trace.columns("events")
     rows = list(zip(events["event"], events["time_ns"], events["source"], events.get("why", ()), strict=True))
     laid = [(time, robot) for event, time, robot, _ in rows if event == "PathLaid"]

@@ -72,7 +72,7 @@ def obstacle_range(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -
 
 
 def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether nobody is held up, without the layer of the sensors' own."""
+    """Answer whether no robot is held up, without the layer of the sensors' own."""
     return untouched(runs, [_arm(floor, n, NO_LAYER) for n in levels(runs, "robots")])
 
 

@@ -31,7 +31,7 @@ def sooner(extension: str, floor: str, runs: pd.DataFrame, observations: pd.Data
 
 
 def visibility(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether robots that keep each other in sight see another for longer than those who do not."""
+    """Answer whether robots that keep each other in sight see another for longer than without."""
     pairs = [(n, _arm(floor, n, "visibility"), _arm(floor, n)) for n in levels(runs, "robots")]
     return more(runs, [(f"{n} robots:", arm, "in_sight", plain, "in_sight") for n, arm, plain in pairs])
 
@@ -53,7 +53,7 @@ def near(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def leapfrog(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether robots move under the eyes of others that stand: more than half of the time, and than without."""
+    """Answer whether robots move in sight of others at rest: more than half of the time, and than without."""
     sizes = levels(runs, "robots")
     arms = [(f"{n} robots:", _arm(floor, n, "leapfrog")) for n in sizes]
     words, holds = above(runs, arms, "beacon_in_sight", WATCHED)

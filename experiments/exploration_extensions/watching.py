@@ -1,7 +1,7 @@
 """How much robots of an exploration see of each other, by true poses: beside what ``exploration_teams`` measures.
 
 A look a second, until 95 % of what can be seen has been. Robots see each other in line of sight past the walls and
-within a range, the same for all arms; bodies hide nobody. A robot stands if it has hardly moved since the last look.
+within a range, the same for all arms; bodies hide no one. A robot stands if it has hardly moved since the last look.
 """
 
 import math
@@ -58,7 +58,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 
 
 def ended(metrics: Mapping[str, float], duration_s: float) -> dict[str, float]:
-    """Return what a run tells of itself, and when it saw 95 %: the longest time, a lower bound, if it never did."""
+    """Return the metrics of a run, and when it saw 95 %: the longest time, a lower bound, if it never did."""
     found = {metric.name: metrics[metric.name] for metric in METRICS}
     never = math.isnan(found["time_95_s"])
     return found | {

@@ -81,7 +81,7 @@ def localised(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Ans
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the floor is still covered with the filter's speeds, and nobody held up."""
+    """Answer whether the floor is still covered with the filter's speeds, and no robot held up."""
     arms = [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()]
     covered, all_covered = mostly(runs, arms, IN_TIME)
     touched, free = untouched(runs, [arm for _, arm in arms])

@@ -26,7 +26,7 @@ def sooner(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFra
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the floor is still covered, and nobody held up."""
+    """Answer whether the floor is still covered, and no robot held up."""
     arms = [(f"{n} robots:", _arm(floor, n, FASTER)) for n in levels(runs, "robots")]
     covered, all_covered = mostly(runs, arms, IN_TIME)
     touched, free = untouched(runs, [arm for _, arm in arms])

@@ -105,7 +105,7 @@ def overlap(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answe
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw times and what is covered twice against team size, coverage over time, and one exploration from above.
 
-    That exploration, the first of four robots by schemas on the last floor, is made anew: the results hold no ways.
+    That exploration, the first of four robots by schemas on the last floor, is run again: the results hold no ways.
     """
     sizes, lines = ("robots", levels(runs, "robots")), ("algorithm", NAMES)
     twice = ("covered_twice", "share covered twice")

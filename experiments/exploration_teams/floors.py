@@ -3,7 +3,7 @@
     python -P -m experiments.exploration_teams.floors experiments/floors
 
 writes ``explore_empty.yaml``, ``explore_corridor.yaml`` and ``explore_office.yaml``. Doors stand off the middle of
-their walls, in another place from room to room, so that nobody sees far through several.
+their walls, in another place from room to room, so that no robot sees far through several.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""What Chen, Toueg and Aguilera's theorem says of NFD-S on a channel that loses and delays each heartbeat by itself.
+"""Chen, Toueg and Aguilera's theorem on NFD-S on a channel that loses and delays each heartbeat by itself.
 
 With a period eta, freshness points delta after a heartbeat is sent, losses with probability p and a delay D:
 

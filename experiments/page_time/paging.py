@@ -1,7 +1,7 @@
 """How long a page takes until the paged device answers, by scan mode and by what the pager knows of the other's clock.
 
 Every page has a channel of its own with two devices: clocks with random phases, a scan window with a random offset.
-The pager is told, as by an inquiry, how far the other's clock is from its own: the truth, or anything. What happens
+The pager knows, as from an inquiry, how far the other's clock is from its own: the truth, or anything. What happens
 then is read off the frames: the first ID that the paged device sends is its response.
 """
 
@@ -68,7 +68,7 @@ class Host:
         self.over = False
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Expect nothing: nobody sends."""
+        """Expect nothing: no device sends."""
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note the end of the page."""

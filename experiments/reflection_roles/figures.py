@@ -1,4 +1,4 @@
-"""The claims of paper 000, section 7, on roles, as one-sided tests, and steps and time of the task by who does what.
+"""The claims of paper 000, section 7, on roles, as one-sided tests, and steps and time of the task by roles.
 
 ``dedicated_visbug_2`` in published.csv is ``dedicated`` for the algorithm ``visbug`` and two explorers; the tests by
 such names are made at the end of this file.
@@ -42,7 +42,7 @@ def each_other(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -
 
 
 def sooner(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return when teams of four have done the same work, over the time of four explorers: not asked by the paper."""
+    """Return when teams of four have done the same work, over the time of four explorers; no claim of the paper."""
     words = []
     for explorers in range(TEAM - 1, 0, -1):
         found = confidence_limits(

@@ -1,4 +1,4 @@
-"""Who seeks and who helps: a run of goal reflection with so many explorers and so many helpers.
+"""Roles: a run of goal reflection with given numbers of explorers and of helpers.
 
 The work is the same whoever does it: the explorers share out as many targets. Steps are counted by the robots
 themselves, as long as they have a target.
@@ -29,7 +29,7 @@ COLUMNS: Final = (
 
 
 class Parameters(Settings):
-    """A run of goal reflection, and who does what in it."""
+    """A run of goal reflection, and the roles in it."""
 
     scenario: Scenario = Field(description="the run; the team's size and the number of targets are set from the rest")
     explorers: Count = Field(ge=1, description="robots that have targets")

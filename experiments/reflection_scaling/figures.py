@@ -42,12 +42,12 @@ def _bounded(runs: pd.DataFrame, metric: str) -> Answer:
 
 
 def meeting(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether what a robot tells at a meeting, in the mean of a run, is within M terms and M pairs."""
+    """Answer whether what a robot sends at a meeting, in the mean of a run, is within M terms and M pairs."""
     return _bounded(runs, "bytes_a_frame")
 
 
 def together(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether what all robots tell in a period is within M times as much."""
+    """Answer whether what all robots send in a period is within M times as much."""
     return _bounded(runs, "bytes_a_period")
 
 

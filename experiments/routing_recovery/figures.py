@@ -15,7 +15,7 @@ GOLDEN: Final = 0.618
 INTERVAL_S: Final = 0.1
 """Interval from payload to payload."""
 TC_S: Final = 5.5
-"""A TC interval, and the jitter of the one who repeats the TC on its way to the source of the ring."""
+"""A TC interval, and the jitter of the router that repeats the TC on its way to the source of the ring."""
 ROWS: Final = {
     "outage_s": "outage, s",
     "steady_s": "steady after, s",

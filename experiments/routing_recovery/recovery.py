@@ -45,7 +45,7 @@ COLUMNS: Final = (
     Column("control_octets_per_s", "float", "octet/s", "of all routers, with IPv4 and UDP headers"),
     Column("frames_per_payload", "float", "1", "on the air, with ACKs and all that routers say"),
 )
-"""NaN: nothing has come over another way, or nobody keeps a table in which the death could be seen."""
+"""NaN: nothing has come over another way, or no router keeps a table in which the death could be seen."""
 SOURCE: Final = 0
 
 
@@ -81,7 +81,7 @@ class Parameters(Settings):
 
 
 class Observed(AdhocChannel):
-    """A channel that notes over whom payloads go, and who has heard whom."""
+    """A channel that records over which stations payloads go, and which have heard which."""
 
     def __init__(self, given: Parameters, kernel: Kernel, streams: Streams) -> None:
         places_m, self.destination = SHAPES[given.shape]
@@ -116,7 +116,7 @@ class Observed(AdhocChannel):
         super().power(address, on)
 
     def received(self, address: Address, frame: Frame) -> None:
-        """Note who has been heard, and over whom a payload has come."""
+        """Record which station was heard, and over which one a payload came."""
         assert frame.packet is not None
         datagram = decode(frame.packet.payload)
         if datagram.port == PAYLOAD_PORT and address == self.destination:

@@ -44,7 +44,7 @@ _WORD: Final = 2.0**-32
 class KnownMap:
     """Cells of *cell_m* metres, row 0 at the bottom; cell (0, 0) has its lower left corner at *origin_m*.
 
-    Its rows lie along the x axis: on a map that is turned in the world, poses are told in the map's own frame.
+    Its rows lie along the x axis: on a map that is turned in the world, poses are given in the map's own frame.
     """
 
     occupied: Bools

@@ -2,7 +2,7 @@
 
 The filter of Nav2's AMCL (Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapters 4 and 8): particles move as
 odometry says, each with its own errors (:mod:`cosim.navigation.localization.motion`); the scan weighs them
-(:mod:`cosim.navigation.localization.likelihood`); they are drawn anew by weight, as many as their spread needs, some of
+(:mod:`cosim.navigation.localization.likelihood`); they are resampled by weight, as many as their spread needs, some of
 them at random places if scans fit worse than they used to (:mod:`cosim.navigation.localization.resampling`). Nothing of
 it happens before the robot has moved far enough; the estimate goes on by odometry alone until then.
 
@@ -156,7 +156,7 @@ def beam_stride(beams: int, max_beams: int) -> int:
 class Localizer:
     """The filter of one robot.
 
-    *beams* (n, 2) are unit vectors: in the robot's frame F_i, which its odometry is told in, as
+    *beams* (n, 2) are unit vectors: in the robot's frame F_i, that of its odometry, as
     :func:`cosim.navigation.schemas.beam_directions` has them, or in its body's. *draws* is its own stream: the same
     draws and the same observations give the same estimates.
     """
@@ -210,7 +210,7 @@ class Localizer:
         self._mean = self._estimated()
 
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> Estimate:
-        """Return the estimate after one more tick: *odometry* as told now, *ranges_m* (n,) as scanned now.
+        """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.
 
         A beam that meets nothing reads the range or more; one that reads NaN counts for nothing. The first call updates
         the filter, a later one does if the robot has moved far enough since the last update.
@@ -310,7 +310,7 @@ class Localizer:
         return Estimate(float(x), float(y), math.atan2(sin, cos), share, spread, math.sqrt(-2.0 * math.log(length)))
 
     def _resample(self, ends: Floats) -> None:
-        """Draw the particles anew by weight, and replace some by random poses if scans fit worse than they used to."""
+        """Resample the particles by weight, and replace some by random poses if scans fit worse than they used to."""
         probability = self.recovery.probability
         chosen = self._survivors()
         uniform = np.empty(len(chosen))
@@ -328,7 +328,7 @@ class Localizer:
             self.recovery.restart()
 
     def _survivors(self) -> Int64s:
-        """Return which particles survive, as many as KLD sampling asks for."""
+        """Return the particles that survive, as many as KLD sampling needs."""
         own = self._own
         bins = pose_bins(self.poses, own.bin_m, own.bin_headings)
         uniform = np.empty(2 if own.resampling == "low_variance" else own.most_particles)

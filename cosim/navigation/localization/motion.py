@@ -1,4 +1,4 @@
-"""The odometry motion model: how particles move when a robot's odometry says that it has moved.
+"""The odometry motion model: how particles move when a robot's odometry has.
 
 Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 5.4, as Nav2's differential motion model has it. The way
 between two poses is a turn by rot1, a straight way trans and a turn by rot2. Each particle goes

@@ -1,4 +1,4 @@
-"""How many particles, which survive, when some are set anew, and where most of their weight lies.
+"""Resampling: how many particles, which survive, when some are replaced, and where most of their weight lies.
 
 KLD sampling (Fox, "KLD-sampling: adaptive particle filters", NIPS 2001; Probabilistic Robotics, section 8.3.4): with k
 bins of the space of poses occupied,
@@ -86,7 +86,7 @@ def low_variance(weights: Floats, count: int, offset: float) -> Int64s:
 
 
 def independent(weights: Floats, uniform: Floats) -> Int64s:
-    """Return which particles survive if each is drawn anew, one for each number of *uniform* (count,) in [0, 1)."""
+    """Return which particles survive if each is drawn by itself, by a number of *uniform* (count,) in [0, 1)."""
     reached = np.cumsum(weights)
     at = np.searchsorted(reached, uniform * reached[-1], side="right")
     return np.asarray(np.minimum(at, len(weights) - 1), np.int64)
