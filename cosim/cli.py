@@ -14,8 +14,9 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -25,11 +26,13 @@ from cosim.units import to_seconds
 from cosim.web.pacing import FASTEST, SLOWEST
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from cosim.scenario import Scenario
     from cosim.settings import Settings
     from cosim.simulation import Outcome, Simulation
     from cosim.trace import Table, Trace
-    from cosim.web.session import Session
+    from cosim.web.server import Session
 
 _SETS = click.option("--set", "sets", multiple=True, metavar="PATH=VALUE", help="Change a setting; may be repeated.")
 MOST_NOTICES = 10
@@ -82,7 +85,17 @@ def _complain(line: str, code: int) -> int:
     return code
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(click.Group):
+    """cosim's own commands, and one for each page that installed protocols bring."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*self.commands, *_pages()})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return self.commands.get(cmd_name) or _page_command(cmd_name)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__)
 def commands() -> None:
     """Robot teams and their radios on one clock: does an algorithm still work when its messages take their time?"""
@@ -274,8 +287,10 @@ def _deepest(calls: Sequence[tuple[Any, ...]], tops: Sequence[int]) -> int:
     return max(tops, key=lambda top: (depths[top], -calls[top][1]))
 
 
-# ---------------------------------------------------------------- view
+# ---------------------------------------------------------------- view, and the pages of protocols
 
+WEB_NEEDS: Final = ("starlette>=0.40", "uvicorn>=0.52.1", "websockets>=13")
+"""What the server of the pages is made of: the extra ``web`` of pyproject.toml."""
 _PAGE = (
     click.option("--seed", type=_SEED, help="Instead of the scenario's own."),
     _SETS,
@@ -299,11 +314,11 @@ def _page_options(command: Any) -> Any:
 @_told_of_compiling()
 def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **showing: Any) -> None:
     """Show WHAT in a browser: a scenario, run live, or the folder of an earlier run's tables (cosim run --trace)."""
+    from cosim.installed import check_libraries
     from cosim.web.live import Live, rehearse
     from cosim.web.recorded import Recorded, is_trace
-    from cosim.web.starting import Showing, check_installed, show
 
-    check_installed()
+    check_libraries("pages", WEB_NEEDS)
     session: Session
     if is_trace(Path(what)):
         if sets or seed is not None:
@@ -314,36 +329,80 @@ def view(what: str, seed: int | None, sets: tuple[str, ...], paused: bool, **sho
         with _naming(what, sets):
             rehearse(chosen, chosen.seed if seed is None else seed)
             session = Live(chosen, chosen.seed if seed is None else seed, playing=not paused)
+    _show(session, None, **showing)
+
+
+def _show(session: Session, html: Path | None, port: int, in_browser: bool, secret: bool) -> None:
+    """Serve *session* with the page *html*, or that of ``cosim view``, until the user interrupts it."""
+    import secrets
+    import webbrowser
+
+    from cosim.web.server import VIEW, serve
+
+    def tell(address: str) -> None:
+        click.echo(f"{address}\nCtrl-C ends it")
+        sys.stdout.flush()
+        if in_browser:
+            webbrowser.open(address)
+
     _set_up_is_done()
-    show(session, Showing(**showing), _tell_address)
+    serve(session, html or VIEW, port, secrets.token_urlsafe(16) if secret else None, tell)
 
 
-@commands.command("playbook", short_help="Call plays of a run from a page.")
-@click.argument("scenario")
-@_page_options
-@click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
-@_told_of_compiling()
-def playbook(
-    scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
-) -> None:
-    """Run SCENARIO, a YAML file or an experiment's name, with a page on which a person calls plays."""
-    from cosim.experiment import find_playbook
-    from cosim.web.live import rehearse
-    from cosim.web.playbook import PLAYBOOK, attended
-    from cosim.web.starting import Showing, check_installed, show
+@cache
+def _pages() -> dict[str, EntryPoint]:
+    """Return the entry points of the pages that installed protocols bring, by the names of their commands."""
+    from importlib.metadata import entry_points
 
-    check_installed()
-    chosen = _scenario(str(find_playbook(scenario)), sets)
-    with _naming(scenario, sets):
-        rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
-        session = attended(chosen, chosen.seed if seed is None else seed, not paused, speed)
-    _set_up_is_done()
-    show(session, Showing(**showing), _tell_address, PLAYBOOK)
+    return {point.name: point for point in entry_points(group="cosim.pages")}
 
 
-def _tell_address(address: str) -> None:
-    click.echo(f"{address}\nCtrl-C ends it")
-    sys.stdout.flush()
+def _page_command(name: str) -> click.Command | None:
+    """Return the command that shows the page *name* of a protocol; None if no installed protocol brings one."""
+    from cosim.page import WebPage
+
+    if name not in _pages():
+        return None
+    from cosim.installed import loaded
+
+    try:
+        page = loaded(_pages()[name])
+        if not isinstance(page, WebPage):
+            raise ImportError(f"{_pages()[name].value} is no cosim.page.WebPage")
+    except ImportError as error:  # somebody's package that is broken must not hide the other commands
+        return _broken_command(name, f"{name}: {error}")
+
+    @click.command(name, help=page.help, short_help=page.about)
+    @click.argument("scenario")
+    @_page_options
+    @click.option("--speed", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, help="Simulated seconds a second.")
+    @_told_of_compiling()
+    def operate(
+        scenario: str, seed: int | None, sets: tuple[str, ...], paused: bool, speed: float, **showing: Any
+    ) -> None:
+        from cosim.experiment import find_beside
+        from cosim.installed import check_libraries
+        from cosim.web.live import Live, rehearse
+
+        check_libraries("pages", WEB_NEEDS)
+        chosen = _scenario(str(find_beside(scenario, page.scenario)), sets)
+        with _naming(scenario, sets):
+            rehearse(chosen, chosen.seed if seed is None else seed, attended=True)
+            session = Live(chosen, chosen.seed if seed is None else seed, not paused, speed, attended=True)
+        # a protocol's own page knows best what its consoles say
+        _show(session, (chosen.protocol.spec.page or page).html, **showing)
+
+    return operate
+
+
+def _broken_command(name: str, why: str) -> click.Command:
+    """Return a command that says *why* it does nothing, whatever it is given."""
+
+    def fail() -> None:
+        raise UserError(why)
+
+    anything = {"ignore_unknown_options": True, "allow_extra_args": True}
+    return click.Command(name, callback=fail, short_help=why, add_help_option=False, context_settings=anything)
 
 
 # ---------------------------------------------------------------- sweep and report
@@ -522,16 +581,17 @@ def described(settings: Settings, indent: int = 0) -> Iterator[str]:
 @_JSON
 def list_all(as_json: bool) -> None:
     """Print the experiments, protocols, channels and maps that there are."""
+    from cosim.channels.kinds import channel_kinds
     from cosim.documents import read_yaml
     from cosim.experiment import experiment_folders
-    from cosim.scenario import CHANNELS, protocol_names
+    from cosim.scenario import protocol_names
 
     found = {
         "experiments": {
             name: str(read_yaml(at / "sweep.yaml").get("about", "")) for name, at in experiment_folders().items()
         },
         "protocols": {name: _about_protocol(name) for name in protocol_names()},
-        "channels": {name: _first_line(settings) for name, settings in CHANNELS.items()},
+        "channels": {name: _about_channel(name) for name in channel_kinds()},
         "maps": _maps(),
     }
     if as_json:
@@ -551,6 +611,15 @@ def _about_protocol(name: str) -> str:
         spec = protocol_spec(name)
         return spec.about or _first_line(spec.parameters)
     except ValueError as error:  # somebody's package that is broken must not hide the others
+        return str(error)
+
+
+def _about_channel(name: str) -> str:
+    from cosim.channels.kinds import channel_spec
+
+    try:
+        return _first_line(channel_spec(name).settings)
+    except ValueError as error:  # as above
         return str(error)
 
 

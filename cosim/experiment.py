@@ -165,11 +165,13 @@ def find_experiment(text: str) -> Path:
     raise UserError(f"{text}: is neither a file nor an experiment{nearest(text, folders)}")
 
 
-def find_playbook(text: str) -> Path:
-    """Return the scenario that *text* means to who calls plays: an experiment's playbook.yaml, if it has one."""
+def find_beside(text: str, name: str | None) -> Path:
+    """Return the file *name* of the experiment that *text* means, if it has one; else what ``find_experiment`` does."""
     path = find_experiment(text)
-    beside = path.with_name("playbook.yaml")
-    return beside if path != Path(text) and beside.is_file() else path
+    if name is None or path == Path(text):  # whoever names a file means that file
+        return path
+    beside = path.with_name(name)
+    return beside if beside.is_file() else path
 
 
 def is_experiment(plain: Mapping[str, Any]) -> bool:

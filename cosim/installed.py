@@ -9,15 +9,17 @@ have the name of something of ours. Then an error says which file hides which.
 import shlex
 import sys
 from collections.abc import Iterable
+from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import get_importer
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from cosim.errors import UserError
 
+T = TypeVar("T")
 OURS = Path(__file__).parents[1]
 """The folder that cosim is installed in."""
 
@@ -65,6 +67,33 @@ def loaded(point: EntryPoint) -> Any:
         raise ImportError(str(hiding(point.module) or error)) from None
 
 
+@cache  # reading the metadata of all packages takes longer than validating a scenario
+def _points(group: str) -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def installed_names(group: str) -> list[str]:
+    """Return the names of the entry points of *group*, sorted; load none of them."""
+    return sorted(_points(group))
+
+
+def find_installed(group: str, name: str, kind: type[T], what: str) -> T:
+    """Return the *kind* that *name* leads to: an entry point of *group*, or ``module:name``. *what* it is called.
+
+    Raise ValueError, which does not repeat *name*, if it leads nowhere, or to something else.
+    """
+    named = isinstance(name, str)
+    if not named or (":" not in name and name not in _points(group)):
+        raise ValueError(f"is not a {what}: expected one of {', '.join(installed_names(group))}, or module:name")
+    try:
+        found = find_named(name) if ":" in name else loaded(_points(group)[name])
+    except ImportError as error:
+        raise ValueError(f"is not a {what}: {error}") from None
+    if not isinstance(found, kind):
+        raise ValueError(f"is not a {what}: a {type(found).__name__}, expected a {kind.__name__}")
+    return found
+
+
 def installed_folders(group: str) -> dict[str, Path]:
     """Return the folders of the packages that the entry points of *group* name, by these, sorted.
 
@@ -86,7 +115,7 @@ def installed_folders(group: str) -> dict[str, Path]:
 def check_libraries(user: str, requirements: Iterable[str]) -> None:
     """Raise UserError, with the way to get them, if libraries that *user* needs are not installed.
 
-    *requirements* are those of an extra of pyproject.toml, such as ``uvicorn>=0.54``.
+    *requirements* are those of an extra of pyproject.toml, such as ``uvicorn>=0.52.1``.
     """
     missing = [each for each in requirements if find_spec(each.partition(">=")[0]) is None]
     if missing:

@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.machine import Address, Event, Machine
+from cosim.page import WebPage
 from cosim.settings import Settings
 from cosim.units import Time
 
@@ -181,3 +182,5 @@ class ProtocolSpec:
 
     It is said in a run that is thrown away: nobody is to wait for the kernels that it needs.
     """
+    page: WebPage | None = None
+    """The page that the operator of such a run is shown; None if the protocol brings none."""

@@ -9,8 +9,8 @@ import glob
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
@@ -25,11 +25,8 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.channels.ideal import IdealSettings
-from cosim.channels.radios import OneRadio, RadiosSettings
-from cosim.channels.vision import OpticalSettings
+from cosim.channels.kinds import AnyChannel, ChannelSettings, channel_models, channel_settings, channel_spec
+from cosim.channels.radios import RadiosSettings
 from cosim.documents import (
     SELECTORS,
     Assignment,
@@ -45,7 +42,7 @@ from cosim.documents import (
 )
 from cosim.errors import UserError
 from cosim.faults.settings import FaultSettings, RadioOffSettings, misplaced
-from cosim.installed import find_named, loaded
+from cosim.installed import find_installed, installed_names
 from cosim.protocol import ProtocolSpec
 from cosim.robots.body import BodySettings
 from cosim.robots.senses import SenseSettings
@@ -53,25 +50,12 @@ from cosim.settings import Count, Decibels, Metres, Seconds, Seed, Settings, err
 from cosim.units import SLOT, Time, from_seconds
 from cosim.world.floorplan import FloorplanSettings
 
-CHANNELS: dict[str, type[Settings]] = {
-    "ideal": IdealSettings,
-    "optical": OpticalSettings,
-    "bluetooth": BluetoothSettings,
-    "adhoc": AdhocSettings,
-    "radios": RadiosSettings,
-}
-"""The settings of every kind of channel."""
 MOST_ROBOTS: Final = 10_000
-
-
-@cache  # reading the metadata of all packages takes longer than validating a scenario
-def _installed() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group="cosim.protocols")}
 
 
 def protocol_names() -> list[str]:
     """Return the names of the installed protocols, sorted."""
-    return sorted(_installed())
+    return installed_names("cosim.protocols")
 
 
 def protocol_spec(use: str) -> ProtocolSpec:
@@ -79,15 +63,7 @@ def protocol_spec(use: str) -> ProtocolSpec:
 
     Raise ValueError for a name that leads nowhere.
     """
-    if ":" not in use and use not in _installed():
-        raise ValueError(f"is not a protocol: expected one of {', '.join(protocol_names())}, or module:name")
-    try:
-        found = find_named(use) if ":" in use else loaded(_installed()[use])
-    except ImportError as error:
-        raise ValueError(f"is not a protocol: {error}") from None
-    if not isinstance(found, ProtocolSpec):
-        raise ValueError(f"is not a protocol: a {type(found).__name__}, expected a ProtocolSpec")
-    return found
+    return find_installed("cosim.protocols", use, ProtocolSpec, "protocol")
 
 
 def _once(numbers: tuple[int, ...]) -> tuple[int, ...]:
@@ -236,10 +212,9 @@ class Scenario(Settings):
     tick_s: Seconds = Field(default=0.1, gt=0, description="s, the world's tick: a whole number of slots of 625 us")
     floorplan: FloorplanSettings = Field(default_factory=FloorplanSettings, description="the floor and its walls")
     team: TeamSettings = Field(default_factory=TeamSettings, description="the robots")
-    channel: Annotated[
-        IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings | RadiosSettings,
-        Field(discriminator="kind"),
-    ] = Field(default_factory=IdealSettings, description="what carries their messages")
+    channel: AnyChannel = Field(
+        default_factory=lambda: channel_settings({"kind": "ideal"}), description="what carries their messages"
+    )
     protocol: ProtocolChoice = Field(description="what they run")
     faults: tuple[FaultSettings, ...] = Field(default=(), description="what goes wrong, and when")
 
@@ -261,7 +236,7 @@ class Scenario(Settings):
         return from_seconds(self.duration_s)
 
     @property
-    def _radios(self) -> tuple[OneRadio, ...]:
+    def _radios(self) -> tuple[ChannelSettings, ...]:
         return self.channel.radios if isinstance(self.channel, RadiosSettings) else (self.channel,)
 
     def map_digests(self) -> list[str]:
@@ -329,7 +304,8 @@ class Scenario(Settings):
         given = [((), team, {radio for radios in team.carried for radio in radios})]
         given += [(("groups", n), group, {*(group.radios or team.radios)}) for n, group in enumerate(team.groups or ())]
         for place, robots, radios in given:
-            uses = {_strength_of(self._radios[radio]) for radio in radios}
+            settings = [self._radios[radio] for radio in sorted(radios)]
+            uses = {channel_spec(each.kind).strength(each) for each in settings}
             for field, which in _STRENGTHS.items():
                 value = getattr(robots, field)
                 if value is not None and field not in uses:
@@ -361,13 +337,6 @@ _STRENGTHS: Final = {"power_dbm": "adhoc with propagation", "reach_m": "ideal, o
 """What a team can say of its radios' strength, and of which radios."""
 
 
-def _strength_of(radio: OneRadio) -> str | None:
-    """Return which of them *radio* makes use of."""
-    if isinstance(radio, AdhocSettings) and radio.propagation is not None:
-        return "power_dbm"
-    return "reach_m" if isinstance(radio, IdealSettings | AdhocSettings) else None
-
-
 @cache  # every arm of a sweep asks for the same few maps
 def _images_named(content: bytes) -> tuple[str, ...]:
     """Return the image that the YAML *content* of a ROS map names; none for what is no such map."""
@@ -394,12 +363,12 @@ def load(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
 
 def build(plain: dict[str, Any], source: str, folder: Path, assignments: Sequence[Assignment] = ()) -> Scenario:
     """Return the scenario that *plain*, read from *source*, describes; map paths in it are relative to *folder*."""
-    scenario = validated(Scenario, plain, source, (), _protocol_model(plain))
+    scenario = validated(Scenario, plain, source, (), _chosen_models(plain))
     selectors = [item for item in assignments if item.place[-1] in SELECTORS]
     for group in (selectors, [item for item in assignments if item not in selectors]):
         if group:  # selectors first: only then are the settings there that the others may change
             other = assign(dump(scenario), group)
-            scenario = validated(Scenario, other, source, group, _protocol_model(other))
+            scenario = validated(Scenario, other, source, group, _chosen_models(other))
     return scenario.placed(folder)
 
 
@@ -419,12 +388,14 @@ def given_here(item: Assignment) -> Assignment:
     return item
 
 
-def _protocol_model(plain: dict[str, Any]) -> dict[Place, type[Settings]]:
-    choice = plain.get("protocol")
-    try:
-        return {("protocol", "parameters"): protocol_spec(choice["use"]).parameters}  # type: ignore[index]
-    except (TypeError, KeyError, ValueError, AttributeError):  # wrong in itself: the validation will say so
-        return {}
+def _chosen_models(plain: dict[str, Any]) -> dict[Place, type[Settings]]:
+    """Return the models of those settings of which the document says what they are, by their places."""
+    models: dict[Place, type[Settings]] = {
+        ("channel", *place): model for place, model in channel_models(plain.get("channel")).items()
+    }
+    with suppress(TypeError, KeyError, ValueError, AttributeError):  # wrong in itself: the validation says so
+        models["protocol", "parameters"] = protocol_spec(plain["protocol"]["use"]).parameters
+    return models
 
 
 def dump(settings: Settings) -> dict[str, Any]:

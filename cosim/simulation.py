@@ -13,14 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.channels.adhoc.channel import AdhocChannel
-from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import WHY_UNSENT, Channel
-from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.channels.ideal import IdealChannel, IdealSettings
-from cosim.channels.radios import OneRadio, RadiosChannel, RadiosSettings, RadioStreams, RadioTrace, with_radio
-from cosim.channels.vision import OpticalChannel, OpticalSettings
+from cosim.channels.kinds import ChannelSite, channel_spec
+from cosim.channels.radios import RadiosSettings, with_radio
 from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
@@ -100,7 +95,8 @@ class Simulation:
         setup = self.spec.prepare(parameters, surroundings)
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
         self.senses = self._senses(surroundings, streams)
-        self.channel = _channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
+        site = _site(scenario.team, self.kernel, self.trace, streams, self.floorplan)
+        self.channel: Channel = channel_spec(scenario.channel.kind).make(scenario.channel, site)
         self.referee: Referee = self.spec.referee(parameters, setup, surroundings)
         self.machines: list[Machine] = [
             self.spec.make(parameters, setup, robot, streams("machine", robot), self.kernel.now)
@@ -347,28 +343,17 @@ def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: 
     return tuple((x, y, turn) for (x, y), turn in zip(starts, turns, strict=True))
 
 
-def _channel(
-    settings: OneRadio | RadiosSettings,
-    team: TeamSettings,
-    kernel: Kernel,
-    trace: Trace,
-    streams: Streams,
-    floor: Floorplan,
-) -> Channel:
-    walls = floor.grid, floor.wall_loss_db
-    match settings:
-        case IdealSettings():
-            return IdealChannel(settings, kernel, trace, team.size, streams, team.reaches_m)
-        case OpticalSettings():
-            return OpticalChannel(settings, kernel, trace, team.size, floor.packed)
-        case AdhocSettings():
-            strengths = team.reaches_m if settings.propagation is None else team.powers_dbm
-            return AdhocChannel(settings, kernel, trace, team.size, streams, walls, strengths)
-        case BluetoothSettings():
-            return BluetoothChannel(settings, kernel, trace, team.size, streams, walls, team.power_classes)
-        case RadiosSettings(radios=radios):
-            parts = [
-                _channel(each, team, kernel, RadioTrace(trace, radio), RadioStreams(streams, radio), floor)
-                for radio, each in enumerate(radios)
-            ]
-            return RadiosChannel(kernel, trace, parts, team.carried)
+def _site(team: TeamSettings, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan) -> ChannelSite:
+    return ChannelSite(
+        kernel=kernel,
+        trace=trace,
+        streams=streams,
+        size=team.size,
+        walls=floor.grid,
+        wall_loss_db=floor.wall_loss_db,
+        packed=floor.packed,
+        carried=team.carried,
+        powers_dbm=team.powers_dbm,
+        reaches_m=team.reaches_m,
+        power_classes=team.power_classes,
+    )

@@ -1,6 +1,7 @@
-"""What all tests share: no deadlines, the command line; at the end, what was compared, skipped, and would run it."""
+"""What all tests share: no deadlines, the command line, a browser; at the end, what was compared, and skipped."""
 
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import pytest
@@ -33,9 +34,18 @@ def cosim(capsys: pytest.CaptureFixture[str]) -> Any:
     return run
 
 
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Run the one browser of all tests of pages."""
+    from tests.web.browser import chromium
+
+    with chromium() as browser:
+        yield browser
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the tests that wait for browsers and for whole commands: others use the processors meanwhile."""
-    items.sort(key=lambda item: not (item.path.parent.name == "web" or item.path.name == "test_wheel.py"))
+    items.sort(key=lambda item: not (item.path.parent.name in ("web", "page") or item.path.name == "test_wheel.py"))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -14,7 +14,7 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays jit installed",
+    "units errors arrays jit installed page",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",
@@ -28,7 +28,7 @@ PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in 
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
     *("units", "errors", "arrays", "jit", "settings", "randomness", "geometry", "documents"),
-    *("observation", "machine", "protocol", "navigation"),
+    *("observation", "machine", "protocol", "page", "navigation"),
 }
 
 OWNERS = {

@@ -12,9 +12,9 @@ from cosim.errors import UserError
 from cosim.experiment import (
     base_scenario,
     experiment_folders,
+    find_beside,
     find_experiment,
     find_function,
-    find_playbook,
     is_experiment,
     load_experiment,
 )
@@ -256,12 +256,14 @@ def test_installed_experiments_are_found_by_name():
     assert find_experiment("pseudonet_coverage") == experiment_folders()["pseudonet_coverage"] / "sweep.yaml"
 
 
-def test_the_playbook_of_an_experiment_is_found_by_its_name_if_it_has_one():
+def test_a_file_beside_an_experiment_is_found_by_its_name_if_there_is_one():
     folders = experiment_folders()
     wean = folders["deployment_wean"]
-    assert find_playbook("deployment_wean") == find_playbook(str(wean)) == wean / "playbook.yaml"
-    assert find_playbook(str(wean / "sweep.yaml")) == wean / "sweep.yaml"  # who names a file means it
-    assert find_playbook("deployment_channels") == folders["deployment_channels"] / "sweep.yaml"
+    for name in ("deployment_wean", str(wean)):
+        assert find_beside(name, "playbook.yaml") == wean / "playbook.yaml"
+        assert find_beside(name, None) == wean / "sweep.yaml"
+    assert find_beside(str(wean / "sweep.yaml"), "playbook.yaml") == wean / "sweep.yaml"  # who names a file means it
+    assert find_beside("deployment_channels", "playbook.yaml") == folders["deployment_channels"] / "sweep.yaml"
     with pytest.raises(
         UserError, match=r"^pseudonet_covrage: is neither .*, did you mean pseudonet_coverage( or .*)?\?$"
     ):

@@ -105,7 +105,10 @@ def test_the_digest_knows_defaults_but_not_the_order_of_keys(depot: Path):
         ("tick_s: .nan", "depot.yaml: tick_s: nan is not a finite number"),
         ("team: {starts: [[1, 2], [3, 4]]}", "depot.yaml: team.starts: 2 positions are given for 4 robots"),
         ("team: {starts: [[1, 2], [3]]}", "depot.yaml: team.starts[1][1]: is missing"),
-        ("channel: {kind: smoke}", "depot.yaml: channel.kind: 'smoke' is not one of 'ideal', 'optical', 'bluetooth'"),
+        (
+            "channel: {kind: smoke}",
+            "depot.yaml: channel.kind: 'smoke' is not a channel: expected one of adhoc, bluetooth, ",
+        ),
         ("channel: {delay_s: 1}", "depot.yaml: channel.kind: is missing, in {'delay_s': 1}"),
         ("channel: {kind: ideal, delay_s: 0}", "depot.yaml: channel.delay_s: 0 is not > 0"),
         (

@@ -27,10 +27,11 @@ def loaded(*words: str, folder: Path | None = None) -> set[str]:
     return set(done.stderr.split())
 
 
-@pytest.mark.parametrize("words", [("--help",), ("run", "--help"), ("--version",)])
+@pytest.mark.parametrize("words", [("--help",), ("run", "--help"), ("playbook", "--help"), ("--version",)])
 def test_help_loads_nothing_that_takes_long(words: tuple[str, ...]):
     modules = loaded(*words)
     assert {"cosim", "click"} <= modules
+    assert not [name for name in modules if name.endswith(".spec")]
     assert not modules & {"numpy", "numba", "pandas", "scipy", "pydantic", "pyarrow", "matplotlib", "rich", "yaml"}
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from cosim.channels.base import Arrival, Channel, Positions
+from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
 from cosim.machine import (
@@ -55,7 +56,7 @@ from cosim.machine import (
 )
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.settings import Metres, Seconds, Settings
+from cosim.settings import Metres, Seconds
 from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
@@ -78,7 +79,7 @@ class _Flight(NamedTuple):
     """Whether the sender learns of the fate, if it wants to."""
 
 
-class IdealSettings(Settings):
+class IdealSettings(ChannelSettings):
     """Messages arrive at once, within a range and but for a share that is lost, if these are given."""
 
     kind: Literal["ideal"] = "ideal"
@@ -336,3 +337,11 @@ class IdealChannel(Channel):
     def _write(self, flight: _Flight, destination: Address, outcome: str) -> None:
         duration, length = self.kernel.now - flight.begin, len(flight.outgoing.payload)
         self.trace.row(FRAMES, flight.begin, flight.source, destination, duration, "IDEAL", -1, 0, length, outcome, "")
+
+
+SPEC: Final = ChannelSpec(
+    IdealSettings,
+    lambda settings, site: IdealChannel(settings, site.kernel, site.trace, site.size, site.streams, site.reaches_m),
+    lambda settings: "reach_m",
+)
+"""The channel."""

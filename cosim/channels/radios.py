@@ -10,28 +10,29 @@ from streams of their own. A robot's radios do not disturb each other, and work 
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
-from cosim.channels.adhoc.settings import AdhocSettings
 from cosim.channels.base import Channel, Endpoint, Positions
-from cosim.channels.bluetooth.settings import BluetoothSettings
-from cosim.channels.ideal import IdealSettings
-from cosim.channels.vision import OpticalSettings
+from cosim.channels.kinds import (
+    ChannelSettings,
+    ChannelSite,
+    ChannelSpec,
+    channel_kinds,
+    channel_settings,
+    channel_spec,
+)
 from cosim.errors import LocalProtocolError
 from cosim.kernel import Kernel
 from cosim.machine import Address, Fate, LinkCommand, LinkEvent, Lost, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
 from cosim.randomness import Draws, Streams
-from cosim.settings import Settings
+from cosim.settings import error_at
 from cosim.trace import FRAMES, TRANSMISSIONS, UNSENT, Table, Trace
 from cosim.trace import Field as Column
 from cosim.units import Time
-
-OneRadio: TypeAlias = IdealSettings | OpticalSettings | BluetoothSettings | AdhocSettings
-"""The settings of a channel that is not made of others."""
 
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
@@ -39,13 +40,28 @@ OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, UNSENT.name)
 """Tables whose rows bear the number of a radio."""
 
 
-class RadiosSettings(Settings):
+def _one_radio(value: Any) -> ChannelSettings:
+    settings = channel_settings(value)
+    if isinstance(settings, RadiosSettings):
+        others = ", ".join(kind for kind in channel_kinds() if kind != settings.kind)
+        raise error_at(("kind",), settings.kind, f"is not a channel for one radio: expected one of {others}")
+    return settings
+
+
+class RadiosSettings(ChannelSettings):
     """Several radios a robot, each on a channel of its own."""
 
     kind: Literal["radios"] = "radios"
-    radios: tuple[Annotated[OneRadio, Field(discriminator="kind")], ...] = Field(
-        min_length=1, description="the channels of radio 0, 1 and so on; which robot has which stands in the team"
+    radios: tuple[Annotated[SerializeAsAny[ChannelSettings], BeforeValidator(_one_radio)], ...] = Field(
+        description="the channels of radio 0, 1 and so on; which robot has which stands in the team"
     )
+
+    @field_validator("radios")
+    @classmethod
+    def _not_none(cls, radios: tuple[ChannelSettings, ...]) -> tuple[ChannelSettings, ...]:
+        if not radios:  # a length among the field's own bounds would be missed also where one of the radios is wrong
+            raise ValueError("is empty, expected a channel for each radio")
+        return radios
 
 
 # ---------------------------------------------------------------- what a radio's own channel is given
@@ -217,3 +233,15 @@ class RadiosChannel(Channel):
             counts |= {_PAYLOAD_BYTES.name: float(octets)}
             of_each |= {f"radio_{radio}_{name}": count for name, count in counts.items()}
         return total | of_each
+
+
+def _made(settings: RadiosSettings, site: ChannelSite) -> RadiosChannel:
+    parts = []
+    for radio, each in enumerate(settings.radios):
+        own = site._replace(trace=RadioTrace(site.trace, radio), streams=RadioStreams(site.streams, radio))
+        parts.append(channel_spec(each.kind).make(each, own))
+    return RadiosChannel(site.kernel, site.trace, parts, site.carried)
+
+
+SPEC: Final = ChannelSpec(RadiosSettings, _made)
+"""The channel."""

@@ -18,11 +18,12 @@ from pydantic import Field
 
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings
+from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.geometry.segments import PackedWalls
 from cosim.kernel import Handle, Kernel
 from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
-from cosim.settings import BitRate, Metres, Seconds, Settings
+from cosim.settings import BitRate, Metres, Seconds
 from cosim.trace import FRAMES, Trace
 from cosim.units import S, Time
 from cosim.world.sight import look_again, seen_by_each
@@ -30,7 +31,7 @@ from cosim.world.sight import look_again, seen_by_each
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
-class OpticalSettings(Settings):
+class OpticalSettings(ChannelSettings):
     """Messages go by line of sight: a link with a rate and a latency to every robot that is seen."""
 
     kind: Literal["optical"] = "optical"
@@ -206,3 +207,10 @@ class OpticalChannel(IdealChannel):
             if look_again(self._walls, positions_m, self._range_m, self._seen):
                 self._in_sight = seen_by_each(self._seen)
         return self._in_sight
+
+
+SPEC: Final = ChannelSpec(
+    OpticalSettings,
+    lambda settings, site: OpticalChannel(settings, site.kernel, site.trace, site.size, site.packed),
+)
+"""The channel."""

@@ -11,13 +11,14 @@ from cosim import __version__
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.base import Channel
 from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.radios import OneRadio, RadiosSettings
+from cosim.channels.kinds import ChannelSettings
+from cosim.channels.radios import RadiosSettings
 from cosim.export import baseband, ieee80211
 from cosim.export.pcapng import Interface, Packet, write_pcapng
 from cosim.trace import FRAMES, TRANSMISSIONS, Table, Trace
 
 
-def captured_tables(settings: OneRadio | RadiosSettings) -> tuple[Table, ...]:
+def captured_tables(settings: ChannelSettings) -> tuple[Table, ...]:
     """Return the tables that a capture of a run with such a channel is made of; none if it has nothing to capture."""
     radios = settings.radios if isinstance(settings, RadiosSettings) else (settings,)
     kinds = {radio.kind for radio in radios}

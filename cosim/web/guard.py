@@ -1,7 +1,7 @@
-"""Who may ask: the browser of this computer, on a page that came from this server, and nobody through another name.
+"""Requests that are answered: those of a browser of this computer, from a page that came from this server.
 
-A page from elsewhere can make a browser connect to 127.0.0.1: its ``Origin`` tells it. A name that was made to point
-here (DNS rebinding) shows in ``Host``. A secret in the address keeps out this computer's other users, if it is wanted.
+A page of another web site can make a browser connect to 127.0.0.1: its ``Origin`` shows that. A name that was made to
+point here (DNS rebinding) shows in ``Host``. If wanted, a secret in the address keeps out other users of this computer.
 """
 
 import secrets
@@ -15,17 +15,17 @@ from starlette.websockets import WebSocketClose
 
 HOST: Final = "127.0.0.1"
 NAMES: Final = (HOST, "localhost")
-"""What a browser of this computer may call the server."""
+"""Names of the server that a browser of this computer may use."""
 _POLICY: Final = "; ".join(
     ("default-src 'self'", "img-src 'self' data:", "frame-ancestors 'none'", "base-uri 'none'", "form-action 'none'")
 )
 
 
 class Guard:
-    """Passes on what may be asked and refuses the rest: HTTP with 403, a WebSocket before it is open."""
+    """Passes on requests that may be answered and refuses the others: HTTP with 403, a WebSocket before it is open."""
 
     def __init__(self, app: ASGIApp, port: int, token: str | None = None) -> None:
-        """Serve at *port*; with a *token* a WebSocket is opened only for who knows it."""
+        """Guard *app* at *port*; with a *token* a WebSocket is opened only for a page that sends it."""
         self._app = app
         self._hosts = {f"{name}:{port}" for name in NAMES} | (set(NAMES) if port == 80 else set())
         self._token = token
@@ -46,7 +46,7 @@ class Guard:
             await PlainTextResponse(f"{fault}\n", status_code=403)(scope, receive, send)
 
     def _fault(self, scope: Scope) -> str | None:
-        """Return why a request is refused; None if it is not."""
+        """Return why a request is refused; None if it is answered."""
         headers = Headers(scope=scope)
         host, origins = headers.getlist("host"), headers.getlist("origin")
         if len(host) != 1 or host[0].lower() not in self._hosts:
@@ -61,7 +61,7 @@ class Guard:
 
 
 def _with_headers(send: Send, policy: str) -> Send:
-    """Return *send*, with headers that keep a page to what comes from this server, and fresh."""
+    """Return *send* with headers that restrict a page to what comes from this server, and let nothing be cached."""
 
     async def sent(message: Message) -> None:
         if message["type"] == "http.response.start":

@@ -1,4 +1,4 @@
-"""What a page is told of a run: where everything is, and what has happened since it was told last."""
+"""What a page is sent of a run: where everything is, and what has happened since the last message."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, Final, NamedTuple
@@ -7,19 +7,23 @@ from cosim.units import Time, to_seconds
 from cosim.web.messages import Plain
 from cosim.web.rows import Row, Rows
 
+# a page that is slow, or looks at a fast run, gets the newest rows only
 MOST_FRAMES: Final = 300
+"""Maximum number of frames in a message."""
 MOST_EVENTS: Final = 200
-"""In one message: a page that is slow, or a run that is fast, gets the newest."""
+"""Maximum number of events in a message."""
 TRAIL_TICKS: Final = 1200
+"""Number of ticks that the trails in a page's first message go back."""
 TRAIL_POINTS: Final = 240
-"""How far back trails go for a page that has just come, and of how many points they are."""
+"""Maximum number of points, roughly, of such a trail."""
 DOWN: Final = frozenset({"Killed", "Crashed", "BatteryEmpty"})
+"""Events after which a robot does nothing any more."""
 UP: Final = frozenset({"Rebooted"})
-"""Events after which a robot does nothing, and after which it does something again."""
+"""Events after which a robot that was down acts again."""
 
 
 class Cursor(NamedTuple):
-    """Up to where a page has been told: the jumps in time, and the numbers of rows."""
+    """What a page has been sent: the number of jumps in time, and of rows."""
 
     jumps: int
     frames: int
@@ -34,18 +38,18 @@ class Moment(NamedTuple):
 
     time: Time
     state: str
-    """playing, paused, ended or failed; or busy: it is none of these yet, as far as is known."""
+    """playing, paused, ended or failed; or busy, while the simulation is slow to answer which of these it is."""
     speed: float
     robots: Sequence[Row]
     """Of each robot x and y (m), heading (rad), and whether it is down."""
     jumps: int = 0
-    """How often time has jumped: what was told before a jump is to be forgotten."""
+    """Number of times that time has jumped: a page forgets what it was sent before a jump."""
     why: str = ""
-    """What it has failed of."""
+    """Cause of the failure."""
 
     @property
     def shown(self) -> tuple[Any, ...]:
-        """What a page shows of it beyond what happens: nothing new is to be told while it is the same."""
+        """What a page shows of it besides rows: without a change of it, and new rows, no message is sent."""
         return self.time, self.state, self.speed, self.why
 
 
@@ -53,18 +57,18 @@ class History(NamedTuple):
     """What has happened, by kinds."""
 
     ticks: Rows
-    """Of each world tick a row, three numbers a robot: x, y (m) and heading (rad)."""
+    """A row for each world tick, with three numbers for each robot: x, y (m) and heading (rad)."""
     frames: Rows
-    """Start (s), transmitter, receiver or -1, packet type, what became of it, length (B)."""
+    """Rows of start (s), transmitter, receiver or -1, packet type, outcome, length (B)."""
     events: Rows
-    """Number, time (s), robot, event, its fields."""
+    """Rows of number, time (s), robot, event, its fields."""
     marks: Rows
-    """Those of the events that tell of a place."""
+    """The events that have a place among their fields."""
 
     def now(self, moment: Moment, cursor: Cursor | None) -> tuple[Plain | None, Cursor]:
-        """Return the message ``now`` for a page that has been told up to *cursor*, and the new cursor.
+        """Return the message ``now`` for a page that has been sent all up to *cursor*, and the new cursor.
 
-        None instead of a message if the page has been told all that.
+        The message is None if there is nothing new for the page.
         """
         frames, events = self.frames.until(moment.time), self.events.until(moment.time)
         fresh = cursor is None or cursor.jumps != moment.jumps
@@ -88,7 +92,7 @@ class History(NamedTuple):
         return message, new
 
     def _from_before(self, time: Time, events: int) -> Plain:
-        """Return what a page must be told of the past that has not seen it."""
+        """Return what a page that has just connected is sent of the past."""
         marks = self.marks.until(time)
         before = self.marks.between(marks - MOST_EVENTS, marks) + self.events.between(events - MOST_EVENTS, events)
         by_number = {row[0]: row for row in before}
@@ -105,5 +109,5 @@ class History(NamedTuple):
 
 
 def places(names: Collection[str]) -> list[str]:
-    """Return which of an event's fields begin a place on the floor: ``x_m`` or ``goal_x_m``, with its y beside it."""
+    """Return those of the fields *names* of an event that are the x of a place: ``x_m`` or ``goal_x_m``, with a y."""
     return [name for name in names if name.endswith("x_m") and f"{name[:-3]}y_m" in names]

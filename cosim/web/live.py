@@ -1,13 +1,14 @@
 """A run that is under way: simulated in a thread of its own, at the pace that its pages ask for.
 
-The simulation is touched by its thread only. What pages ask for waits in a bounded queue until the thread takes it;
-what they are told the thread publishes under a lock, as plain data that nobody changes any more.
+Only this thread touches the simulation. What pages ask for waits in a bounded queue until the thread takes it; the
+thread publishes under a lock what they are sent, as plain data that does not change any more.
 """
 
 import json
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, Final
 
@@ -15,44 +16,94 @@ from cosim.errors import UserError
 from cosim.jit import COMPILES, cache_folder
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
+from cosim.trace import FRAMES, POSES, Table, Trace
 from cosim.units import S, Time, to_seconds
-from cosim.web.history import TRAIL_TICKS, Cursor, History, Moment
+from cosim.web.history import DOWN, MOST_FRAMES, TRAIL_TICKS, UP, Cursor, History, Moment, places
 from cosim.web.messages import Operate, Pause, Plain, Play, Seek, Speed, Step, Wish
 from cosim.web.pacing import Pace
-from cosim.web.rows import Rolling
+from cosim.web.rows import Rolling, Row
 from cosim.web.scenes import scene_of
-from cosim.web.tap import WATCHED, Tap, is_mark
 
+_WATCHED: Final = (POSES, FRAMES)
+"""Tables that a page shows besides the events."""
 _WISHES: Final = 64
-"""Things asked for that may wait."""
+"""Maximum number of wishes that wait."""
 _ANSWERS: Final = 4096
-"""Messages to the operator that are kept for pages that come late, or are slow."""
+"""Number of messages to the operator that are kept for pages that come late, or are slow."""
 _ROWS: Final = 2000
-"""Rows of each kind that are kept."""
+"""Number of rows of each kind that are kept."""
 _PERIOD_S: Final = 0.03
-"""Between two publications."""
+"""Interval between two publications."""
 _HEARD: Final[Time] = 2
-"""ns, so soon after it was said the operator's word has been heard, and answered if that takes no time."""
+"""Time in which the operator's message has been received, and answered if that takes no time, ns."""
 _SPELL_S: Final = 0.1
-"""How long the thread simulates at most without looking up."""
+"""Maximum time that the thread simulates before it looks at the wishes again."""
 _BUSY_S: Final = 1.0
-"""So long after its last publication the thread is taken to be busy."""
+"""Time after its last publication from which the thread counts as busy."""
 _REHEARSED: Final[Time] = 60 * S
-"""ns, how much is simulated beforehand of a run that has an operator."""
+"""Length of the rehearsal of a run that has an operator, ns."""
 _STARTED: Final[Time] = 2 * S
-"""ns, the same for a run that has none, and before an operator speaks."""
+"""Length of the rehearsal of a run that has none, and of that part of it in which an operator is silent, ns."""
+
+
+class Tap(Trace):
+    """A trace that keeps the events, which decide the run's digest, and of all else only what is not fetched yet."""
+
+    def __init__(self, wanted: Iterable[Table] = ()) -> None:
+        super().__init__(wanted)
+        self.down: set[int] = set()
+        """Robots that do nothing any more."""
+        self._ticks: list[tuple[int, list[float]]] = []
+        self._frames: deque[Row] = deque(maxlen=MOST_FRAMES)
+        self._events: list[Row] = []
+        self._number = 0
+        self._fields = tuple(field.name for field in self.tables["events"].fields[3:])
+
+    def row(self, table: Table, *values: Any) -> None:
+        """Add a row; *values* in the order of the table's fields."""
+        if table.name == "events":
+            super().row(table, *values)
+            self._events.append(self._event(values))
+        elif table.name == "frames":
+            time, source, destination, _, kind, _, _, length, outcome, *_ = values
+            self._frames.append([to_seconds(time), source, destination, kind, outcome, length])
+        elif table.name == "poses":
+            time, _, *pose = values
+            if not self._ticks or self._ticks[-1][0] != time:
+                self._ticks.append((time, []))
+            self._ticks[-1][1].extend(pose)
+        else:
+            super().row(table, *values)
+
+    def fetched(self) -> tuple[list[Row], list[Row], list[Row]]:
+        """Drain the rows since the last call: ticks, frames (the latest), events."""
+        ticks = [pose for _, pose in self._ticks]
+        frames, events = list(self._frames), self._events
+        self._ticks, self._events = [], []
+        self._frames.clear()
+        return ticks, frames, events
+
+    def _event(self, values: tuple[Any, ...]) -> Row:
+        time, source, name, *rest = values
+        if name in DOWN:
+            self.down.add(source)
+        elif name in UP:
+            self.down.discard(source)
+        fields = {name: value for name, value in zip(self._fields, rest, strict=True) if value is not None}
+        self._number += 1
+        return [self._number - 1, to_seconds(time), source, name, fields]
 
 
 def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
-    """Simulate the beginning of a run and throw it away, so that nobody waits for kernels that it compiles.
+    """Simulate the beginning of a run and throw it away, so that its pages do not wait for kernels to be compiled.
 
-    It is done once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator
-    says in an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
+    Do so once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator says in
+    an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
     """
     done = cache_folder() / f"rehearsed-{digest([dump(scenario), attended])[:16]}"
     if done.exists() or not COMPILES:
         return
-    run = Simulation(scenario, seed, WATCHED, Tap)
+    run = Simulation(scenario, seed, _WATCHED, Tap)
     run.attended = attended
     run.begin()
     try:
@@ -65,7 +116,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
 
 
 def _play_beginning(run: Simulation) -> None:
-    """Simulate as much as a rehearsal does, with what an operator says in it."""
+    """Simulate the length of a rehearsal, with the protocol's ``rehearsal`` as what an operator says."""
     run.advance(_STARTED)
     if run.attended and run.spec.rehearsal is not None:
         for said in run.spec.rehearsal(run.machines):
@@ -81,7 +132,7 @@ class Live:
         self, scenario: Scenario, seed: int, playing: bool = True, speed: float = 1.0, attended: bool = False
     ) -> None:
         """Set the run up and start its thread; raise UserError for a scenario that cannot be set up."""
-        self._simulation = Simulation(scenario, seed, WATCHED, Tap)
+        self._simulation = Simulation(scenario, seed, _WATCHED, Tap)
         self._simulation.attended = attended
         self._scene = scene_of(scenario, self._simulation.floorplan, seed) | {"live": True, "attended": attended}
         self._team = scenario.team.size
@@ -89,7 +140,7 @@ class Live:
         self._pace = Pace(speed, playing, time.monotonic())
         self._wishes: deque[Wish] = deque()
         self._until: Time | None = None
-        """Up to where the steps go that are being taken."""
+        """End of the steps that are being taken."""
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._marks, self._events = Rolling(_ROWS), Rolling(_ROWS)
@@ -111,16 +162,16 @@ class Live:
 
     @property
     def running(self) -> bool:
-        """Whether the simulation's thread is there."""
+        """True if the simulation's thread runs."""
         return self._thread.is_alive()
 
     @property
     def _busy(self) -> bool:
-        """Whether the simulation's thread has not looked up for long."""
+        """True if the simulation's thread has published nothing for long."""
         return self.running and time.monotonic() - self._published_s > _BUSY_S
 
     def wish(self, wish: Wish) -> None:
-        """Have the simulation's thread take what a page asks for; raise UserError, one line, if it cannot be."""
+        """Have the simulation's thread do what a page asks for; raise UserError, one line, if it cannot be done."""
         if isinstance(wish, Seek) or (isinstance(wish, Step) and wish.ticks < 1):
             raise UserError("this run is under way: it only goes on")
         if isinstance(wish, Operate) and wish.robot >= self._team:
@@ -133,7 +184,7 @@ class Live:
             self._wishes.append(wish)
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
-        """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
+        """Return the messages for a page that has been sent all up to *cursor*, and the new cursor."""
         with self._lock:
             moment = self._moment._replace(state="busy") if self._busy else self._moment
             message, new = self._history.now(moment, cursor)
@@ -170,16 +221,16 @@ class Live:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """Say that the run has failed, and how far it has come if that can still be asked."""
+        """Publish that the run has failed, and its state if that can still be asked for."""
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        except Exception:  # noqa: BLE001  # it may be what has failed: then what was known before has to do
+        except Exception:  # noqa: BLE001  # it may be what has failed: then the last state has to do
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
     def _take_wishes(self) -> None:
-        """Do what was asked for in its order: what comes after steps waits until they are taken."""
+        """Do what was asked for, in this order: what comes after steps waits until they are taken."""
         begun = time.monotonic()
         while not self._closing.is_set() and self._stepped(begun):
             with self._lock:
@@ -208,7 +259,7 @@ class Live:
                     self._pause(self._simulation.kernel.now, wall)
 
     def _stepped(self, begun: float) -> bool:
-        """Go on with steps; return whether none are left: all are taken, or a pause was asked for after them."""
+        """Go on with steps; return whether none are left, all taken or cut short by a pause."""
         if self._until is None:
             return True
         with self._lock:
@@ -224,13 +275,13 @@ class Live:
         self._pace.jump(now, wall)
 
     def _simulate(self) -> None:
-        """Advance to the time that is due; if there is too little time for it, have less be due."""
+        """Advance to the time that is due; if that takes too long, let less be due."""
         begun = time.monotonic()
         if not self._reach(self._pace.due(begun), begun):
             self._pace.jump(self._simulation.kernel.now, time.monotonic())
 
     def _reach(self, due: Time, begun: float) -> bool:
-        """Advance to *due*, tick by tick; return False if that takes too long, or the session is closed meanwhile."""
+        """Advance to *due*, tick by tick; return False if that takes too long, or if the session is closed."""
         simulation, kernel = self._simulation, self._simulation.kernel
         while kernel.now < due and not simulation.over:
             simulation.advance(min(due, (kernel.now // self._tick + 1) * self._tick + 1))
@@ -239,7 +290,7 @@ class Live:
         return True
 
     def _publish(self) -> None:
-        """Let pages see what there is now."""
+        """Let pages see the present state."""
         trace: Any = self._simulation.trace
         ticks, frames, events = trace.fetched()
         said = self._simulation.said()
@@ -255,7 +306,7 @@ class Live:
                 self._frames.append(row)
             for row in events:
                 self._events.append(row)
-                if is_mark(row):
+                if places(row[4]):  # its fields name a place
                     self._marks.append(row)
             for answer in answers:
                 self._answers.append([answer])
@@ -290,7 +341,7 @@ class Live:
 
 
 def _decoded(payload: bytes) -> Any:
-    """Return what a machine says to its operator: plain data if it is JSON, else its text."""
+    """Return what a machine sends to its operator: plain data if it is JSON, else its text."""
     text = payload.decode(errors="replace")
     try:
         return json.loads(text)

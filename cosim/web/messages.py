@@ -1,14 +1,15 @@
-"""What a page may say to its server, and the plain data that the server says to pages.
+"""The messages between pages and server.
 
-A message is one JSON object in one WebSocket text frame; its ``say`` tells its kind. To the server:
+A message is one JSON object in one WebSocket text frame; its ``say`` is its kind. To the server:
 
     {"say": "play"}  {"say": "pause"}  {"say": "step", "ticks": 1}  {"say": "speed", "speed": 2.5}
     {"say": "seek", "time_s": 12.0}  {"say": "operator", "robot": 0, "data": {...}}
 
-To the page: ``scene`` (what does not change; and ``page``, a number that no other connection to the server has: all
-pages are told what robots answer, and tell by it whom), ``now`` (where everything is, and what has happened since the
-last one), ``operator`` (what a robot says to its operator), ``ended`` (the metrics), ``missed`` and ``error`` (with
-``why``, and the ``data`` that no robot will hear therefore, so that nobody waits for an answer).
+To the page: ``scene`` (what does not change, and ``page``, a number that no other connection to the server has: all
+pages are sent what robots answer, and find their own answers by it), ``now`` (where everything is, and what has
+happened since the last one), ``operator`` (what a robot sends to its operator), ``ended`` (the metrics), ``missed``
+(how many answers a slow page was not sent) and ``error`` (with ``why``, and the ``data`` that therefore no robot
+receives, so that the page does not wait for an answer).
 """
 
 import json
@@ -23,7 +24,7 @@ from cosim.settings import Settings
 from cosim.web.pacing import FASTEST, SLOWEST
 
 LONGEST = 1 << 20
-"""B, the longest message that a server reads."""
+"""Maximum length of a message that a server reads, B."""
 
 Plain: TypeAlias = dict[str, Any]
 """A message as plain data."""
@@ -63,7 +64,7 @@ class Seek(Settings):
 
 
 class Operate(Settings):
-    """Say something at the console of a robot, in a run that is under way."""
+    """Send something to the console of a robot, in a run that is under way."""
 
     say: Literal["operator"]
     robot: int = Field(ge=0, lt=1 << 31)
@@ -77,7 +78,7 @@ _WISHES: TypeAdapter[Wish] = TypeAdapter(Annotated[Wish, Field(discriminator="sa
 
 
 def parsed(text: str | bytes) -> Wish:
-    """Return what a page asks for; raise UserError, one line, for what is no message."""
+    """Return what a page asks for in *text*; raise UserError, one line, if that is no message."""
     try:
         return _WISHES.validate_json(text)
     except ValidationError as error:
@@ -87,7 +88,7 @@ def parsed(text: str | bytes) -> Wish:
 
 
 def written(message: Mapping[str, Any]) -> str:
-    """Return *message* as JSON, which knows no NaN and no infinity: null stands for them."""
+    """Return *message* as JSON, which has no NaN and no infinity: null stands for them."""
     try:
         return json.dumps(message, separators=(",", ":"), allow_nan=False)
     except ValueError:
@@ -95,7 +96,7 @@ def written(message: Mapping[str, Any]) -> str:
 
 
 def finite(plain: Any) -> Any:
-    """Return *plain* data with None for numbers that are none."""
+    """Return *plain* data with None for numbers that are not finite."""
     if isinstance(plain, Mapping):
         return {key: finite(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
@@ -104,5 +105,5 @@ def finite(plain: Any) -> Any:
 
 
 def error(why: str, wish: Wish | None = None) -> Plain:
-    """Return the message that something that a page said cannot be done: its *wish*, if it was one."""
+    """Return the message that what a page has sent cannot be done; *wish*: what it asked for, if that was clear."""
     return {"say": "error", "why": why} | ({"data": wish.data} if isinstance(wish, Operate) else {})

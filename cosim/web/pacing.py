@@ -1,4 +1,4 @@
-"""How far simulated time is to be at an instant of the wall clock: play, pause, another speed, a jump.
+"""The simulated time that belongs to an instant of the wall clock: play, pause, change of speed, jump.
 
 The wall clock is an argument, in seconds of any origin, so that a test can be its own clock.
 """
@@ -6,7 +6,7 @@ The wall clock is an argument, in seconds of any origin, so that a test can be i
 from cosim.units import S, Time
 
 SLOWEST, FASTEST = 0.01, 1000.0
-"""The least and the greatest speed, in simulated seconds a second."""
+"""Minimum and maximum speed, in simulated seconds a second."""
 
 
 class Pace:
@@ -41,6 +41,6 @@ class Pace:
         self.speed = speed
 
     def jump(self, time: Time, wall_s: float) -> None:
-        """Have it be *time* at *wall_s*: on a request, or as the simulation has not got any further."""
+        """Set the simulated time at *wall_s* to *time*: on request, or where the simulation lags behind."""
         self._from = time
         self._since_s = wall_s

@@ -25,7 +25,7 @@ class Recorded:
     """A session that plays the trace in a folder."""
 
     def __init__(self, folder: Path, wall: Callable[[], float] = time.monotonic, playing: bool = True) -> None:
-        """Read the tables; raise UserError if there are none, or if they do not tell where the robots were."""
+        """Read the tables; raise UserError if there are none, or if they lack the robots' places."""
         poses = StoredTable(_existing(folder, "poses"))
         self._times, self._poses = _by_tick(poses)
         events = StoredTable(folder / "events.parquet") if (folder / "events.parquet").is_file() else None
@@ -53,11 +53,11 @@ class Recorded:
 
     @property
     def _width(self) -> int:
-        """How many numbers tell of a tick."""
+        """Number of columns of a tick."""
         return 3 * int(self._poses.shape[1])
 
     def wish(self, wish: Wish) -> None:
-        """Take what a page asks for; raise UserError, one line, if it cannot be."""
+        """Do what a page asks for; raise UserError, one line, if it cannot be done."""
         wall = self._wall()
         now = self._now(wall)
         match wish:
@@ -78,7 +78,7 @@ class Recorded:
                 raise UserError("this run is a recorded one: nobody hears its operator")
 
     def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
-        """Return what a page is to be told that has been told up to *cursor*, and the new cursor."""
+        """Return the messages for a page that has been sent all up to *cursor*, and the new cursor."""
         now = self._now(self._wall())
         state = "ended" if now >= self._end else "playing" if self._pace.playing else "paused"
         moment = Moment(now, state, self._pace.speed, self._robots(now), self._jumps)
@@ -86,7 +86,7 @@ class Recorded:
         return [] if message is None else [message], new
 
     def close(self) -> None:
-        """Do nothing: nothing runs."""
+        """Do nothing, since nothing runs."""
 
     def _now(self, wall: float) -> Time:
         now = self._pace.due(wall)
@@ -101,7 +101,7 @@ class Recorded:
         self._jumps += fresh
 
     def _robots(self, now: Time) -> list[Row]:
-        """Return where the robots are, between two ticks on the straight way from the one to the other."""
+        """Return where the robots are: between two ticks on the line from one place to the next."""
         after = int(np.searchsorted(self._times, now, side="right"))
         before, after = max(0, after - 1), min(after, len(self._times) - 1)
         one, two = self._poses[before], self._poses[after]
@@ -115,7 +115,7 @@ class Recorded:
 
 
 def is_trace(folder: Path) -> bool:
-    """Return whether *folder* is one that holds the tables of a run."""
+    """Return whether *folder* holds the tables of a run."""
     return any(is_file(folder / f"{name}.parquet") for name in ("poses", "events", "frames"))
 
 
@@ -149,7 +149,7 @@ def _frames(table: StoredTable | None) -> Stored:
 
 
 def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Return the numbers of the events that tell of a place."""
+    """Return the numbers of the events that have a place among their fields."""
     if table is None:
         return np.zeros(0, dtype=np.int64)
     told = [~np.isnan(table.column(name).astype(float)) for name in places(table.names)]
@@ -157,7 +157,7 @@ def _marked(table: StoredTable | None) -> np.ndarray[Any, np.dtype[np.int64]]:
 
 
 def _events(table: StoredTable | None, numbers: np.ndarray[Any, np.dtype[np.int64]] | None) -> Stored:
-    """Return all events of *table*, or those with *numbers* only."""
+    """Return all events of *table*, or only those with *numbers*."""
     if table is None:
         return Stored(np.zeros(0, dtype=np.int64), lambda first, end, step: [])
     times = table.column("time_ns")
@@ -177,7 +177,7 @@ def _event(number: int, row: dict[str, Any]) -> Row:
 
 
 def _downs(table: StoredTable | None) -> list[tuple[Time, int, bool]]:
-    """Return when which robot went down, or up again."""
+    """Return rows of time, robot and whether it went down then, or up again."""
     if table is None:
         return []
     names = table.column("event")
@@ -187,7 +187,7 @@ def _downs(table: StoredTable | None) -> list[tuple[Time, int, bool]]:
 
 
 def _scene(folder: Path, poses: np.ndarray[Any, np.dtype[np.float64]], end: Time) -> Plain:
-    """Return the scene beside the tables; for a trace without one what the poses tell."""
+    """Return the scene beside the tables; for a trace without one, what follows from the poses."""
     scene = read_scene(folder)
     if scene is not None:
         return scene | {"duration_s": to_seconds(end)}

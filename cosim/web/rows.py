@@ -14,34 +14,34 @@ Row: TypeAlias = list[Any]
 
 
 class Rows(Protocol):
-    """Rows that are numbered from 0; the oldest may be gone."""
+    """Rows that are numbered from 0, of which the oldest may be gone."""
 
     @property
     def first(self) -> int:
-        """The number of the oldest row that is kept."""
+        """Number of the oldest row that is kept."""
 
     def until(self, time: Time) -> int:
-        """Return how many rows there have been up to *time*, those that are gone included."""
+        """Return the number of rows up to *time*, those that are gone included."""
 
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:
         """Return the rows from number *first* to before *end*, each *step*-th of them."""
 
 
 class Stored:
-    """Rows of a recorded run, read as they are asked for."""
+    """Rows of a recorded run, which are read when they are asked for."""
 
     def __init__(self, times: np.ndarray[Any, np.dtype[np.int64]], read: Callable[[int, int, int], list[Row]]) -> None:
-        """Take the rows' *times* in order, and what reads those between two numbers, each so many-th."""
+        """Take the sorted *times* of the rows, and *read*, (first, end, step) -> the rows with these numbers."""
         self._times = times
         self._read = read
 
     @property
     def first(self) -> int:
-        """The number of the oldest row that is kept."""
+        """Number of the oldest row that is kept."""
         return 0
 
     def until(self, time: Time) -> int:
-        """Return how many rows there are up to *time*."""
+        """Return the number of rows up to *time*."""
         return int(np.searchsorted(self._times, time, side="right"))
 
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:
@@ -50,7 +50,7 @@ class Stored:
 
 
 class Rolling:
-    """The latest rows of a run that is under way. What is asked for by its time is everything so far."""
+    """The latest rows of a run that is under way, where every time that is asked for is that of the latest row."""
 
     def __init__(self, most: int) -> None:
         self._rows: deque[Row] = deque(maxlen=most)
@@ -58,16 +58,16 @@ class Rolling:
 
     @property
     def first(self) -> int:
-        """The number of the oldest row that is kept."""
+        """Number of the oldest row that is kept."""
         return self._count - len(self._rows)
 
     def append(self, row: Row) -> None:
-        """Add *row*; the oldest one goes if there are too many."""
+        """Add *row*; drop the oldest one if there are too many."""
         self._rows.append(row)
         self._count += 1
 
     def until(self, time: Time) -> int:
-        """Return how many rows there have been."""
+        """Return the number of rows so far, those that are gone included."""
         return self._count
 
     def between(self, first: int, end: int, step: int = 1) -> list[Row]:

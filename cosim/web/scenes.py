@@ -1,4 +1,4 @@
-"""What does not change while one looks at a run: the floor, the robots' sizes, what the run is called."""
+"""The scene of a run, which does not change during it: the floor, the robots' sizes, the names of things."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from cosim.web.messages import Plain
 from cosim.world.floorplan import Floorplan
 
 FILE: Final = "scene.json"
-"""Where a scene stands beside the tables of a trace."""
+"""Name of the scene's file beside the tables of a trace."""
 
 
 def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
@@ -34,7 +34,7 @@ def scene_of(scenario: Scenario, floor: Floorplan, seed: int) -> Plain:
 
 
 def _base(scenario: Scenario, floor: Floorplan) -> list[float] | None:
-    """Return where the team's base is: as its protocol's parameters say, or the floor; None if neither does."""
+    """Return where the team's base is by its protocol's parameters, or else by the floor; None if neither says so."""
     parameters: Any = scenario.protocol.parameters
     for name in ("base_m", "base"):
         point = getattr(parameters, name, None)

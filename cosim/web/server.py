@@ -1,7 +1,8 @@
 """The server of one session: its page, what that loads, and a WebSocket over which they talk.
 
-Each page has a task that sends and one that listens. What is sent is composed when the page can take it, from what
-there is then: a slow page gets the newest state and no backlog, and nothing waits for it.
+Each page has a task that sends and one that receives. A message is composed when the page can take it, from what there
+is then: a slow page gets the newest state and no backlog, and nothing waits for it. So what the server keeps for a page
+that reads nothing is one message, and after ``PATIENCE_S`` that page is given up.
 """
 
 import asyncio
@@ -10,7 +11,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, closing, suppress
 from itertools import count
-from typing import Final
+from pathlib import Path
+from typing import Final, Protocol
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,29 +26,56 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from cosim.errors import UserError
 from cosim.web.guard import HOST, Guard
 from cosim.web.history import Cursor
-from cosim.web.messages import LONGEST, Plain, error, parsed, written
-from cosim.web.pages import STATIC, VIEW, page_path
-from cosim.web.session import Session
-from cosim.web.wire import Wire
+from cosim.web.messages import LONGEST, Plain, Wish, error, parsed, written
 
+STATIC: Final = Path(__file__).parent / "static"
+"""Folder of the modules that all pages share, and of the page ``VIEW``; served at ``/static/``."""
+VIEW: Final = STATIC / "view.html"
+"""Page that shows a run."""
 MOST_PAGES: Final = 32
-"""WebSockets that may be open at once."""
+"""Maximum number of open WebSockets."""
+PATIENCE_S: Final = 20.0
+"""Time after which a page that reads nothing, or answers no ping, is given up."""
 _PERIOD_S: Final = 0.04
-"""Between two messages to a page: what a screen can show."""
+"""Interval between two messages to a page: what a screen can show."""
 _ERRORS: Final = 16
-"""Answers to malformed messages that may wait for a page."""
+"""Maximum number of error messages that wait for a page."""
 _TRY_AGAIN: Final = 1013
+"""Code of a WebSocket that is closed since the server is busy (RFC 6455, as registered with IANA)."""
+
+
+class Session(Protocol):
+    """A run that pages look at, recorded or under way. All of them see the same: what one asks for happens for all."""
+
+    @property
+    def scene(self) -> Plain:
+        """What does not change, and is sent to each page first."""
+
+    def wish(self, wish: Wish) -> None:
+        """Do what a page asks for; raise UserError, one line, if it cannot be done."""
+
+    def look(self, cursor: Cursor | None) -> tuple[list[Plain], Cursor]:
+        """Return the messages for a page that has been sent all up to *cursor* (None: nothing), and the new cursor."""
+
+    def close(self) -> None:
+        """End it, and wait until nothing of it runs any more; more than once is harmless."""
 
 
 class Server:
     """What the pages of one session connect to."""
 
-    def __init__(self, session: Session, page: str = VIEW) -> None:
-        """Serve *session* with *page*, a file of :mod:`cosim.web.pages`."""
+    def __init__(self, session: Session, page: Path = VIEW, patience_s: float = PATIENCE_S) -> None:
+        """Serve *session* with *page*, an HTML file; what else lies in its folder is served at ``/page/``.
+
+        Raise FileNotFoundError if the installation lacks the page.
+        """
+        if not page.is_file():
+            raise FileNotFoundError(f"{page} is missing: the installation of cosim is not complete")
         self.session = session
         self.open = 0
-        """How many pages are connected."""
-        self._page = page_path(page)
+        """Number of pages that are connected."""
+        self._page = page
+        self._patience_s = patience_s
         self._numbers = count()
 
     def app(self, port: int, token: str | None = None) -> ASGIApp:
@@ -55,6 +84,7 @@ class Server:
             Route("/", self._index),
             WebSocketRoute("/socket", self._talk),
             Mount("/static", StaticFiles(directory=STATIC)),
+            Mount("/page", StaticFiles(directory=self._page.parent)),
         ]
         return Guard(Starlette(routes=routes, lifespan=self._lifespan), port, token)
 
@@ -69,14 +99,14 @@ class Server:
         return FileResponse(self._page)
 
     async def _talk(self, page: WebSocket) -> None:
-        """Talk with one page until either side has enough."""
+        """Exchange messages with one page until either side ends that."""
         await page.accept()  # first: no browser tells its page why it was not
         if self.open >= MOST_PAGES:
             await page.close(_TRY_AGAIN, "too many pages are open")
             return
         self.open += 1
         faults: deque[Plain] = deque(maxlen=_ERRORS)
-        tasks = {asyncio.create_task(self._tell(page, faults)), asyncio.create_task(self._listen(page, faults))}
+        tasks = {asyncio.create_task(self._send(page, faults)), asyncio.create_task(self._receive(page, faults))}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -84,23 +114,28 @@ class Server:
             for task in tasks:
                 task.cancel()
             ended = await asyncio.gather(*tasks, return_exceptions=True)
-        for fault in ended:
+        for fault in ended:  # a TimeoutError, of a page that reads nothing, is an OSError
             if isinstance(fault, Exception) and not isinstance(fault, WebSocketDisconnect | RuntimeError | OSError):
                 raise fault
 
-    async def _tell(self, page: WebSocket, faults: deque[Plain]) -> None:
+    async def _send(self, page: WebSocket, faults: deque[Plain]) -> None:
         """Send the scene, then what is new, as often as a screen can show it and the page can take it."""
-        await page.send_text(written({"say": "scene"} | self.session.scene | {"page": next(self._numbers)}))
+        await self._deliver(page, {"say": "scene"} | self.session.scene | {"page": next(self._numbers)})
         cursor: Cursor | None = None
         while True:
             messages = [faults.popleft() for _ in range(len(faults))]
             told, cursor = self.session.look(cursor)
             for message in (*messages, *told):
-                await page.send_text(written(message))
+                await self._deliver(page, message)
             await asyncio.sleep(_PERIOD_S)
 
-    async def _listen(self, page: WebSocket, faults: deque[Plain]) -> None:
-        """Pass on what the page asks for; what is malformed, or cannot be, is answered by an error."""
+    async def _deliver(self, page: WebSocket, message: Plain) -> None:
+        """Send *message*, after what the page has still to read; raise TimeoutError if it reads nothing for long."""
+        async with asyncio.timeout(self._patience_s):
+            await page.send_text(written(message))
+
+    async def _receive(self, page: WebSocket, faults: deque[Plain]) -> None:
+        """Do what the page asks for; answer what is malformed, or cannot be done, by an error."""
         while True:
             message = await page.receive()
             if message["type"] == "websocket.disconnect":
@@ -129,12 +164,12 @@ def listening(port: int) -> socket.socket:
 
 def serve(
     session: Session,
-    page: str = VIEW,
+    page: Path = VIEW,
     port: int = 0,
     token: str | None = None,
     told: Callable[[str], None] = print,
 ) -> None:
-    """Show *session* until the process is interrupted, then close it; *told* gets the page's address first.
+    """Show *session* with *page* until the process is interrupted, then close it; *told* gets the address first.
 
     Raise UserError if the port is taken.
     """
@@ -146,22 +181,18 @@ def serve(
             server.run(sockets=[listener])
 
 
-def config(app: ASGIApp, patience_s: float = 20.0) -> uvicorn.Config:
-    """Return how *app* is served: quietly, with bounded messages, and soon gone when it is to end.
-
-    *patience_s*: how long a page may read nothing, or not answer a ping.
-    """
+def config(app: ASGIApp) -> uvicorn.Config:
+    """Return how *app* is served: quietly, with bounded messages, and soon gone when it is to end."""
     return uvicorn.Config(
         app,
         log_level="warning",
         access_log=False,
         lifespan="on",
-        ws=Wire,
         ws_max_size=LONGEST,
-        ws_ping_interval=20,
-        ws_ping_timeout=patience_s,
+        ws_ping_interval=PATIENCE_S,
+        ws_ping_timeout=PATIENCE_S,
         ws_per_message_deflate=False,
-        timeout_graceful_shutdown=2,
+        timeout_graceful_shutdown=2,  # it waits for what pages have not read, and complains
         server_header=False,
         proxy_headers=False,
     )

@@ -23,7 +23,7 @@ from cosim.trace import Trace
 from cosim.units import from_seconds, to_seconds
 from experiments.exploration.exploring import Parameters
 from protocols.exploration.explorer import Explorer
-from protocols.exploration.truth import coverable_cells
+from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
 
 LOOK_S: Final = 1.0

@@ -23,7 +23,7 @@ from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S, Time
 from protocols.pseudonet.algorithms.base import UNJUDGED
-from protocols.pseudonet.bluetooth import Bluetooth, Setup
+from protocols.pseudonet.bluetooth import Bluetooth, LinkState
 from protocols.pseudonet.broadcast import Broadcast
 from protocols.pseudonet.messages import Action, Kind, Message, Sync, decode, encode
 from protocols.pseudonet.parameters import TeamParameters, Timing
@@ -113,7 +113,7 @@ class _Endpoint:
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
-        if self.setup.state is Setup.OFF:
+        if self.setup.state is LinkState.OFF:
             self.setup.start(now)
         else:
             self.began = now
@@ -149,7 +149,7 @@ class UnicastSlave(_Endpoint):
         """Load the state once the link is up."""
         before = self.setup.state
         super().link(event, now)
-        if self.setup.state is not before and self.setup.state is Setup.JOINED:
+        if self.setup.state is not before and self.setup.state is LinkState.JOINED:
             self.out.append(Outgoing(0, state(self.me)))
 
 
@@ -196,7 +196,7 @@ class BroadcastMember(_Endpoint):
 
     def __init__(self, me: Address, size: int, start: Time) -> None:
         super().__init__(me, size, start)
-        self.room = Broadcast(me, (TIMES.poll_timeout, TIMES.repair), 4, acknowledge=False, tell=self._upcall)
+        self.room = Broadcast(me, (TIMES.poll_timeout, TIMES.repair), 4, acknowledge=False, upcall=self._upcall)
 
     def _ready(self, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
         super()._ready(slaves, hop, now)

@@ -19,7 +19,7 @@ from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
 from protocols.reflection.events import PromiseTaken
-from protocols.reflection.targets import targets
+from protocols.reflection.setup import targets
 
 SHORT: Final = ("protocol.parameters.target_count=3", "duration_s=1800")
 SEEKER: Final = 0

@@ -1,54 +1,44 @@
-"""What a robot counts: frames, bytes and energy by radio, its way; what the metrics are made of.
-
-The radio's energy is that which Feeney and Nilsson measured on a 2.4 GHz 802.11 card at 2 Mb/s ("Investigating the
-energy consumption of a wireless network interface in an ad hoc networking environment", INFOCOM 2001, Table 1): linear
-in the payload's bytes, with a constant that holds the MAC's own frames. Idling is left out.
-"""
+"""What a robot counts for the metrics: frames, bytes and energy of its radios, and its way."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final
 
 from cosim.units import Time
-
-SEND_J: Final = (454e-6, 1.9e-6)
-"""Unicast: joules a frame, and a byte."""
-BROADCAST_J: Final = (266e-6, 1.9e-6)
-RECEIVE_J: Final = (356e-6, 0.5e-6)
-HEAR_J: Final = (56e-6, 0.5e-6)
-"""A broadcast that is received."""
 
 
 @dataclass(slots=True)
 class Counters:
-    """Counts of one life of a robot. Instants are told by ticks, which all robots have in common: see ``told``."""
+    """Counts of one incarnation of a robot.
+
+    Instants are counted by ticks, which all robots have in common: see ``true_time``.
+    """
 
     tick: Time
     before: "Counters | None" = None
-    """Those of the robot's life before a reboot."""
+    """Counters of the robot's incarnation before its last reboot."""
     frames: int = 0
     payload_bytes: int = 0
     radio_j: float = 0.0
     joins: list[Time] = field(default_factory=list)
-    """When a searcher was taken in by another host."""
+    """Instants at which a searcher was taken in by another host."""
     contacts: int = 0
-    """Times that a searcher came into contact with its host."""
+    """Number of times that a searcher came into contact with its host."""
     reported: int = 0
-    """Targets that a host has heard of first from a searcher of its own."""
+    """Number of targets that a host learned first from a searcher of its own."""
     failures: list[tuple[int, Time]] = field(default_factory=list)
-    """(host, when) it was taken for failed."""
+    """(host, instant) of each suspicion."""
     known_at: Time | None = None
-    """When a host knew all targets."""
+    """Instant from which on a host knew all targets."""
     stopped_at: Time | None = None
-    """When a searcher heard that it is over."""
+    """Instant at which a searcher received that the task is over."""
     ways_m: list[float] = field(default_factory=list)
-    """The way driven up to each tick."""
+    """Distance driven up to each tick."""
     begun: Time = 0
-    """When it observed first."""
+    """Instant of its first observation."""
     last_tick: Time = 0
-    """When it observed last: a dead one's death."""
+    """Instant of its last observation: the death of a robot that has died."""
     ahead: Time = 0
-    """By how much faults have set the robot's clock forward since it began, as the last tick showed."""
+    """Time by which faults have set the robot's clock forward since it began, as of the last tick."""
 
     def spend(self, cost: tuple[float, float], octets: int) -> None:
         """Count the energy of a frame with *octets* of payload."""
@@ -63,17 +53,17 @@ class Counters:
         self.ways_m.append((self.ways_m[-1] if self.ways_m else 0.0) + way_m)
 
     def follow(self, before: "Counters", now: Time) -> None:
-        """Be those of the robot's next life, which begins with the first tick not before *now*, the true time."""
+        """Continue *before* in the next incarnation, from the first tick on that is not before the true time *now*."""
         self.before = before
         self.begun = self.last_tick = -(-now // self.tick) * self.tick
 
-    def lives(self) -> "Iterator[Counters]":
-        """Yield these records, and those of the lives before."""
-        life: Counters | None = self
-        while life is not None:
-            yield life
-            life = life.before
+    def incarnations(self) -> "Iterator[Counters]":
+        """Yield these counters and those of all incarnations before."""
+        incarnation: Counters | None = self
+        while incarnation is not None:
+            yield incarnation
+            incarnation = incarnation.before
 
-    def told(self, now: Time) -> Time:
-        """Return the instant *now* as a clock tells it that no fault has stepped (right but in the tick of a step)."""
+    def true_time(self, now: Time) -> Time:
+        """Return *now* as a clock without faults shows it; wrong only in the tick in which a fault steps the clock."""
         return now - self.ahead

@@ -1,8 +1,8 @@
-"""Where a host will be, from the way that it told (paper 002, section V), and where to meet it.
+"""Where a host will be, by the way that it has announced (paper 002, section V), and where to meet it.
 
-A host goes along way points at constant speed. Whoever knows the way knows the host's place at any time, as long as the
-host keeps to it. Equation 3 of the paper cannot be meant as it is printed: it measures t from the start on every leg
-and compares it with the duration of a single leg. Meant is
+A host goes along way points at constant speed. A robot that knows the way knows the host's place at any time, as long
+as the host keeps to it. Equation 3 of the paper cannot be meant as it is printed: it measures t from the start on every
+leg and compares it with the duration of a single leg. Meant is
 
     x(t) = x_i + v (t - T_i) cos theta_i,  y(t) = y_i + v (t - T_i) sin theta_i   for T_i <= t < T_(i+1),
 
@@ -24,7 +24,7 @@ from protocols.aggregation.frames import instant, stamp
 from protocols.aggregation.messages import Plan
 
 FOREVER: Final[Time] = 1 << 62
-"""A way that takes longer than this, 146 years, has no end."""
+"""Duration, 146 years, from which on a way has no end."""
 
 
 class Course(NamedTuple):
@@ -42,7 +42,7 @@ class Course(NamedTuple):
         return length_m(self.way_m)
 
     def place(self, at: Time) -> Point:
-        """Return where the host is at the instant *at*; paper 002, equations 1 to 3, see above."""
+        """Return the host's place at the instant *at*; paper 002, equations 1 to 3, see above."""
         leg, spent, takes = self._leg(at)
         x, y = self.way_m[leg]
         if not takes:
@@ -52,7 +52,7 @@ class Course(NamedTuple):
         return x + part * (to_x - x), y + part * (to_y - y)
 
     def heading(self, at: Time) -> float | None:
-        """Return in which direction the host goes at the instant *at*, radians; None while it stands (equation 2)."""
+        """Return the host's direction of motion at the instant *at*, radians; None while it stands (equation 2)."""
         leg, _, takes = self._leg(at)
         if not takes or at < self.departed:
             return None
@@ -60,12 +60,12 @@ class Course(NamedTuple):
         return atan2(to_y - y, to_x - x)
 
     def ends_at(self) -> Time | None:
-        """Return when the host is at the goal; None if never, since it stands with way left."""
+        """Return the instant at which the host reaches the goal; None if it stands before the goal for ever."""
         takes = sum(self._takes(leg) for leg in range(len(self.way_m) - 1))
         return self.departed + takes if takes < FOREVER else None
 
     def _leg(self, at: Time) -> tuple[int, Time, Time]:
-        """Return on which leg the host is, since when and how long that takes; both 0 at the goal and at rest."""
+        """Return the host's leg, the time spent on it and its duration; both times are 0 at the goal and at rest."""
         rest = max(at - self.departed, 0)
         for leg in range(len(self.way_m) - 1):
             takes = self._takes(leg)
@@ -75,7 +75,7 @@ class Course(NamedTuple):
         return len(self.way_m) - 1, 0, 0
 
     def _takes(self, leg: int) -> Time:
-        """Return how long a leg takes (equation 1)."""
+        """Return the duration of a leg (equation 1)."""
         leg_m = dist(*self.way_m[leg : leg + 2])
         if not leg_m:
             return 0
@@ -91,7 +91,7 @@ def interception(
     way_m: Callable[[Point], float | None],
     rounds: int = 1,
 ) -> Point:
-    """Return where to head at *speed_mps* from *here_m* in order to meet a host on *course* (paper 002, section V).
+    """Return the place to head for at *speed_mps* from *here_m* to meet a host on *course* (paper 002, section V).
 
     The paper's one round: how long would it take to where the host is now, and where will the host be then? Each
     further round asks the same of the point found before; the points come closer to the true meeting point from round
@@ -111,15 +111,15 @@ def interception(
 
 
 def course_of(plan: Plan, now: Time) -> Course:
-    """Return the course that *plan* tells; its stamp means the instant nearest to *now*."""
+    """Return the course of *plan*; its stamp means the instant nearest to *now*."""
     return Course(instant(plan.departed_ms, now), plan.speed_mps, plan.way_m)
 
 
 def plan_of(course: Course, host: Address, version: int) -> Plan:
-    """Return the plan that tells *course* of *host*, at most 255 points.
+    """Return the plan that announces *course* of *host*, at most 255 points.
 
     What ``course_of`` makes of it departs up to 1 ms earlier, since stamps are whole ms, and its numbers have been
     through the single floats of the wire: on ways of 12 points within 250 m that moves the host by at most 0.05 mm
-    (measured over 200 ways). Whoever has to know just what the others believe keeps ``course_of`` of the plan.
+    (measured over 200 ways). A host that has to know exactly what the others believe keeps ``course_of`` of the plan.
     """
     return Plan(host, version, stamp(course.departed), course.speed_mps, course.way_m)

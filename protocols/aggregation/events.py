@@ -7,10 +7,10 @@ from protocols.wire import BadBytes
 _TARGET = {"meaning": "its number"}
 _X_M = {"unit": "m", "meaning": "where it is"}
 _Y_M = {"unit": "m", "meaning": "where it is"}
-_TELLER = {"meaning": "the robot that has told it"}
+_TELLER = {"meaning": "the robot that has reported it"}
 _TARGETS = {"meaning": "how many there are"}
-_ERRAND = {"meaning": "what it does from now on"}
-_WHY = {"meaning": "what has made the difference"}
+_ERRAND = {"meaning": "its state from now on"}
+_WHY = {"meaning": "the input or reason that caused it"}
 _HOST = {"meaning": "which host"}
 _EPOCH = {"meaning": "count of the searcher's memberships"}
 _SEARCHER = {"meaning": "which searcher"}
@@ -25,7 +25,7 @@ _MISSING = {"meaning": "searchers that have not come"}
 
 @dataclass(frozen=True, slots=True)
 class TargetFound:
-    """A searcher's camera has recognised a target that its robot did not know of."""
+    """A searcher's camera has recognised a target that the searcher did not know."""
 
     target: int = field(metadata=_TARGET)
     x_m: float = field(metadata=_X_M)
@@ -34,7 +34,7 @@ class TargetFound:
 
 @dataclass(frozen=True, slots=True)
 class TargetKnown:
-    """A host has learnt of a target, from *teller*."""
+    """A host has learned of a target from *teller*."""
 
     target: int = field(metadata=_TARGET)
     teller: int = field(metadata=_TELLER)
@@ -49,7 +49,7 @@ class AllKnown:
 
 @dataclass(frozen=True, slots=True)
 class ErrandChanged:
-    """A searcher does something else: search, meet its host, wait with it, change to another, or no more."""
+    """A searcher's state has changed: it searches, meets its host, waits, changes to another host, or stops."""
 
     errand: str = field(metadata=_ERRAND)
     why: str = field(metadata=_WHY)
@@ -57,7 +57,7 @@ class ErrandChanged:
 
 @dataclass(frozen=True, slots=True)
 class HostFailed:
-    """A searcher takes a host for failed: close by, it has heard nothing of it for a time."""
+    """A searcher suspects a host: close to where it should be, nothing has been received from it for a time."""
 
     host: int = field(metadata=_HOST)
 
@@ -80,7 +80,7 @@ class MemberAdded:
 
 @dataclass(frozen=True, slots=True)
 class MemberRemoved:
-    """A host has struck a searcher off: it left, is in another sub-team, or was not heard for long."""
+    """A host has removed a searcher: it left, is in another sub-team, or was silent for long."""
 
     searcher: int = field(metadata=_SEARCHER)
     why: str = field(metadata=_WHY)
@@ -97,21 +97,21 @@ class Assigned:
 
 @dataclass(frozen=True, slots=True)
 class HostSuspected:
-    """A host takes another for failed or lost."""
+    """A host suspects another."""
 
     host: int = field(metadata=_HOST)
 
 
 @dataclass(frozen=True, slots=True)
 class HostTrusted:
-    """A host hears another again that it has suspected, or that counts its heartbeats anew."""
+    """A host trusts another again that it has suspected, or that has been rebooted."""
 
     host: int = field(metadata=_HOST)
 
 
 @dataclass(frozen=True, slots=True)
 class Departed:
-    """A host goes a new way, of *length_m* metres, and tells it; *astray* if it leads back to the other hosts."""
+    """A host takes a new way of *length_m* metres and announces it; *astray* if it leads back to the other hosts."""
 
     version: int = field(metadata=_VERSION)
     length_m: float = field(metadata=_LENGTH_M)

@@ -1,24 +1,29 @@
-"""What a robot knows of the task: which posts have been visited, and which targets have been found where."""
+"""What a robot knows of the task: posts visited, targets found, and what of that a searcher still has to report.
+
+A report holds all that the searcher knows, so a lost one needs no repetition of its own: the next one, at the next
+heartbeat that is heard, holds the same and more.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
 
 from cosim.geometry.planning import Point
 from cosim.observation import Observation
-from protocols.aggregation.messages import Finding
+from protocols.aggregation.frames import COUNTS, bitmap
+from protocols.aggregation.messages import Finding, Report
 
 
 class Findings:
-    """A map of the task that only grows: posts visited, targets found."""
+    """A map of the task that only grows: posts visited and targets found."""
 
     def __init__(self) -> None:
         self.visited: set[int] = set()
         self.targets: dict[int, Finding] = {}
         self.changes = 0
-        """How often something new came in."""
+        """Number of times that something new was added."""
 
     def visit(self, posts: Iterable[int]) -> bool:
-        """Note visited posts; return whether one was not known."""
+        """Add visited posts; return True if one of them is new."""
         before = len(self.visited)
         self.visited.update(posts)
         grown = len(self.visited) > before
@@ -26,7 +31,7 @@ class Findings:
         return grown
 
     def add(self, findings: Iterable[Finding]) -> list[Finding]:
-        """Note findings; return those of targets that were not known."""
+        """Add findings; return those whose targets are new."""
         new = [finding for finding in findings if finding.number not in self.targets]
         for finding in new:
             self.targets[finding.number] = finding
@@ -34,12 +39,15 @@ class Findings:
         return new
 
     def all_targets(self) -> tuple[Finding, ...]:
-        """Return what is known of targets, in the order of their numbers."""
+        """Return all known targets in the order of their numbers."""
         return tuple(self.targets[number] for number in sorted(self.targets))
 
 
 class Camera:
-    """Recognises targets that are in range and in sight: it is asked about places, and knows nothing else of them."""
+    """Recognises targets that are in range and in sight.
+
+    It holds the true places only to look there: no decision rests on them.
+    """
 
     def __init__(self, targets_m: Sequence[Point], range_m: float) -> None:
         self._places_m = dict(enumerate(targets_m))
@@ -58,3 +66,48 @@ class Camera:
         near = [number for number in near if number not in known.targets]
         seen = observation.sees([self._places_m[number] for number in near])
         return [Finding(number, *self._places_m[number]) for number, there in zip(near, seen, strict=True) if there]
+
+
+class Reports:
+    """What one searcher still has to report to its host: all that changed since the last report with a receipt."""
+
+    def __init__(self, findings: Findings, posts: int) -> None:
+        self._findings = findings
+        self._posts = posts
+        self._confirmed = -1
+        """Version of the findings that the host has confirmed; -1 for none."""
+        self._confirmed_targets = 0
+        self._sent: dict[int, tuple[int, int]] = {}
+        """Reports without a receipt: number -> (version, number of targets)."""
+        self._number = 0
+
+    @property
+    def pending(self) -> bool:
+        """True if the host lacks something, or has not confirmed anything yet."""
+        return self._confirmed != self._findings.changes
+
+    @property
+    def finds(self) -> bool:
+        """True if the host lacks a target."""
+        return len(self._findings.targets) > self._confirmed_targets
+
+    def reset(self) -> None:
+        """Report everything again, to another host."""
+        self._confirmed = -1
+        self._confirmed_targets = 0
+        self._sent.clear()
+
+    def make(self, epoch: int) -> Report:
+        """Return a report of all findings."""
+        self._number = (self._number + 1) % COUNTS
+        known = self._findings
+        self._sent[self._number] = known.changes, len(known.targets)
+        return Report(self._number, epoch, known.all_targets(), bitmap(known.visited, self._posts))
+
+    def received(self, number: int) -> None:
+        """Process the host's receipt."""
+        state = self._sent.pop(number, None)
+        if state is not None:
+            self._confirmed = max(self._confirmed, state[0])
+            self._confirmed_targets = max(self._confirmed_targets, state[1])
+            self._sent = {each: other for each, other in self._sent.items() if other[0] > state[0]}

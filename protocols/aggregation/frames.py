@@ -1,7 +1,7 @@
 """The messages of a search team on the wire: one kind of frame for each of ``protocols.aggregation.messages``.
 
-Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). Lists bear
-their length before their items. The paper (002) prints no formats.
+Every frame is big-endian: magic, kind, sender, the body of its kind, and a CRC-16 (see ``protocols.wire``). A list is
+preceded by its length. The paper (002) prints no formats.
 
 Numbers on the wire are IEEE single floats: a coordinate of 128 to 256 m is rounded by at most 7.7 um, a speed by at
 most 6e-8 of itself.
@@ -26,11 +26,11 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
-    News,
     Plan,
     Plans,
     Receipt,
     Report,
+    Status,
     Stop,
     Stopped,
 )
@@ -38,11 +38,13 @@ from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x41
 FAR_M: Final = 1e6
-"""No coordinate on the wire, and no speed in m/s, is greater than this."""
+"""Upper bound of coordinates, in metres, and of speeds, in m/s, on the wire."""
 CLOCK_MS: Final = 1 << 32
-"""Stamps count modulo this."""
+"""Modulus of stamps."""
+COUNTS: Final = 1 << 16
+"""Modulus of counts of 16 bits: versions of plans, assignments, reports, rounds, epochs of memberships."""
 REMEMBERED: Final = 256
-"""Frames, and bitmaps, whose meaning is remembered."""
+"""Number of frames, and of bitmaps, whose decoded values are cached."""
 
 HEAD: Final = Struct(">BBB")
 HEARTBEAT: Final = Struct(">BBBIIffHHBHBB")
@@ -60,16 +62,21 @@ COUNT: Final = Struct(">H")
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
-# ---------------------------------------------------------------- stamps and bitmaps
+# ---------------------------------------------------------------- counts, stamps and bitmaps
+
+
+def following(count: int) -> int:
+    """Return the count after *count*: 1 after the last, as 0 stands for none yet."""
+    return count % (COUNTS - 1) + 1
 
 
 def stamp(at: Time) -> int:
-    """Return the stamp of the instant *at*: whole ms, mod 2**32; never later than *at*."""
+    """Return the stamp of the instant *at* in whole ms, mod 2**32, rounded down."""
     return at // MS % CLOCK_MS
 
 
 def instant(stamp_ms: int, now: Time) -> Time:
-    """Return the instant nearest to *now* with the stamp *stamp_ms*: right for 24 days to either side."""
+    """Return the instant nearest to *now* with the stamp *stamp_ms*; right within 24 days to either side."""
     now_ms = now // MS
     return (now_ms + (stamp_ms - now_ms + CLOCK_MS // 2) % CLOCK_MS - CLOCK_MS // 2) * MS
 
@@ -86,7 +93,7 @@ def bitmap(posts: Iterable[int], count: int) -> bytes:
 
 @lru_cache(maxsize=REMEMBERED)
 def posts_in(data: bytes) -> frozenset[int]:
-    """Return the posts in a :func:`bitmap`; one from the wire may be of any length, so they may be any numbers."""
+    """Return the posts in a :func:`bitmap`; one off the wire may have any length, so the numbers are not bounded."""
     return frozenset(8 * at + bit for at, byte in enumerate(data) if byte for bit in range(8) if byte >> bit & 1)
 
 
@@ -94,7 +101,7 @@ def posts_in(data: bytes) -> frozenset[int]:
 
 
 def encode(sender: Address, message: Message) -> bytes:
-    """Return the bytes of *message*; raise :exc:`LocalProtocolError` for a number or a list that no frame holds."""
+    """Return the bytes of *message*; raise :exc:`LocalProtocolError` for a value or list that does not fit a frame."""
     kind = type(message)
     try:
         data = _WRITERS[kind](CODES[kind], sender, message)
@@ -104,7 +111,7 @@ def encode(sender: Address, message: Message) -> bytes:
 
 
 def _near(x: float, y: float) -> bool:
-    """Return whether both are coordinates that a frame bears; a NaN is not."""
+    """Return True if both are coordinates that a frame can hold; False for NaN."""
     return -FAR_M <= x <= FAR_M and -FAR_M <= y <= FAR_M
 
 
@@ -143,8 +150,8 @@ def _written_plans(code: int, sender: Address, message: Plans) -> bytes:
     return HEAD.pack(MAGIC, code, sender) + bytes((len(message.plans),)) + b"".join(map(_written_plan, message.plans))
 
 
-def _written_news(code: int, sender: Address, news: News) -> bytes:
-    targets, visited, members, plan = news
+def _written_status(code: int, sender: Address, status: Status) -> bytes:
+    targets, visited, members, plan = status
     return b"".join(
         (
             HEAD.pack(MAGIC, code, sender),
@@ -180,9 +187,9 @@ def _numbers(count: int) -> Struct:
 
 @lru_cache(maxsize=REMEMBERED)
 def decode(data: bytes) -> tuple[Address, Message]:
-    """Return who sent *data* and what it says; raise :exc:`WireError` for anything that ``encode`` would not have made.
+    """Return sender and message of *data*; raise :exc:`WireError` for anything that ``encode`` would not have made.
 
-    The last frames are remembered: a broadcast is decoded once for all that hear it.
+    The last frames are cached: a broadcast is decoded once for all receivers.
     """
     if len(data) < HEAD.size + CRC_BYTES or data[0] != MAGIC or not 0 < data[1] <= len(_READERS):
         raise WireError("not a frame of a search team")
@@ -249,13 +256,13 @@ def _read_plans(data: bytes) -> tuple[Plans, int]:
     return Plans(tuple(plans)), at
 
 
-def _read_news(data: bytes) -> tuple[News, int]:
+def _read_status(data: bytes) -> tuple[Status, int]:
     targets, at = _read_targets(data, HEAD.size + 1, data[HEAD.size])
     visited, at = _read_visited(data, at)
     end = at + 1 + MEMBER.size * data[at]
     members: tuple[tuple[Address, int], ...] = tuple(MEMBER.iter_unpack(data[at + 1 : end]))
     plan, end = _read_plan(data, end)
-    return News(targets, visited, members, plan), end
+    return Status(targets, visited, members, plan), end
 
 
 def _read_report(data: bytes) -> tuple[Report, int]:
@@ -277,7 +284,7 @@ def _read_assign(data: bytes) -> tuple[Assign, int]:
 def _fixed(
     kind: type[Any], fields: str, place: int | None = None
 ) -> tuple[Callable[[int, Address, Any], bytes], Callable[[bytes], tuple[Any, int]]]:
-    """Return the writer and the reader of a *kind* whose *fields* are these, with x at *place* and y after it."""
+    """Return writer and reader of a *kind* with these *fields* (``struct`` codes); x is at *place*, y after it."""
     layout = Struct(f">BBB{fields}")
 
     def write(code: int, sender: Address, message: Any) -> bytes:
@@ -297,7 +304,7 @@ def _fixed(
 _CODECS: Final[dict[type[Any], tuple[Callable[[int, Address, Any], bytes], Callable[[bytes], tuple[Any, int]]]]] = {
     Heartbeat: (_written_heartbeat, _read_heartbeat),
     Plans: (_written_plans, _read_plans),
-    News: (_written_news, _read_news),
+    Status: (_written_status, _read_status),
     Hello: _fixed(Hello, "HffHH", place=1),
     Report: (_written_report, _read_report),
     Receipt: _fixed(Receipt, "H"),
@@ -308,7 +315,7 @@ _CODECS: Final[dict[type[Any], tuple[Callable[[int, Address, Any], bytes], Calla
     Stop: _fixed(Stop, ""),
     Stopped: _fixed(Stopped, ""),
 }
-"""The codecs of all kinds; a kind's byte is its place here, from 1."""
+"""Writer and reader of each kind; the kind's byte on the wire is its position here, from 1."""
 CODES: Final = {kind: code for code, kind in enumerate(_CODECS, 1)}
 _WRITERS: Final = {kind: write for kind, (write, _) in _CODECS.items()}
 _READERS: Final = tuple(read for _, read in _CODECS.values())

@@ -1,7 +1,7 @@
-"""The ground that is searched: where a robot can be, the ways there, and the posts from which everything is seen.
+"""The ground that is searched: where a robot can stand, the ways there, and the posts from which all of it is seen.
 
-All robots of a team are given the same ground: the floor's walls are known, only the targets are not. A searcher that
-has stood at every post has looked at the whole floor.
+All robots of a team are given the same ground: the walls are known, only the targets are not. A searcher that has stood
+at every post has seen the whole floor.
 """
 
 import math
@@ -23,13 +23,13 @@ from cosim.jit import njit
 from protocols.aggregation.ground_posts import lattice, posts_of, rooms_of_cells
 
 MOST_CORNERS: Final = 500
-"""Floors with more corners are planned on by wavefronts only."""
+"""Largest number of corners for which a roadmap is made; ways on other floors come from wavefronts only."""
 TOUCH_M: Final = 0.01
-"""So much more room than its radius a robot has on its way."""
+"""Room on a way in addition to the robot's radius."""
 ITSELF: Final = -1
 NOWHERE: Final = -2
 _KEPT: Final = 8
-"""So many grounds are kept, for the next runs on their floors."""
+"""Number of grounds that are cached for the next runs on their floors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,21 +37,23 @@ class Ground:
     """A floor, for robots of one radius with one camera."""
 
     radius_m: float
-    """Of the bodies."""
+    """Radius of the bodies."""
     camera_m: float
     walls: SegmentGrid
     grid: PlanningGrid
-    """The cells at whose centre a body has room for half a diagonal of a cell more than its radius: no way over free
-    cells, straight from any point to any other, touches a wall."""
+    """Cells; free are those at whose centre a body has room for half a cell's diagonal more than its radius.
+
+    So no way over free cells, straight from any point to any other, touches a wall.
+    """
     roadmap: Roadmap | None
-    """None if the floor has too many corners: then all ways come from wavefronts."""
+    """Roadmap; None if the floor has too many corners: then all ways come from wavefronts."""
     posts_m: tuple[Point, ...]
-    """In an order in which neighbours lie near each other, room by room."""
+    """Posts, room by room, in an order in which neighbours lie near each other."""
     rooms: tuple[int, ...]
-    """The room that each post belongs to, by its number among the floor's; -1 for none."""
+    """Number of the room of each post; -1 for none."""
 
     def open(self, a_m: Point, b_m: Point) -> bool:
-        """Return whether a robot can go straight from one point to another, as far as the cells know."""
+        """Return whether a robot can go straight from one point to another, by the cells of the grid."""
         grid = self.grid
         (x, y), cell = grid.origin_m, grid.cell_m
         ends = (a_m[0] - x) / cell, (a_m[1] - y) / cell, (b_m[0] - x) / cell, (b_m[1] - y) / cell
@@ -60,7 +62,7 @@ class Ground:
     def fits(self, a_m: Point, b_m: Point, more_m: float = 0.0) -> bool:
         """Return whether a body with *more_m* metres of room around it touches no wall on its way straight from a to b.
 
-        It is exact where ``open``, by cells, is too careful.
+        It is exact where ``open``, which works by cells, is too careful.
         """
         reach = self.radius_m + more_m
         return bool(swept_clearance(self.walls, [a_m], [b_m], reach + TOUCH_M)[0] >= reach)
@@ -81,8 +83,8 @@ class Ground:
     def way(self, start_m: Point, goal_m: Point) -> list[Point] | None:
         """Return the way points of a shortest way from *start_m* to *goal_m*, or None if none leads there.
 
-        The start is left out; the last is the goal itself, or, where nobody can stand there, the nearest place in its
-        sight where one can (see ``stands``). A start where nobody can stand has such a place as the first way point.
+        The start is left out; the last is the goal itself, or, where no robot can stand there, the nearest place in its
+        sight where one can (see ``stands``). If no robot can stand at the start, the first way point is such a place.
         """
         start, goal = self.stands(start_m), self.stands(goal_m)
         if start is None or goal is None:
@@ -140,14 +142,14 @@ class Ground:
 
     @cached_property
     def loops(self) -> PackedBoundary:
-        """The outlines of the walls for one who has no map, and only feels and sees them; grown by the radius."""
+        """The outlines of the walls, grown by the radius, for a member that has no map and only feels and sees them."""
         obstacles, enclosures = inflated(self.walls.walls_m, self.radius_m + TOUCH_M)
         return packed_boundary(boundary(obstacles, enclosures))
 
     def way_around(self, start_m: Point, goal_m: Point, bodies_m: Sequence[Point], room_m: float) -> list[Point] | None:
         """Return a way like ``way`` that keeps *room_m* metres from the middles of some bodies, or None.
 
-        It comes from a wavefront. A start or a goal within that room stays where it is if it can be left.
+        It comes from a wavefront. A start or a goal within that room is kept.
         """
         grid = self.grid
         start, goal = self.stands(start_m), self.stands(goal_m)
@@ -178,11 +180,11 @@ def ground(
     forbidden: Callable[[Floats], Bools] | None = None,
     most_corners: int = MOST_CORNERS,
 ) -> Ground:
-    """Return the ground of a floor, the same object if it has been asked for before.
+    """Return the ground of a floor; the same object if it has been made before.
 
     *walls_m* has the shape (n, 4); ``places_m["rooms"]`` are points in the middle of the rooms; *radius_m* is that of
     the bodies, *camera_m* how far from a post everything in sight is looked at, *cell_m* the side of the grid's cells.
-    *forbidden* says of points (n, 2) which are occupied or outside. Doors need to be wider than
+    *forbidden* returns for points (n, 2) which of them are occupied or outside. Doors need to be wider than
     2 radius + 2.42 cells, or there may be no way through. With *most_corners* 0 every way comes from a wavefront.
 
     Raise ValueError if a measure is not positive, no cell fits into the bounds, or no robot fits anywhere.
@@ -198,7 +200,7 @@ def ground(
 
 @dataclass(frozen=True)
 class _Solid:
-    """Where the floor is occupied; equal to another that says the same of a lattice (floors are read for every run)."""
+    """Where the floor is occupied; equal to another with the same answers, as floors are read for every run."""
 
     answers: bytes
     ask: Callable[[Floats], Bools] = field(compare=False)
@@ -209,7 +211,7 @@ def _nowhere(points_m: Floats) -> Bools:
 
 
 def _with_bounds(walls_m: Floats, bounds_m: tuple[float, float, float, float]) -> Floats:
-    """Return the walls and those sides of the floor that are not among them."""
+    """Return the walls together with those sides of the floor's bounds that are not among them."""
     x, y, x_max, y_max = bounds_m
     sides = ((x, y, x_max, y), (x_max, y, x_max, y_max), (x, y_max, x_max, y_max), (x, y, x, y_max))
     known = {(min(x1, x2), min(y1, y2), max(x1, x2), max(y1, y2)) for x1, y1, x2, y2 in walls_m.tolist()}
@@ -267,7 +269,7 @@ def _standing(
 
 
 def _without(grid: PlanningGrid, bodies_m: Sequence[Point], room_m: float, kept_m: Sequence[Point]) -> Bools:
-    """Return the free cells but for those whose centres lie within *room_m* of a body; those of *kept_m* are kept."""
+    """Return the free cells without those whose centres lie within *room_m* of a body; those of *kept_m* are kept."""
     (x, y), (ny, nx) = grid.origin_m, grid.free.shape
     xs, ys = x + (np.arange(nx) + 0.5) * grid.cell_m, y + (np.arange(ny) + 0.5) * grid.cell_m
     free = grid.free.copy()

@@ -1,9 +1,9 @@
-"""Posts: so few places that everything on the floor is seen from one of them, and the rooms that they belong to.
+"""Posts: as few places as possible from which the whole floor is seen, and the rooms that they belong to.
 
 This is an art gallery problem with a range. Candidates stand on a lattice in the free cells; of these the one that sees
 most of what no post sees yet becomes a post, again and again (the greedy set cover; V. Chvatal, Mathematics of
-Operations Research 4(3), 1979), room by room. What is looked at are the points of a lattice, and those along both sides
-of every wall. A finer lattice is looked at then, and what is missed there gets its posts too.
+Operations Research 4(3), 1979), room by room. To be seen are the points of a lattice, and points along both sides of
+every wall. Then a finer lattice is checked, and what is missed there gets posts of its own.
 """
 
 import math
@@ -19,17 +19,17 @@ from cosim.geometry.segments import SegmentGrid, clearance, in_sight
 from cosim.jit import njit
 
 DOORS_M: Final = 2.2
-"""Passages narrower than this divide rooms."""
+"""Width below which a passage divides rooms."""
 CANDIDATES: Final = 4.0
-"""Candidates are a camera's range divided by so much apart."""
+"""Camera range divided by the distance between candidates."""
 SMALL: Final = 16.0
-"""In a small room they are nearer: its side, if it were a square, divided by so much."""
+"""Side of a square as large as a room divided by the distance between candidates, where that is smaller."""
 SAMPLES: Final = 10.0
-"""And the points that they look at so much of it."""
+"""The same quotient for the points that are to be seen."""
 SHARE: Final = 0.95
-"""The first posts look so much of the range far, or points between their coarse lattice would ask for more posts."""
+"""Share of the range within which the first posts see; else points between their coarse lattice cost more posts."""
 BESIDE_M: Final = 1e-4
-"""So far from a wall are the points beside it."""
+"""Distance of the points beside a wall from it."""
 NONE: Final = -1
 
 
@@ -130,7 +130,7 @@ def posts_of(
 def _room_by_room(
     grid: PlanningGrid, walls: SegmentGrid, rooms: Int64s, inside: Bools, samples: Floats, of: Int64s, range_m: float
 ) -> list[int]:
-    """Return posts that see all *samples*, shape (n, 2), that candidates in the same room, of numbers *of*, see."""
+    """Return posts that see all *samples*, shape (n, 2), that candidates in the same room (numbers *of*) see."""
     posts: list[int] = []
     for room in np.unique(of).tolist():
         cells = np.flatnonzero(inside & (rooms == room))
@@ -165,7 +165,7 @@ def _centres(grid: PlanningGrid, cells: Sequence[int] | Int64s) -> Floats:
 
 
 def _in_order(grid: PlanningGrid, rooms: Int64s, posts: list[int]) -> list[int]:
-    """Return *posts* room by room, those of none at the end; in a room always to the nearest one next."""
+    """Return *posts* room by room, those outside rooms at the end; within a room in nearest-neighbour order."""
     ordered: list[int] = []
     for room in sorted({int(rooms.flat[post]) for post in posts}, key=lambda room: (room < 0, room)):
         left = [(*grid.centre_m(post), post) for post in sorted(set(posts)) if rooms.flat[post] == room]
@@ -205,7 +205,7 @@ def _views(walls: SegmentGrid, candidates: Floats, samples: Floats, reach: float
 
 @njit(cache=True)
 def _greedy(first: Int64s, member: Int64s, samples: int) -> Int64s:
-    """Return the candidates that see all that any of them sees; none of them is needless."""
+    """Return a subset of the candidates that sees all that any of them sees, without a superfluous one."""
     count = first.shape[0] - 1
     times = np.zeros(samples, np.int64)
     gain = first[1:] - first[:-1]
@@ -219,7 +219,7 @@ def _greedy(first: Int64s, member: Int64s, samples: int) -> Int64s:
             fresh = 0
             for slot in range(first[k], first[k + 1]):
                 fresh += times[member[slot]] == 0
-            gain[k] = fresh  # it never grows: who was worse than the best before need not be counted again
+            gain[k] = fresh  # gains never grow: a candidate that was worse than the best need not be counted again
             if fresh > most:
                 best, most = k, fresh
         if best < 0:

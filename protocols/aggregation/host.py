@@ -1,25 +1,22 @@
 """A host: leads its sub-team, gathers what the searchers report, and shares it with the other hosts.
 
-It lives on two deadlines: its next heartbeat, and the instant at which the next of the other hosts will have been
-silent for too long. News among hosts are not acknowledged: they are said with a few heartbeats after each change, and
-again whenever a heartbeat shows that its sender knows less. A host that has been rebooted remembers nothing (paper 002
-does not speak of that): the others tell it whom it led, and its searchers tell it all they know.
+It has two deadlines: its next heartbeat, and the instant at which the next of the other hosts will be suspected. Status
+broadcasts among hosts are not acknowledged: they are sent with a few heartbeats after each change, and again whenever a
+heartbeat shows that its sender knows less. A host that has been rebooted remembers nothing (paper 002 does not mention
+that): the other hosts send it its last members, and its searchers report everything again.
 """
 
 import math
 
 from cosim.geometry.planning import Point
-from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, Drains, LinkEvent, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
-from protocols.aggregation.counts import COUNTS
-from protocols.aggregation.driving import Driver
 from protocols.aggregation.events import AllKnown, HostSuspected, HostTrusted, TargetKnown
 from protocols.aggregation.findings import Findings
-from protocols.aggregation.frames import bitmap, posts_in, stamp
+from protocols.aggregation.frames import COUNTS, bitmap, posts_in, stamp
 from protocols.aggregation.itinerary import Itinerary
-from protocols.aggregation.leading import Work
 from protocols.aggregation.messages import (
     Finding,
     Heartbeat,
@@ -27,25 +24,25 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
-    News,
     Plans,
     Report,
+    Status,
     Stopped,
 )
 from protocols.aggregation.neighbours import Neighbours
 from protocols.aggregation.parameters import Parameters
+from protocols.aggregation.radio import SHORT, Radio
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.speech import SHORT, Speech
 from protocols.aggregation.strategies import Strategy
-from protocols.aggregation.subteam import SubTeam
-from protocols.aggregation.touring import Feet
+from protocols.aggregation.subteam import SubTeam, Work
+from protocols.aggregation.touring import Mover
 from protocols.detection.detectors import Detector, make_detector
 
 REPEATS = 3
-"""Broadcast news are said at so many heartbeats: nobody acknowledges them."""
+"""Number of heartbeats with which a status broadcast is repeated, as it is not acknowledged."""
 
 
-class Host:
+class Host(Drains):
     """The machine of a host."""
 
     def __init__(
@@ -53,14 +50,13 @@ class Host:
         parameters: Parameters,
         setup: Setup,
         me: Address,
-        strategy: Strategy,
-        work: Work,
-        feet: Feet,
+        mover: Mover,
         phase: Time,
         start: Time,
-        booted: bool,
+        rebooted: bool,
     ) -> None:
-        """Send the first heartbeat *phase* after *start*; having *booted* again, know of no members."""
+        """Send the first heartbeat *phase* after *start*; a host that was *rebooted* knows no members."""
+        super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
         self.findings = Findings()
@@ -69,25 +65,26 @@ class Host:
         self.setup = setup
         self._posts = len(setup.ground.posts_m)
         self._period = from_seconds(parameters.heartbeat_s)
-        self._events: list[Event] = []
-        self._commands: list[Command] = []
-        self._speech = Speech(me, self.counters, self._events)
+        self._radio = Radio(me, self.counters, self._outbox, self._events)
         others = [host for host in range(setup.hosts) if host != me]
         self.neighbours = Neighbours(others, self._period, self._watching, start)
         self._here: Point = setup.starts_m[me]
-        self._itinerary = Itinerary(parameters, me, strategy, self.neighbours, self._events, self._here, start)
-        self.team = SubTeam(
-            parameters, work, self.findings, self._speech, self._events, self.neighbours, self._itinerary
+        strategies = [Strategy(parameters, setup, host) for host in range(setup.hosts)]
+        work = Work(setup, me, [strategy.rally_m for strategy in strategies], parameters.strategy == "random")
+        self._itinerary = Itinerary(
+            parameters, me, strategies[me], mover, self.neighbours, self._events, self._here, start
         )
-        self._driver = Driver(feet)
+        self.team = SubTeam(
+            parameters, work, self.findings, self._radio, self._events, self.neighbours, self._itinerary
+        )
         self._beats = 0
         self._beat_at = self._deadline = start + phase
-        self._news_left = REPEATS
+        self._status_left = REPEATS
         self._plans_left = REPEATS
-        self._told = 0
-        """The version of the plans that are being told."""
-        self._lies_anywhere = booted
-        if not booted:
+        self._announced = 0
+        """Version of the plans that were announced last."""
+        self._unplaced = rebooted
+        if not rebooted:
             tours = self.team.begin(setup.searchers_of(me), parameters.strategy == "random", start)
             self._itinerary.depart(self._here, tours, start + from_seconds(parameters.muster_s))
 
@@ -95,45 +92,45 @@ class Host:
 
     @property
     def finished(self) -> bool:
-        """Whether the task is over, and all searchers of the sub-team have said that they have stopped."""
+        """True if the task is over and all searchers of the sub-team have reported that they have stopped."""
         return self.over and self.team.stopped
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a message of a searcher or of another host."""
-        heard = self._speech.hear(data, reception)
+        """Process a message of a searcher or of another host."""
+        heard = self._radio.receive(data, reception)
         if heard is None:
             return
         sender, message = heard
         if sender < self.setup.hosts:
-            self._hear_host(sender, message, now)
+            self._receive_from_host(sender, message, now)
         elif sender < self.setup.size:
-            self._hear_searcher(sender, message, now)
+            self._receive_from_searcher(sender, message, now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take no notice: what counts is said by robots, not by radios."""
+        """Ignore link events: the protocol relies on messages only."""
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Move on, and see whether it is time to meet."""
+        """Drive on, and begin or end a meeting when it is time."""
         here = observation.x_m, observation.y_m
         self.counters.moved(math.dist(here, self._here) if self.counters.ways_m else 0.0, now)
         self._here = here
-        if self._lies_anywhere:  # booted again: only now it knows where it is
-            self._lies_anywhere = False
+        if self._unplaced:  # rebooted: only now it knows where it is
+            self._unplaced = False
             self._itinerary.depart(here, (), now)
         if self._itinerary.due(now) and self._itinerary.reconvened(self.team.missing(), here, now):
-            self._news_left = REPEATS
-        command = self._driver.step(self._itinerary.course, observation, now)
+            self._status_left = REPEATS
+        command = self._itinerary.step(observation, now)
         if command is not None:
             self._commands.append(command)
 
     def wake(self, now: Time) -> None:
-        """Send a heartbeat if it is time; note who has been silent for too long."""
+        """Suspect hosts that have been silent for too long; send a heartbeat if it is time."""
         silent = self.neighbours.fall_silent(now)
         for host in silent:
-            self.counters.failures.append((host, self.counters.told(now)))
+            self.counters.failures.append((host, self.counters.true_time(now)))
             self._events.append(HostSuspected(host))
         if silent:
-            self._news_left = REPEATS
+            self._status_left = REPEATS
             if self.neighbours.alone():
                 self._itinerary.go_back(self._here, now)
         if now >= self._beat_at:
@@ -141,60 +138,43 @@ class Host:
         self._set_deadline()
 
     def wake_at(self) -> Time | None:
-        """Return when the next heartbeat, or the next suspicion, is due."""
+        """Return the instant of the next heartbeat or the next suspicion."""
         return self._deadline
-
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain messages."""
-        return self._speech.drain()
-
-    def commands(self) -> list[Command]:
-        """Drain motion commands."""
-        commands, self._commands = self._commands, []
-        return commands
-
-    def events(self) -> list[Event]:
-        """Drain rows for the trace."""
-        if not self._events:
-            return []
-        events = self._events.copy()
-        self._events.clear()
-        return events
 
     def _set_deadline(self) -> None:
         silence = self.neighbours.next_silence()
         self._deadline = self._beat_at if silence is None else min(self._beat_at, silence)
 
     def _watching(self, now: Time, began: Time) -> Detector:
-        """Return what watches another host from *now* on, whose count of heartbeats began at *began*."""
+        """Return a detector that watches from *now* on a host whose count of heartbeats began at *began*."""
         return make_detector(self.parameters.detector, self._period, now, began)
 
-    # ------------------------------------------------------------ what it says
+    # ------------------------------------------------------------ sending
 
     def _beat(self, now: Time) -> None:
-        """Tell everybody in reach of either radio that this host lives, and what has changed."""
+        """Broadcast a heartbeat by both radios, and what has changed."""
         self._beat_at += self._period * (1 + (now - self._beat_at) // self._period)
         self.team.forget(now)
         self._follow_searchers(now)
         if self.team.changed:
-            self.team.changed, self._news_left = False, REPEATS
+            self.team.changed, self._status_left = False, REPEATS
         ways = self._itinerary
-        if ways.version != self._told:
-            self._told, self._plans_left, self._news_left = ways.version, REPEATS, REPEATS
+        if ways.version != self._announced:
+            self._announced, self._plans_left, self._status_left = ways.version, REPEATS, REPEATS
         beat = self._heartbeat(now)
-        self._speech.say(beat)
+        self._radio.send(beat)
         if self._plans_left:
             self._plans_left -= 1
-            self._speech.say(self._plans())
+            self._radio.send(self._plans())
         if self.setup.hosts > 1:
-            if self.parameters.long_radio != SHORT:  # robots with one radio have said it already
-                self._speech.say(beat, radio=self.parameters.long_radio)
-            if self._news_left:
-                self._news_left -= 1
-                self._speech.say(self._news(), radio=self.parameters.long_radio)
+            if self.parameters.long_radio != SHORT:  # robots with one radio have sent it already
+                self._radio.send(beat, radio=self.parameters.long_radio)
+            if self._status_left:
+                self._status_left -= 1
+                self._radio.send(self._status(), radio=self.parameters.long_radio)
 
     def _follow_searchers(self, now: Time) -> None:
-        """At the end of a mobile integrator's way go amid the searchers' new tours, if all of them can be told."""
+        """Take a way amid the new tours at the end of a mobile integrator's way, if all searchers can be informed."""
         ways, ends_at = self._itinerary, self._itinerary.course.ends_at()
         over = ends_at is not None and now >= ends_at and not ways.astray
         if over and ways.integrates and self.team.reassigned and self.team.gathered(now):
@@ -211,20 +191,20 @@ class Host:
     def _plans(self) -> Plans:
         return Plans((self._itinerary.plan, *self.neighbours.plans()))
 
-    def _news(self) -> News:
-        members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roll.members.items()))
+    def _status(self) -> Status:
+        members = tuple((searcher, member.epoch) for searcher, member in sorted(self.team.roster.members.items()))
         visited = bitmap(self.findings.visited, self._posts)
-        return News(self.findings.all_targets(), visited, members, self._itinerary.plan)
+        return Status(self.findings.all_targets(), visited, members, self._itinerary.plan)
 
-    # ------------------------------------------------------------ what it hears
+    # ------------------------------------------------------------ receiving
 
-    def _hear_searcher(self, searcher: Address, message: Message, now: Time) -> None:
+    def _receive_from_searcher(self, searcher: Address, message: Message, now: Time) -> None:
         match message:
             case Hello():
                 self.team.hello(searcher, message, self.over, self._plans, now)
             case Report():
                 ours = self.team.report(searcher, message, now)
-                new = self._learn(searcher, message.targets, message.visited, now)  # whosever member it is
+                new = self._learn(searcher, message.targets, message.visited, now)  # whichever host's member it is
                 self.counters.reported += new if ours else 0
             case Join():
                 self.team.join(searcher, message, self.over, now)
@@ -233,50 +213,50 @@ class Host:
             case Stopped():
                 self.team.stop(searcher)
 
-    def _hear_host(self, host: Address, message: Message, now: Time) -> None:
+    def _receive_from_host(self, host: Address, message: Message, now: Time) -> None:
         match message:
             case Heartbeat():
-                self._hear_heartbeat(host, message, now)
-            case News(targets=targets, visited=visited, members=members, plan=plan):
+                self._take_heartbeat(host, message, now)
+            case Status(targets=targets, visited=visited, members=members, plan=plan):
                 if plan.host == self.me:
                     self.team.recall(members, now)
                 elif plan.host == host:
-                    if self.neighbours.told(host, message):
+                    if self.neighbours.take_status(host, message):
                         self._itinerary.renew()
                     self.team.claimed(members)
                 self._learn(host, targets, visited, now)
 
-    def _hear_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
-        if self.neighbours.heard(host, beat, now):
+    def _take_heartbeat(self, host: Address, beat: Heartbeat, now: Time) -> None:
+        if self.neighbours.take_heartbeat(host, beat, now):
             self._events.append(HostTrusted(host))
-            self._news_left = REPEATS
+            self._status_left = REPEATS
             self._remind(host)
         silent_at = self.neighbours.hosts[host].detector.suspects_at()
-        if silent_at is not None and silent_at < self._deadline:  # later ones are looked for at the next deadline
+        if silent_at is not None and silent_at < self._deadline:  # a later one is found at the next deadline
             self._deadline = max(silent_at, now)
         if beat.found < len(self.findings.targets) or beat.visited < len(self.findings.visited):
-            self._news_left = max(self._news_left, 1)
+            self._status_left = max(self._status_left, 1)
         if self._itinerary.astray and not self.neighbours.alone():
             self._itinerary.found_back(self._here, self.team.tours, now)
 
     def _remind(self, host: Address) -> None:
-        """Tell a host that may have been rebooted whom it led, as far as it has told."""
+        """Send a host that may have been rebooted its last members, as far as they are known."""
         one = self.neighbours.hosts[host]
         if one.plan is not None and one.members:
             visited = bitmap(self.findings.visited, self._posts)
-            news = News(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
-            self._speech.say(news, host, self.parameters.long_radio)
+            status = Status(self.findings.all_targets(), visited, tuple(sorted(one.members.items())), one.plan)
+            self._radio.send(status, host, self.parameters.long_radio)
 
     def _learn(self, source: Address, targets: tuple[Finding, ...], visited: bytes, now: Time) -> int:
-        """Add what *source* knows to the map, for the other hosts to hear; return how many targets are new."""
+        """Add the findings of *source*, to be sent to the other hosts; return the number of new targets."""
         wanted = len(self.setup.targets_m)
         new = self.findings.add(finding for finding in targets if finding.number < wanted)
         grown = self.findings.visit(post for post in posts_in(visited) if post < self._posts)
         if new or grown:
-            self._news_left = REPEATS
+            self._status_left = REPEATS
         self._events += [TargetKnown(finding.number, source) for finding in new]
         if not self.over and len(self.findings.targets) == wanted:
             self.over = True
-            self.counters.known_at = self.counters.told(now)
+            self.counters.known_at = self.counters.true_time(now)
             self._events.append(AllKnown(wanted))
         return len(new)

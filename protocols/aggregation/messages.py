@@ -1,7 +1,7 @@
-"""What the robots of a search team tell each other (paper 002, sections III to VI); ``frames`` puts it on the wire.
+"""The messages of a search team (paper 002, sections III to VI); ``frames`` encodes them.
 
-Of whom a message speaks is told by addresses, of what by the numbers of posts and targets, which mean the same to all.
-Stamps are whole ms since the start, mod 2**32; the clocks of the team are taken to be set alike.
+Robots are named by their addresses, posts and targets by their numbers, which mean the same to all robots. Stamps are
+whole ms since the start, mod 2**32; the clocks of the team are assumed to be synchronised.
 
 Equal tuples may be messages of different kinds, and one without fields is false: tell them apart by ``match`` or
 ``isinstance`` only.
@@ -22,52 +22,52 @@ class Finding(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A host's way as it is told: see ``protocols.aggregation.course`` for what it means."""
+    """A host's way as it is announced: see ``protocols.aggregation.course`` for what it means."""
 
     host: Address
     version: int
     departed_ms: int
-    """When the host leaves the first point, ms since the start, mod 2**32."""
+    """Instant at which the host leaves the first point, ms since the start, mod 2**32."""
     speed_mps: float
     way_m: tuple[Point, ...]
     """1 to 255 points: the starting point, way points, the goal."""
 
 
 class Heartbeat(NamedTuple):
-    """A host tells all who hear it that it lives, and what is newest with it (both radios)."""
+    """A host is alive; with its place and the versions of what it knows. Broadcast by both radios."""
 
     number: int
     stamp_ms: int
     x_m: float
     y_m: float
     round: int
-    """Which period of meeting it is."""
+    """Number of the present meeting period."""
     plan: int
     """Version of the host's plan."""
     found: int
-    """How many targets the host knows."""
+    """Number of targets that the host knows."""
     visited: int
-    """How many posts of its map are visited."""
+    """Number of visited posts on its map."""
     over: bool
-    """The task is done."""
+    """True if the task is done."""
     syncing: bool
-    """MRP: the host stands, and waits until all its searchers have reported."""
+    """MRP: True while the host stands and waits until all its searchers have reported."""
     astray: bool
-    """The host hears no other host, and heads for them."""
+    """True while the host receives no other host and heads for them."""
     silent: tuple[Address, ...]
-    """Hosts that this one holds for failed or out of reach."""
+    """Hosts that this one suspects."""
 
 
 class Plans(NamedTuple):
-    """A host tells its searchers its way, and then those of its neighbours: 1 to 255 plans."""
+    """From a host to its searchers: its own plan, then those of its neighbours; 1 to 255 plans."""
 
     plans: tuple[Plan, ...]
 
 
-class News(NamedTuple):
-    """A host tells the others its map, its members and its way; or one that was rebooted what its own last were.
+class Status(NamedTuple):
+    """A host's map, members and plan, broadcast to the other hosts; or sent to a rebooted host, its own last ones.
 
-    Whose members and way they are says the plan.
+    The plan's host is the one whose members they are.
     """
 
     targets: tuple[Finding, ...]
@@ -79,7 +79,7 @@ class News(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """A searcher tells its host that it is here, and what it last heard of it."""
+    """From a searcher to its host: it is here, and what it received last from the host."""
 
     epoch: int
     x_m: float
@@ -89,7 +89,7 @@ class Hello(NamedTuple):
 
 
 class Report(NamedTuple):
-    """A searcher brings its host what it found and where it has been."""
+    """From a searcher to its host: what it has found and where it has been."""
 
     number: int
     epoch: int
@@ -99,13 +99,13 @@ class Report(NamedTuple):
 
 
 class Receipt(NamedTuple):
-    """A host has the report of this number."""
+    """From a host: the report of this number has been received."""
 
     number: int
 
 
 class Assign(NamedTuple):
-    """A host gives a searcher the posts to visit, in this order."""
+    """From a host to a searcher: the posts to visit, in this order."""
 
     epoch: int
     number: int
@@ -113,7 +113,7 @@ class Assign(NamedTuple):
 
 
 class Join(NamedTuple):
-    """A searcher asks a host to take it in."""
+    """From a searcher to a host: a request to join its sub-team."""
 
     epoch: int
     x_m: float
@@ -121,25 +121,25 @@ class Join(NamedTuple):
 
 
 class Confirm(NamedTuple):
-    """A host has taken the searcher in."""
+    """From a host: the searcher is a member now."""
 
     epoch: int
 
 
 class Leave(NamedTuple):
-    """A searcher leaves its host for another."""
+    """From a searcher to a host that it has left, or from a host that does not have it as a member."""
 
     epoch: int
 
 
 class Stop(NamedTuple):
-    """The hosts know every target: stop searching."""
+    """From a host: all targets are known, stop searching."""
 
 
 class Stopped(NamedTuple):
-    """The searcher has stopped."""
+    """From a searcher: it has stopped."""
 
 
 Message: TypeAlias = (
-    Heartbeat | Plans | News | Hello | Report | Receipt | Assign | Join | Confirm | Leave | Stop | Stopped
+    Heartbeat | Plans | Status | Hello | Report | Receipt | Assign | Join | Confirm | Leave | Stop | Stopped
 )

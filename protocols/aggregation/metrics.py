@@ -1,20 +1,23 @@
 """The metrics of aggregation: how long the search took, what it cost, and how long it went on after its end.
 
-The task ends when every host that lives to see the end of the run knows all targets. A search that has not ended counts
-as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. All lives of
-a robot that has been rebooted count; a suspicion of a host that was down is neither false nor the detection of a death.
-Instants are told by ticks, so that a clock that a fault steps does not matter.
+The task ends when every host that is alive at the end of the run knows all targets. A search that has not ended counts
+as long as the run was, as in the paper (section VII.B). The energy of driving is proportional to the way. All
+incarnations of a robot count; a suspicion of a host that was down is neither false nor the detection of a death.
+Instants are counted by ticks, so that a clock that a fault steps does not matter.
 """
 
 import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from cosim.protocol import Metric
+from cosim.arrays import Floats
+from cosim.machine import Address
+from cosim.protocol import Death, Metric, Referee
 from cosim.units import Time, to_seconds
 from protocols.aggregation.counters import Counters
 from protocols.aggregation.host import Host
 from protocols.aggregation.searcher import Searcher
+from protocols.aggregation.setup import Setup
 
 Team: TypeAlias = Sequence[Host | Searcher]
 
@@ -36,13 +39,13 @@ METRICS = (
     Metric("detection_time_s", "s", "from a host's death until another host suspects it, mean; NaN if none died"),
     Metric("rejoin_time_s", "s", "from a host's death until one of its searchers was in another team, mean; or NaN"),
     Metric("false_suspicions", "1", "times that a host suspected another that lived"),
-    Metric("false_failures", "1", "times that a searcher took a host for failed that lived"),
+    Metric("false_failures", "1", "times that a searcher suspected a host that lived"),
     Metric("hosts_alive", "1", "hosts that no fault has killed"),
 )
 
 
 def measure(machines: Team) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics of all machines, but for the referee's."""
     end = max(machine.counters.last_tick for machine in machines)
     living = [machine for machine in machines if machine.counters.last_tick == end]
     hosts = [machine for machine in living if isinstance(machine, Host)]
@@ -50,7 +53,7 @@ def measure(machines: Team) -> dict[str, float]:
     known = [host.counters.known_at for host in hosts]
     stopped = [searcher.counters.stopped_at for searcher in searchers]
     task_end = _last(known, end)
-    counters = [life for machine in machines for life in machine.counters.lives()]
+    counters = [each for machine in machines for each in machine.counters.incarnations()]
     way_m = sum(record.ways_m[-1] for record in counters if record.ways_m)
     joules_a_metre = machines[0].parameters.motion_j_per_m
     radio_j = sum(record.radio_j for record in counters)
@@ -82,7 +85,7 @@ def _last(instants: Sequence[Time | None], end: Time) -> Time:
 
 
 def _way_after(record: Counters, task_end: Time) -> float:
-    """Return how far a robot has gone, in one of its lives, since the first tick after *task_end*."""
+    """Return how far a robot has gone, in one of its incarnations, since the first tick after *task_end*."""
     ways_m = record.ways_m
     if not ways_m:
         return 0.0
@@ -91,25 +94,25 @@ def _way_after(record: Counters, task_end: Time) -> float:
 
 
 def _rejoin_time_s(machines: Team, end: Time) -> float:
-    """Return how long it took the first searchers of dead hosts to be taken in by others, those that were."""
+    """Return the mean time from a host's death until its searchers were taken in by others, of those that were."""
     delays = []
     for machine in machines:
         if isinstance(machine, Searcher):
             death = machines[machine.setup.host_of(machine.me)].counters.last_tick
-            joins = [at for life in machine.counters.lives() for at in life.joins]
+            joins = [at for each in machine.counters.incarnations() for at in each.joins]
             after = [at - death for at in joins if death < end and at >= death]
             delays += [to_seconds(min(after))] if after else []
     return sum(delays) / len(delays) if delays else math.nan
 
 
 def _suspicions(machines: Team, end: Time) -> dict[str, float]:
-    """Return how long hosts took to miss the dead among them, and how often who missed the living."""
+    """Return how long hosts took to suspect the dead among them, and how often living ones were suspected, by whom."""
     delays: list[float] = []
     wrong = {Host: 0, Searcher: 0}
     for machine in machines:
-        for host, at in (failure for life in machine.counters.lives() for failure in life.failures):
+        for host, at in (failure for each in machine.counters.incarnations() for failure in each.failures):
             watched = machines[host].counters
-            if any(life.begun <= at < life.last_tick + life.tick for life in watched.lives()):
+            if any(each.begun <= at < each.last_tick + each.tick for each in watched.incarnations()):
                 wrong[type(machine)] += 1
             elif watched.last_tick < end and at >= watched.last_tick and isinstance(machine, Host):
                 delays.append(to_seconds(at - watched.last_tick))
@@ -119,3 +122,26 @@ def _suspicions(machines: Team, end: Time) -> dict[str, float]:
         "false_suspicions": float(wrong[Host]),
         "false_failures": float(wrong[Searcher]),
     }
+
+
+class SearchReferee(Referee):
+    """The truth about a search: which robots are dead. All else depends on what hosts know, which no body shows.
+
+    A run goes on until all living robots have stopped, no host lives any more, or its time is over.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._hosts = setup.hosts
+        self._dead: set[Address] = set()
+
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
+        """Return True if no host is alive: then no robot can be sent a stop."""
+        return all(host in self._dead for host in range(self._hosts))
+
+    def died(self, death: Death) -> None:
+        """Note a death."""
+        self._dead.add(death.robot)
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return the number of living hosts."""
+        return {"hosts_alive": float(self._hosts - sum(host in self._dead for host in range(self._hosts)))}

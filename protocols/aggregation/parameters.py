@@ -5,16 +5,35 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from cosim.settings import FARTHEST_M, Bounded, Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
-from protocols.aggregation.walking_parameters import WalkingParameters
 from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings
 
 Reach: TypeAlias = Annotated[float, Bounded(0.1, FARTHEST_M)]
-"""How far a camera recognises something: the floor is divided into what is seen from its posts."""
+"""Range within which a camera recognises something: the floor is divided into what is seen from its posts."""
 StrategyName: TypeAlias = Literal["srp", "mrp", "mi", "mito", "random"]
 
 
+class WalkingParameters(Settings):
+    """How a robot follows its ways, and how it gets past others. Times are longer for robots that are slow."""
+
+    arrival_m: Metres = Field(default=0.3, gt=0, description="m, a goal as near as this is reached")
+    pass_m: Metres = Field(
+        default=0.3, gt=0, description="m, from a way point as near as this a robot goes on to the next, if it sees it"
+    )
+    near_m: Metres = Field(default=1.5, gt=0, description="m, a robot ahead that is nearer than this is steered round")
+    clear_ticks: Count = Field(default=10, ge=1, description="ticks for which the way must be clear before VFH+ ends")
+    patience_s: Seconds = Field(default=4.0, gt=0, description="s without progress after which a robot is stuck")
+    pause_s: Seconds = Field(
+        default=2.0, gt=0, description="s for which it waits for another at first; doubled with failed attempts"
+    )
+    off_way_m: Metres = Field(default=1.0, gt=0, description="m, a robot farther off its way than this plans again")
+    safety_m: Metres = Field(default=0.1, ge=0, le=100, description="m, distance that VFH+ keeps from walls and bodies")
+    window_m: Metres = Field(default=1.5, gt=0, description="m, radius of the active window of VFH+")
+    leg_m: Metres = Field(default=20.0, gt=0, description="m, longest straight piece of random motion")
+    sight_m: Metres = Field(default=5.0, gt=0, description="m, how far members without a map see walls")
+
+
 class Parameters(Settings):
-    """What all robots of a run have been told: who leads whom, how they aggregate, and when they take whom for failed.
+    """What all robots of a run have in common: the hosts, how they aggregate, and when they suspect each other.
 
     The first *hosts* robots are hosts, the others searchers: searcher k begins in the sub-team of host k mod hosts.
     """
@@ -24,7 +43,7 @@ class Parameters(Settings):
     )
     hosts: Count = Field(default=1, ge=1, description="the first so many robots lead a sub-team each")
     humans: tuple[Count, ...] = Field(
-        default=(), description="searchers who are people: they have no planner, and go by what they see"
+        default=(), description="searchers that are people: they have no planner and go by what they see"
     )
     strays: tuple[Count, ...] = Field(
         default=(), description="hosts whose way is not kept within reach of the others (the paper's second case)"
@@ -62,9 +81,7 @@ class Parameters(Settings):
     )
     walking: WalkingParameters = WalkingParameters()
 
-    muster_s: Seconds = Field(
-        default=3.0, gt=0, description="s, for telling everybody the first plan, before hosts depart"
-    )
+    muster_s: Seconds = Field(default=3.0, gt=0, description="s, for announcing the first plan before hosts depart")
     reconvene_s: Seconds = Field(default=150.0, gt=0, description="s, MRP: from a host's departure until it stops")
     rounds: Count = Field(default=4, ge=1, description="MRP: reconvening points on a host's way to the far end")
     way_out: Literal["far", "exit"] = Field(
@@ -82,26 +99,26 @@ class Parameters(Settings):
         description="MITO: time-out, s a square metre of floor over the number of targets; ways there and back fit in",
     )
     interception_rounds: Count = Field(
-        default=1, ge=0, description="how often the meeting with a moving host is foretold anew; 0: go where it is now"
+        default=1, ge=0, description="rounds of predicting where to meet a moving host; 0: go where it is now"
     )
 
     heartbeat_s: Period = Field(default=1.0, gt=0, description="s, from one heartbeat of a host to the next")
     fresh_s: Seconds = Field(default=2.5, gt=0, description="s, so long after its heartbeat a host is in contact")
     detector: DetectorSettings = Field(
-        default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts tell that another is gone"
+        default=FixedTimeoutSettings(timeout_s=5.0), description="how hosts detect that another has failed"
     )
     suspect_s: Seconds = Field(
         default=10.0,
         gt=0,
-        description="s without a heartbeat close by, after which a searcher gives its host up",
+        description="s without a heartbeat, close to the host's place, after which a searcher suspects its host",
     )
     meet_s: Seconds = Field(
-        default=300.0, gt=0, description="s without a heartbeat on the way to it, after which it does so as well"
+        default=300.0, gt=0, description="s without a heartbeat on the way to it, after which it suspects it as well"
     )
     close_share: float = Field(
-        default=0.5, gt=0, le=1, description="close by is who is nearer to a host's place than this share of short_m"
+        default=0.5, gt=0, le=1, description="share of short_m within which a searcher is close to a host's place"
     )
-    lost_s: Seconds = Field(default=900.0, gt=0, description="s of silence after which a host does without a searcher")
+    lost_s: Seconds = Field(default=900.0, gt=0, description="s of silence after which a host removes a searcher")
 
     motion_j_per_m: Rate = Field(default=20.0, ge=0, description="J, energy of driving a metre")
 
@@ -122,11 +139,11 @@ class Parameters(Settings):
 
     @property
     def least_camera_m(self) -> float:
-        """How far all members recognise a target, metres."""
+        """Range within which all members recognise a target, metres."""
         return min(self.camera_m, self.human_camera_m or self.camera_m)
 
     def of(self, robot: int) -> "Parameters":
-        """Return what holds for one robot: as ``camera_m`` and ``vision_m`` a person has those of people."""
+        """Return the parameters of one robot: a person has the ``camera_m`` and ``vision_m`` of people."""
         if robot not in self.humans:
             return self
         sight = {"camera_m": self.human_camera_m, "vision_m": self.human_vision_m}

@@ -1,26 +1,27 @@
-"""A searcher: visits the posts that its host has given it, and sees to it that its host learns what it finds.
+"""A searcher: visits the posts that its host has given it, and reports to its host what it finds.
 
-At each tick it looks around, decides what it is about (see ``errands``), and walks. In contact with its host, which is
-for ``fresh_s`` after each of its heartbeats, it answers them: with what the host does not know yet, and with what it
-has itself, so that the host sends what it lacks. One that lacks nothing says only now and then that it lives.
+At each tick it looks around, finds its state by ``TABLE``, and walks. In contact with its host, that is for ``fresh_s``
+after each of the host's heartbeats, it answers the heartbeats: with what the host does not know yet, and with what it
+has itself, so that the host sends what it lacks. One that lacks nothing sends a Hello only now and then.
 
 Paper 002 contradicts itself on SRP: by section III.A a searcher goes to the rally point with its first find, by VII.B
 finds wait for "the static integration time"; ``report`` chooses. Either way it stops where the radio connects, and goes
-on with what is left of its tour once it has a receipt; only who has nothing left waits there.
+on with what is left of its tour once it has a receipt; a searcher that has nothing left waits there.
 """
 
 import math
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Final
 
 from cosim.geometry.planning import Point
-from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import Address, Command, Drains, LinkEvent, Reception, next_state
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.aggregation.counters import Counters
-from protocols.aggregation.errands import Errand, Turn, next_errand
 from protocols.aggregation.events import ErrandChanged, HostFailed, Joined, TargetFound
-from protocols.aggregation.findings import Camera, Findings
-from protocols.aggregation.lives import Life
-from protocols.aggregation.membership import Membership
+from protocols.aggregation.findings import Camera, Findings, Reports
+from protocols.aggregation.frames import CLOCK_MS
 from protocols.aggregation.messages import (
     Assign,
     Confirm,
@@ -35,39 +36,109 @@ from protocols.aggregation.messages import (
     Stopped,
 )
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.pursuit import Pursuit
-from protocols.aggregation.reports import Reports
+from protocols.aggregation.radio import Radio
+from protocols.aggregation.rendezvous import Rendezvous
+from protocols.aggregation.roster import Membership
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.speech import Speech
-from protocols.aggregation.touring import Legs
+from protocols.aggregation.touring import Motion
+from protocols.detection.incarnations import Incarnation
 
 GREETING_BEATS = 5
-"""A searcher that lacks nothing says hello at every so many heartbeats."""
+"""Number of heartbeats after which a searcher that lacks nothing sends a Hello."""
 
 
-class Searcher:
-    """The machine of a searcher. It lives on observations and on what it hears, and has no deadlines."""
+class State(StrEnum):
+    """What a searcher is doing."""
+
+    SEARCH = "search"
+    """Visit the posts of its tour, or walk at random."""
+    MEET = "meet"
+    """Get into radio contact with its host, and report."""
+    WAIT = "wait"
+    """Stay in contact, until there is something to do."""
+    CHANGE = "change"
+    """Find another host, and join its sub-team."""
+    STOP = "stop"
+    """The task is over."""
+
+
+class Input(StrEnum):
+    """What happens to a searcher and may change its state.
+
+    Which inputs occur depends on the strategy: only a finder of the mobile integrator meets its host, the mobile rally
+    point calls all searchers when its period is over, a time-out calls those that have been alone for long.
+    """
+
+    FOUND = "found"
+    """It has found a target that its host does not know, and is to report it at once."""
+    DONE = "done"
+    """Its tour is finished."""
+    DUE = "due"
+    """The time to meet has come: the period's end, or the time-out."""
+    TOLD = "told"
+    """The host has all its reports, and there is work left."""
+    IDLE = "idle"
+    """The host has all its reports, and there is no work before the host assigns some."""
+    WORK = "work"
+    """There is work again."""
+    ALONE = "alone"
+    """Out of contact while it should wait."""
+    FAILED = "failed"
+    """It suspects its host."""
+    JOINED = "joined"
+    """Another host has confirmed."""
+    HEARD = "heard"
+    """The host that it had given up is there after all."""
+    OVER = "over"
+    """A host has reported that all targets are known."""
+
+
+_S, _M, _W, _C = State.SEARCH, State.MEET, State.WAIT, State.CHANGE
+
+TABLE: Final = MappingProxyType(
+    {
+        (_S, Input.FOUND): (None, _M),
+        (_S, Input.DONE): (None, _M),
+        (_S, Input.DUE): (None, _M),
+        (_S, Input.JOINED): (None, _S),
+        (_M, Input.TOLD): (None, _S),
+        (_M, Input.IDLE): (None, _W),
+        (_M, Input.FAILED): (None, _C),
+        (_M, Input.JOINED): (None, _M),
+        (_W, Input.WORK): (None, _S),
+        (_W, Input.ALONE): (None, _M),
+        (_W, Input.JOINED): (None, _W),
+        (_C, Input.JOINED): (None, _M),
+        (_C, Input.HEARD): (None, _M),
+        (_C, Input.FAILED): (None, _C),
+        **{(state, Input.OVER): (None, State.STOP) for state in State},
+    }
+)
+"""(state, input) -> (None, next state), for all strategies."""
+
+
+class Searcher(Drains):
+    """The machine of a searcher. It acts on observations and on messages, and has no deadlines."""
 
     def __init__(
-        self, parameters: Parameters, setup: Setup, me: Address, legs: Legs, start: Time, booted: bool
+        self, parameters: Parameters, setup: Setup, me: Address, motion: Motion, start: Time, rebooted: bool
     ) -> None:
-        """Begin in the sub-team that everybody knows, or, having *booted* again, in none."""
+        """Begin in the sub-team that all robots know; a searcher that was *rebooted* begins in none."""
+        super().__init__()
         self.me = me
         self.counters = Counters(setup.tick)
         self.findings = Findings()
         self.parameters = parameters
         self.setup = setup
-        self.errand = Errand.WAIT
-        self.membership = Membership(None if booted else setup.host_of(me), 0)
-        self._events: list[Event] = []
-        self._commands: list[Command] = []
-        self._speech = Speech(me, self.counters, self._events)
+        self.state = State.WAIT
+        self.membership = Membership(None if rebooted else setup.host_of(me), 0)
+        self._radio = Radio(me, self.counters, self._outbox, self._events)
         self._reports = Reports(self.findings, len(setup.ground.posts_m))
         self._camera = Camera(setup.targets_m, parameters.camera_m)
-        self._legs = legs
+        self._motion = motion
         self._posts = len(setup.ground.posts_m)
         self._hosts = setup.hosts
-        self._pursuit = Pursuit(parameters, self.membership, legs, setup.speeds_mps[me])
+        self._rendezvous = Rendezvous(parameters, self.membership, motion, setup.speeds_mps[me])
         self._fresh = from_seconds(parameters.fresh_s)
         self._lost = from_seconds(parameters.lost_s)
         self._muster = start + from_seconds(parameters.muster_s)
@@ -75,11 +146,11 @@ class Searcher:
         self._reconvene = from_seconds(parameters.reconvene_s)
         self._assignment = 0
         self._heard = start
-        """When the own host was heard last; at the start all are in contact."""
-        self._life = Life(from_seconds(parameters.heartbeat_s))
+        """Instant of the own host's last heartbeat; at the start all are in contact."""
+        self._incarnation = Incarnation(from_seconds(parameters.heartbeat_s), CLOCK_MS)
         self._greeting = from_seconds(GREETING_BEATS * parameters.heartbeat_s)
         self._greeted = start - self._greeting
-        """When it has said hello to it last."""
+        """Instant of the last Hello."""
         self._here: Point | None = None
         self._over = False
 
@@ -87,17 +158,17 @@ class Searcher:
 
     @property
     def finished(self) -> bool:
-        """Whether it has been told that the task is over."""
+        """True if it has received that the task is over."""
         return self._over
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a message of a host; others mean nothing to a searcher."""
-        heard = self._speech.hear(data, reception)
+        """Process a message of a host; ignore those of other searchers."""
+        heard = self._radio.receive(data, reception)
         if heard is None or heard[0] >= self._hosts:
             return
         sender, message = heard
         if sender == self.membership.host:
-            self._listen(message, now)
+            self._receive_from_host(message, now)
         match message:
             case Heartbeat():
                 self._answer(sender, message, now)
@@ -108,15 +179,15 @@ class Searcher:
             case Stop():
                 self._stop(sender, now)
 
-    def _listen(self, message: Message, now: Time) -> None:
-        """Take what only the own host may say."""
+    def _receive_from_host(self, message: Message, now: Time) -> None:
+        """Process what only the own host may send."""
         match message:
             case Heartbeat():
                 self.counters.contacts += now - self._heard > self._fresh
                 self._heard = now
-                if self._life.anew(message):
-                    self._tell_anew()
-                self._pursuit.heard(now)
+                if self._incarnation.is_new(message.number, message.stamp_ms):
+                    self._start_over()
+                self._rendezvous.heard(now)
             case Leave(epoch=epoch) if epoch == self.membership.epoch:
                 self.membership.host = None
             case Receipt(number=number):
@@ -124,10 +195,10 @@ class Searcher:
             case Assign(epoch=epoch, number=number, posts=posts) if epoch == self.membership.epoch:
                 self._assignment = number
                 todo = [post for post in posts if post < self._posts and post not in self.findings.visited]
-                self._legs.assign(todo)
+                self._motion.assign(todo)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take no notice: what counts is said by hosts, not by radios."""
+        """Ignore link events: the protocol relies on messages only."""
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Look around, decide, and walk."""
@@ -136,11 +207,11 @@ class Searcher:
         self._here = here
         for finding in self.findings.add(self._camera.look(observation, self.findings)):
             self._events.append(TargetFound(*finding))
-        if self._legs.reached is not None:
-            (seen,) = observation.sees([here])  # not if a fault has switched the camera off
+        if self._motion.reached is not None:
+            (seen,) = observation.sees([here])  # False if a fault has switched the camera off
             if seen:
-                self.findings.visit((self._legs.reached,))
-            self._legs.next(seen)
+                self.findings.visit((self._motion.reached,))
+            self._motion.next(seen)
         if not self._over:
             self._decide(observation, now)
         command = self._walk(observation, now)
@@ -154,68 +225,52 @@ class Searcher:
         """Return None."""
         return None
 
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain messages."""
-        return self._speech.drain()
-
-    def commands(self) -> list[Command]:
-        """Drain motion commands."""
-        commands, self._commands = self._commands, []
-        return commands
-
-    def events(self) -> list[Event]:
-        """Drain rows for the trace."""
-        if not self._events:
-            return []
-        events = self._events.copy()
-        self._events.clear()
-        return events
-
-    # ------------------------------------------------------------ talking
+    # ------------------------------------------------------------ sending
 
     def _answer(self, host: Address, beat: Heartbeat, now: Time) -> None:
-        """Answer a heartbeat: the own host's with what is new, another's if it is wanted, or was left."""
-        if self._here is None:  # just booted: it does not know where it is
+        """Answer a heartbeat: the own host's with a report and a Hello, another's with a Leave or a Join."""
+        if self._here is None:  # just rebooted: it does not know where it is
             return
         ours = self.membership
         if host == ours.host:
             if self._reports.pending and not self._over:
-                self._speech.say(self._reports.make(ours.epoch), host)
-            lacks = self._legs.done or beat.plan != ours.plans or beat.syncing or beat.over
+                self._radio.send(self._reports.make(ours.epoch), host)
+            lacks = self._motion.done or beat.plan != ours.plans or beat.syncing or beat.over
             if lacks or now - self._greeted >= self._greeting:
                 self._greeted = now
-                self._speech.say(Hello(ours.epoch, *self._here, self._assignment, ours.plans), host)
+                self._radio.send(Hello(ours.epoch, *self._here, self._assignment, ours.plans), host)
             return
         if ours.leaves(host):
-            self._speech.say(Leave(ours.epoch), host)
-        forgotten = now - self._heard > self._lost  # for so long that its host has struck it off
+            self._radio.send(Leave(ours.epoch), host)
+        forgotten = now - self._heard > self._lost  # its host has removed it by now
         orphaned = ours.host is None or forgotten or (ours.host in beat.silent and not self._in_contact(now))
-        if not self._over and (self.errand is Errand.CHANGE or orphaned or beat.over):
-            self._speech.say(Join(ours.ask(host, now), *self._here), host)
+        if not self._over and (self.state is State.CHANGE or orphaned or beat.over):
+            self._radio.send(Join(ours.ask(host, now), *self._here), host)
 
     def _confirmed(self, host: Address, epoch: int, now: Time) -> None:
         if not self.membership.confirmed(host, epoch):
             return
-        self.counters.joins.append(self.counters.told(now))
+        self.counters.joins.append(self.counters.true_time(now))
         self._events.append(Joined(host, epoch))
-        self._heard, self._life = now, Life(from_seconds(self.parameters.heartbeat_s))
-        self._tell_anew()
-        self._pursuit.joined()
+        self._heard = now
+        self._incarnation = Incarnation(from_seconds(self.parameters.heartbeat_s), CLOCK_MS)
+        self._start_over()
+        self._rendezvous.joined()
         if not self._over:
-            self._follow(Turn.JOINED, now)
+            self._follow(Input.JOINED, now)
 
-    def _tell_anew(self) -> None:
-        """Tell the host everything, and have it tell everything."""
-        self._reports.anew()
+    def _start_over(self) -> None:
+        """Exchange everything with the host again: report all, and have it send all."""
+        self._reports.reset()
         self._assignment = self.membership.plans = 0
 
     def _stop(self, host: Address, now: Time) -> None:
-        """Stop, and say so, however often it is asked."""
-        self._speech.say(Stopped(), host)
+        """Stop, and confirm each request to do so."""
+        self._radio.send(Stopped(), host)
         if not self._over:
             self._over = True
-            self.counters.stopped_at = self.counters.told(now)
-            self._follow(Turn.OVER, now)
+            self.counters.stopped_at = self.counters.true_time(now)
+            self._follow(Input.OVER, now)
 
     # ------------------------------------------------------------ deciding
 
@@ -223,7 +278,7 @@ class Searcher:
         return self.membership.host is not None and now - self._heard <= self._fresh
 
     def _due(self, now: Time) -> bool:
-        """Return whether it is time to meet the host, whatever has been found."""
+        """Return whether it is time to meet the host, with or without findings."""
         match self.parameters.strategy:
             case "mito":
                 return now - self._heard > self._timeout
@@ -233,63 +288,64 @@ class Searcher:
         return False
 
     def _decide(self, observation: Observation, now: Time) -> None:
-        """Find out whether something has happened that makes the robot do something else."""
-        match self.errand:
-            case Errand.SEARCH:
-                turn = self._turn_of_search(now)
-            case Errand.MEET:
-                turn = self._turn_of_meeting(observation, now)
-            case Errand.WAIT:
-                turn = self._turn_of_waiting(now)
+        """Find the input of this tick, if there is one, and follow it."""
+        match self.state:
+            case State.SEARCH:
+                event = self._input_of_search(now)
+            case State.MEET:
+                event = self._input_of_meeting(observation, now)
+            case State.WAIT:
+                event = self._input_of_waiting(now)
             case _:
-                turn = self._turn_of_change(observation, now)
-        if turn is not None:
-            self._follow(turn, now)
+                event = self._input_of_change(observation, now)
+        if event is not None:
+            self._follow(event, now)
 
-    def _turn_of_search(self, now: Time) -> Turn | None:
+    def _input_of_search(self, now: Time) -> Input | None:
         if self._due(now):
-            return Turn.DUE
+            return Input.DUE
         strategy = self.parameters.strategy
         tells = strategy in ("mi", "mito", "random") or (strategy == "srp" and self.parameters.report == "first")
         if tells and self._reports.finds and not self._in_contact(now):
-            return Turn.FOUND
-        return Turn.DONE if self._legs.done else None
+            return Input.FOUND
+        return Input.DONE if self._motion.done else None
 
-    def _turn_of_meeting(self, observation: Observation, now: Time) -> Turn | None:
+    def _input_of_meeting(self, observation: Observation, now: Time) -> Input | None:
         if self._in_contact(now):
             if self._reports.pending:
                 return None
-            return Turn.IDLE if self._legs.done or self._due(now) else Turn.TOLD
-        return Turn.FAILED if self._pursuit.failed(observation, now) else None
+            return Input.IDLE if self._motion.done or self._due(now) else Input.TOLD
+        return Input.FAILED if self._rendezvous.failed(observation, now) else None
 
-    def _turn_of_waiting(self, now: Time) -> Turn | None:
+    def _input_of_waiting(self, now: Time) -> Input | None:
         if not self._in_contact(now):
-            return Turn.ALONE
-        return None if self._legs.done or self._due(now) or now < self._muster else Turn.WORK
+            return Input.ALONE
+        return None if self._motion.done or self._due(now) or now < self._muster else Input.WORK
 
-    def _turn_of_change(self, observation: Observation, now: Time) -> Turn | None:
+    def _input_of_change(self, observation: Observation, now: Time) -> Input | None:
         if self._in_contact(now):
-            return Turn.HEARD
-        return Turn.FAILED if self._pursuit.failed(observation, now) else None
+            return Input.HEARD
+        return Input.FAILED if self._rendezvous.failed(observation, now) else None
 
-    def _follow(self, turn: Turn, now: Time) -> None:
-        """Change the errand, and begin what it demands."""
-        if turn is Turn.FAILED and self._pursuit.host is not None:
-            self.counters.failures.append((self._pursuit.host, self.counters.told(now)))
-            self._events.append(HostFailed(self._pursuit.host))
-        before, self.errand = self.errand, next_errand(self.errand, turn)
-        if self.errand is not before or turn is Turn.FAILED:
-            self._events.append(ErrandChanged(self.errand.value, turn.value))
-        if self.errand is Errand.MEET:
-            self._pursuit.to_own_host(now)
-        elif self.errand is Errand.CHANGE:
-            self._pursuit.to_another(now)
+    def _follow(self, event: Input, now: Time) -> None:
+        """Change the state, and begin what it demands."""
+        if event is Input.FAILED and self._rendezvous.host is not None:
+            self.counters.failures.append((self._rendezvous.host, self.counters.true_time(now)))
+            self._events.append(HostFailed(self._rendezvous.host))
+        before = self.state
+        _, self.state = next_state(TABLE, before, event)
+        if self.state is not before or event is Input.FAILED:
+            self._events.append(ErrandChanged(self.state.value, event.value))
+        if self.state is State.MEET:
+            self._rendezvous.to_own_host(now)
+        elif self.state is State.CHANGE:
+            self._rendezvous.to_another(now)
 
     # ------------------------------------------------------------ walking
 
     def _walk(self, observation: Observation, now: Time) -> Command | None:
-        if self.errand is Errand.SEARCH:
-            return self._legs.search(observation)
-        if self.errand in (Errand.MEET, Errand.CHANGE) and not self._in_contact(now):
-            return self._pursuit.step(observation, now)
-        return self._legs.stand(observation)
+        if self.state is State.SEARCH:
+            return self._motion.search(observation)
+        if self.state in (State.MEET, State.CHANGE) and not self._in_contact(now):
+            return self._rendezvous.step(observation, now)
+        return self._motion.stand(observation)

@@ -1,6 +1,6 @@
-"""What all machines of a run know beforehand: the floor, the posts, who leads whom; and where the targets are.
+"""What all machines of a run know beforehand: the floor, the posts, the first sub-teams; and where the targets are.
 
-Where the targets are serves a robot's camera alone, which has to be asked about places: no decision rests on it.
+The places of the targets serve only the robots' cameras: no decision rests on them.
 """
 
 from dataclasses import dataclass
@@ -12,33 +12,33 @@ from cosim.units import Time
 from protocols.aggregation.ground import Ground
 
 Tours: TypeAlias = tuple[tuple[int, ...], ...]
-"""The posts that each of several searchers is to visit, in order."""
+"""For each of several searchers, the posts that it is to visit, in order."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """The same for all machines of a run. Lengths in metres."""
+    """Static knowledge, the same for all machines of a run. Lengths in metres."""
 
     size: int
     hosts: int
     tick: Time
     ground: Ground
     regions: tuple[frozenset[int], ...]
-    """The posts of each sub-team in the beginning."""
+    """Posts of each sub-team in the beginning."""
     starts_m: tuple[Point, ...]
-    """Where the robots start: the place where all are in contact."""
+    """Starting places of the robots, where all are in contact."""
     radii_m: tuple[float, ...]
     speeds_mps: tuple[float, ...]
     targets_m: tuple[Point, ...]
     area_m2: float
-    """Of the floor."""
+    """Area of the floor's bounds."""
     exit_m: Point | None
-    """The floor's exit, if it names one."""
+    """Exit of the floor, if it names one."""
 
     def host_of(self, searcher: Address) -> Address:
-        """Return in whose sub-team *searcher* begins."""
+        """Return the host in whose sub-team *searcher* begins."""
         return (searcher - self.hosts) % self.hosts
 
     def searchers_of(self, host: Address) -> tuple[Address, ...]:
-        """Return who begins in the sub-team of *host*."""
+        """Return the searchers that begin in the sub-team of *host*."""
         return tuple(range(self.hosts + host, self.size, self.hosts))

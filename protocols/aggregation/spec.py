@@ -1,4 +1,4 @@
-"""What cosim must know of aggregation: the entry point ``aggregation`` names ``SPEC``."""
+"""The protocol aggregation as cosim needs it: the entry point ``aggregation`` names ``SPEC``."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,31 +15,26 @@ from cosim.units import Time, from_seconds
 from protocols.aggregation.events import EVENTS
 from protocols.aggregation.ground import MOST_CORNERS, Ground, ground
 from protocols.aggregation.host import Host
-from protocols.aggregation.leading import Work
-from protocols.aggregation.metrics import METRICS, measure
+from protocols.aggregation.metrics import METRICS, SearchReferee, measure
 from protocols.aggregation.parameters import Parameters
-from protocols.aggregation.pedestrian import Pedestrian
-from protocols.aggregation.referee import SearchReferee
 from protocols.aggregation.searcher import Searcher
 from protocols.aggregation.setup import Setup
-from protocols.aggregation.strategies import Strategy
-from protocols.aggregation.stroller import Stroller
-from protocols.aggregation.touring import Legs
+from protocols.aggregation.touring import Motion, RandomWalk
 from protocols.aggregation.tours import regions
-from protocols.aggregation.walking import Walker
+from protocols.aggregation.walking import Pedestrian, Walker
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 APART = 6.0
-"""Robots start so many radii apart."""
+"""Distance between starting robots, in radii."""
 MOST_STEPS = 1000
-"""Robots start no farther than so many of these steps from the middle."""
+"""Largest distance of starting robots from the middle, in these steps."""
 ATTEMPTS = 10_000
-"""So many places are tried for a robot, or for a target."""
+"""Number of random places that are tried for all targets together."""
 
 
 def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
-    """Put the robots where the floor's ``starts`` say, or close together about its place ``start``, or its middle."""
+    """Place the robots at the floor's ``starts``, or close together around its place ``start``, or its middle."""
     named = surroundings.places_m.get("starts", ())
     if len(named) >= size:
         return list(named[:size])
@@ -59,7 +54,7 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
 
 
 def _around(centre: Point, step_m: float, reach: int) -> Iterator[Point]:
-    """Yield the points of a square lattice about *centre*, *reach* steps to each side, the nearest first."""
+    """Yield the points of a square lattice around *centre*, *reach* steps to each side, the nearest first."""
     told_m, steps = -1.0, 0
     while steps < reach:
         steps = min(reach, 2 * steps + 8)
@@ -132,7 +127,7 @@ def _check_radios(parameters: Parameters, radios: Sequence[Sequence[int]]) -> No
 
 
 def _targets(parameters: Parameters, surroundings: Surroundings, floor: Ground) -> tuple[Point, ...]:
-    """Return where the targets are: as given, as the floor names them, or drawn in its rooms."""
+    """Return the places of the targets: as given, as the floor names them, or drawn in its rooms."""
     if parameters.targets is not None:
         return parameters.targets
     if parameters.target_place is not None:
@@ -161,25 +156,22 @@ def _rooms(surroundings: Surroundings) -> Sequence[tuple[float, float, float, fl
 
 
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Machine:
-    """Return the machine of robot *me*; one that is made after the start has booted again."""
-    booted = start > 0
-    at_random = parameters.strategy == "random"
+    """Return the machine of robot *me*; one that is made after the start has been rebooted."""
+    rebooted = start > 0
     body = setup.ground, setup.radii_m[me], setup.speeds_mps[me], setup.tick, parameters.walking
     if me >= setup.hosts:
         human = me in parameters.humans
-        feet = Pedestrian(*body) if human else Walker(*body)
-        length_m = math.dist if human else setup.ground.length_m  # who has no planner knows only the straight line
-        stroll = Stroller(setup.ground, parameters.walking, setup.tick, stream)
-        legs = Legs(setup.ground, feet, stroll, length_m, stream, at_random)
-        return Searcher(parameters.of(me), setup, me, legs, start, booted)
-    rallies = [Strategy(parameters, setup, host).rally_m for host in range(setup.hosts)]
-    work = Work(setup, me, rallies, at_random)
+        mover = Pedestrian(*body) if human else Walker(*body)
+        length_m = math.dist if human else setup.ground.length_m  # a person has no planner
+        random_walk = RandomWalk(setup.ground, parameters.walking, setup.tick, stream)
+        motion = Motion(setup.ground, mover, random_walk, length_m, stream, parameters.strategy == "random")
+        return Searcher(parameters.of(me), setup, me, motion, start, rebooted)
     phase = from_seconds(float(stream.uniform(0.0, 0.5 * parameters.heartbeat_s)))
-    return Host(parameters, setup, me, Strategy(parameters, setup, me), work, Walker(*body), phase, start, booted)
+    return Host(parameters, setup, me, Walker(*body), phase, start, rebooted)
 
 
 def succeed(before: Host | Searcher, after: Host | Searcher, now: Time) -> None:
-    """Keep the counts of a machine for the metrics when another takes its place."""
+    """Keep the counters of a machine for the metrics when another takes its place."""
     after.counters.follow(before.counters, now)
 
 

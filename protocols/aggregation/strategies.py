@@ -1,8 +1,8 @@
 """Where hosts go: a static rally point, reconvening points one after the other, or the middle of the searchers.
 
-Hosts are to stay in reach of each other. Each keeps within half the long range of where all have started, so that any
-two are; one that is said to stray heads for the far end of its region instead, whatever the strategy. (Paper 002,
-sections III.A to III.D; how ways are found is left open.)
+Hosts are to stay in reach of each other. Each keeps within half the long range of the place where all have started, so
+that any two are in reach; a host among the ``strays`` heads for the far end of its region instead in any strategy.
+(Paper 002, sections III.A to III.D; how ways are found is left open.)
 
 MRP's host goes "to the next synch point on the way to the exit". The paper's floor has no exit, and the robots start in
 its middle, so that the way leads to the far end of the region, or to the exit of a floor that names one; there the host
@@ -22,15 +22,15 @@ from protocols.aggregation.parameters import Parameters
 from protocols.aggregation.setup import Setup
 
 REACH_SHARE: Final = 0.95
-"""Of half the long range: so much nearer to the start hosts stay, as positions are not exact."""
+"""Share of half the long range within which hosts stay, as positions are not exact."""
 SAMPLES: Final = 8
-"""So often the middle of the searchers is asked for, over the time that their tours take."""
+"""Number of instants at which the middle of the searchers is computed over the time that their tours take."""
 WAY_POINTS: Final = 255
-"""A plan holds no more."""
+"""Largest number of points in a plan."""
 
 
 class Strategy:
-    """The ways of one host."""
+    """One host's choice of ways."""
 
     def __init__(self, parameters: Parameters, setup: Setup, host: Address) -> None:
         self._parameters = parameters
@@ -53,14 +53,14 @@ class Strategy:
 
     @property
     def rally_m(self) -> Point:
-        """The middle of the region, in reach of the other hosts; a stray's is its far end."""
+        """Rally point: the middle of the region, in reach of the other hosts; for a stray the far end of its region."""
         if self._strays:
             return self.far_m
         return self._standing(middle(self._region) if self._region else self._start_m)
 
     @property
     def far_m(self) -> Point:
-        """Where the host's way ends: the floor's exit, or the farthest post of its region; in reach of the others."""
+        """End of the host's way: the floor's exit, or the farthest post of its region; in reach of the other hosts."""
         exit_m = self._setup.exit_m
         if self._parameters.way_out == "exit" and exit_m is not None:
             return self._standing(exit_m)
@@ -78,14 +78,14 @@ class Strategy:
                 return self._amid(here_m, tours, now)
 
     def to(self, goal_m: Point, here_m: Point, now: Time) -> Course:
-        """Return the shortest way to a place, at full speed; standing still if there is none."""
+        """Return the shortest way to a place at full speed; stand still if there is none."""
         way = self._ground.way(here_m, goal_m) or []
         return Course(now, self._speed_mps, (here_m, *way)[:WAY_POINTS])
 
     def _leg(self, here_m: Point, round_: int, now: Time) -> Course:
         """Return the way to the next reconvening point, as far as the host gets in a period.
 
-        The points lie at equal distances on the way to the far end; who has not found everything by then turns back.
+        The points lie at equal distances on the way to the far end; there the host turns back.
         """
         route = [self._start_m, *(self._ground.way(self._start_m, self.rally_m) or [])]
         route += self._ground.way(route[-1], self.far_m) or []
@@ -95,7 +95,7 @@ class Strategy:
         return whole._replace(way_m=cut(whole.way_m, self._speed_mps * self._parameters.reconvene_s))
 
     def _amid(self, here_m: Point, tours: Sequence[Sequence[int]], now: Time) -> Course:
-        """Return a slow way through the middle of where the searchers will be, as long as the longest tour takes."""
+        """Return a slow way through the middle of the searchers' future places, as long as the longest tour takes."""
         if self._strays:
             return self.to(self.far_m, here_m, now)
         walks = [[here_m, *(self._ground.posts_m[post] for post in tour)] for tour in tours if tour]

@@ -1,4 +1,4 @@
-"""Who looks where: regions of the floor for sub-teams, and tours of posts for searchers.
+"""Division of the search: regions of the floor for sub-teams, and tours of posts for searchers.
 
 A region is a sector about the place where the teams start: rooms are sorted by the direction in which they lie, and the
 circle is cut into arcs of about equal work. A tour is a piece of one path through all posts of a region, cut so that
@@ -19,22 +19,22 @@ from cosim.jit import njit
 from protocols.aggregation.ground import Ground
 
 CHANGE: Final = 2.0
-"""To go to another room counts as so many camera's ranges more: a path leaves no room before it is done with it."""
+"""Extra cost of going to another room, in camera ranges, so that a path finishes a room before it leaves it."""
 CUT: Final = 0.15
-"""To cut a room in two is worth it if the longest tour gets shorter by this share of the mean."""
+"""Share of the mean tour by which the longest must get shorter for a room to be cut in two."""
 _NEAR: Final = 10
-"""So many of the nearest posts of each are tried as its neighbours on a tour."""
+"""Number of nearest posts that are tried as neighbours of each post on a tour."""
 _ROUNDS: Final = 50
 _LEAST: Final = 1e-9
-"""What is gained must be more than rounding, metres."""
+"""Least gain that is not rounding, metres."""
 FAR: Final = 1e6
-"""Metres that stand for a way that there is not."""
+"""Length that stands for a missing way, metres."""
 
 
 def regions(ground: Ground, count: int, start_m: Point) -> tuple[frozenset[int], ...]:
     """Divide all posts into *count* regions of about equally many posts, sectors about *start_m*; no room is cut.
 
-    They are in order of their directions. Raise ValueError for a count that is not positive.
+    The regions are in the order of their directions. Raise ValueError for a count that is not positive.
     """
     if count < 1:
         raise ValueError(f"{count} regions")
@@ -47,7 +47,7 @@ def regions(ground: Ground, count: int, start_m: Point) -> tuple[frozenset[int],
 
 
 def tours(ground: Ground, posts: Collection[int], starts_m: Sequence[Point]) -> tuple[tuple[int, ...], ...]:
-    """Divide *posts* into an ordered tour for each searcher, who stands at *starts_m*; about equally long.
+    """Divide *posts* into one ordered tour for each searcher at *starts_m*, of about equal lengths.
 
     A tour's length is that of its ways, from the searcher's place on. Posts that cannot be reached come last.
     """
@@ -73,7 +73,7 @@ def tours(ground: Ground, posts: Collection[int], starts_m: Sequence[Point]) -> 
 
 
 def _units(ground: Ground) -> list[list[int]]:
-    """Return the posts that stay together: those of a room, and each that is in none."""
+    """Return the groups of posts that stay together: those of a room, and each post outside rooms by itself."""
     rooms: dict[int, list[int]] = {}
     alone = []
     for post, room in enumerate(ground.rooms):
@@ -85,7 +85,7 @@ def _units(ground: Ground) -> list[list[int]]:
 
 
 def _arcs(sizes: Int64s, count: int) -> list[list[int]]:
-    """Cut a circle of *sizes* into *count* arcs whose largest is as small as possible; where it begins is tried out."""
+    """Cut a circle of *sizes* into *count* arcs whose largest is as small as possible; all beginnings are tried."""
     best: list[list[int]] = [[] for _ in range(count)]
     least = math.inf
     for first in range(len(sizes)):
@@ -100,7 +100,7 @@ def _arcs(sizes: Int64s, count: int) -> list[list[int]]:
 
 
 def _cuts(sizes: Int64s, count: int) -> list[int]:
-    """Return where a row of *sizes* is cut into *count* parts so that the largest is smallest: the parts' ends."""
+    """Return the ends of *count* parts of a row of *sizes* whose largest is as small as possible."""
     total = np.concatenate(([0], np.cumsum(sizes)))
     low, high = max(int(sizes.max()), math.ceil(total[-1] / count)), int(total[-1])
     while low < high:
@@ -114,7 +114,7 @@ def _cuts(sizes: Int64s, count: int) -> list[int]:
 
 
 def _filled(total: Int64s, most: int) -> list[int]:
-    """Return the ends of parts that are each filled up to *most*."""
+    """Return the ends of parts, each filled up to *most*."""
     ends, begin = [], 0
     while begin < len(total) - 1:
         begin = int(np.searchsorted(total, total[begin] + most, side="right")) - 1
@@ -129,7 +129,7 @@ def _length(ways: Floats, out: Floats, path: Int64s) -> float:
 
 
 def _pieces(ways: Floats, rooms: Int64s, path: Int64s, out: Floats, count: int) -> list[Int64s]:
-    """Cut a *path* into *count* pieces, the longest, with the way to it, as short as possible; rather between rooms."""
+    """Cut a *path* into *count* pieces, rather between rooms; the longest, with the way to it, as short as possible."""
     nearest = np.minimum.reduce(out)
     steps = np.concatenate(([0.0], np.cumsum(ways[path[:-1], path[1:]])))
     mean = steps[-1] / count + float(nearest.min())
@@ -144,7 +144,7 @@ def _pieces(ways: Floats, rooms: Int64s, path: Int64s, out: Floats, count: int) 
 
 @njit(cache=True)
 def _nearest_first(ways: Floats, out: Floats) -> Int64s:
-    """Return all in the order of who always goes to the nearest next."""
+    """Return all posts in nearest-neighbour order."""
     count = ways.shape[0]
     path = np.empty(count, np.int64)
     left = np.ones(count, np.bool_)
@@ -163,7 +163,7 @@ def _nearest_first(ways: Floats, out: Floats) -> Int64s:
 def _improved(ways: Floats, out: Floats, path: Int64s, near: Int64s) -> Int64s:
     """Return an open path that no reversal of a piece (2-opt) and no move of up to three posts (Or-opt) shortens.
 
-    Only such are tried as bring one of the *near* posts, shape (n, k), next to another.
+    Only changes that bring one of the *near* posts, shape (n, k), next to another are tried.
     """
     count, size = ways.shape[0], path.shape[0]
     # the start and the end of the path are posts too, so that all legs are alike: the way to the end costs nothing
@@ -237,7 +237,7 @@ def _moves(legs: Floats, row: Int64s, places: Int64s, near: Int64s) -> bool:
 
 @njit(cache=True)
 def _shift(row: Int64s, places: Int64s, i: int, j: int, gap: int, turned: bool) -> None:
-    """Put the piece from place i to j behind the place *gap*, which is not in it; turned round if so told."""
+    """Move the piece from place i to j behind the place *gap*, which is not in it; reversed if asked for."""
     piece = row[i : j + 1][::-1].copy() if turned else row[i : j + 1].copy()
     if gap < i:
         row[:] = np.concatenate((row[: gap + 1], piece, row[gap + 1 : i], row[j + 1 :]))
@@ -249,7 +249,7 @@ def _shift(row: Int64s, places: Int64s, i: int, j: int, gap: int, turned: bool) 
 
 @njit(cache=True)
 def _balanced(steps: Floats, costs: Floats, count: int) -> list[int]:
-    """Return the ends of *count* pieces of a path, the costliest as cheap as possible.
+    """Return the ends of *count* pieces of a path whose costliest is as cheap as possible.
 
     A piece from a to b costs ``costs[a] + steps[b - 1] - steps[a]``; there may be empty ones.
     """

@@ -1,36 +1,135 @@
-"""Walking: along planned ways from point to point, and past whoever stands or walks there.
+"""Walking: along planned ways from point to point, and past other robots that stand or walk there.
 
 A robot on its way is given one order for each straight piece; its body brakes and turns itself. Nothing else happens
 until it is near the end of the piece, or another robot is ahead of it and near, or it is held: then see ``Evasion``. It
-never gives up; where no way leads to its goal it stands, and looks for one again and again, after longer and longer.
+never gives up; where no way leads to its goal it stands and plans again, after longer and longer pauses.
+
+``Pedestrian`` is a walker without a map or a planner.
 """
 
 import math
 from typing import Final
 
+from cosim.arrays import Floats
+from cosim.geometry.boundary import Boundary, unpacked_boundary
 from cosim.geometry.planning import Point
-from cosim.machine import Command, GoTo
+from cosim.geometry.polylines import length_m, off_m
+from cosim.machine import Command, Drive, GoTo
+from cosim.navigation.status import Status
+from cosim.navigation.vfh import Vfh, VfhParameters
+from cosim.navigation.visbug import target_of, visbug_step
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
-from protocols.aggregation.walking_evasion import MOST_DOUBLINGS, STAND, Evasion
-from protocols.aggregation.walking_parameters import WalkingParameters
-from protocols.aggregation.walking_track import Track
+from protocols.aggregation.parameters import WalkingParameters
 
+STAND: Final = Drive(0.0, 0.0)
+
+# following a way
 _LOOK_TICKS: Final = 10
-"""So many ticks at most an undisturbed robot does not ask itself where it is."""
+"""Longest interval at which an undisturbed robot compares its place with its way."""
 _NEARER: Final = 0.1
-"""Who has come nearer than ever by this share of what it can go while it is patient makes progress."""
+"""Progress: share of what the robot can go within its patience by which it must have come nearer than ever before."""
 _MOST_NEARER_M: Final = 0.2
+"""Upper bound of that distance."""
 _FREED_M: Final = 1.0
-"""Who has come so much nearer after an attempt is stuck no longer."""
+"""Distance gained since an attempt from which on the robot is stuck no longer."""
 _SAME_M: Final = 2.0
-"""A goal as near as this to the one before does not change what holds the robot."""
+"""Distance between two goals up to which the second does not change what holds the robot."""
 _AT_WAY_POINT_M: Final = 0.05
 _KINDS: Final = 4
-"""So many things are tried in turn."""
+"""Number of things that are tried in turn."""
 _TURN_S: Final = 2.0
-"""So long a body may take to stop and turn."""
+"""Time that a body may take to stop and turn."""
+_MOST_DOUBLINGS: Final = 4
+"""How often a pause is doubled at most."""
+
+# steering by VFH+
+_STEADY_RAD: Final = math.radians(30.0)
+"""Difference from the last order's direction below which no new order is given: some bodies stop in order to turn."""
+_HELD_TICKS: Final = 5
+"""Shortest time for which a robot that is not held keeps to an order of VFH+, once it has turned to it."""
+_MOVED_M: Final = 0.1
+"""Distance up to which another robot counts as not having moved."""
+_STANDING_TICKS: Final = 8
+"""Shortest time without motion after which another robot counts as standing; see ``Evasion`` for slow robots."""
+_TRY_TICKS: Final = 50
+"""Interval between two reports of a standing body."""
+_MOST_TURN_TICKS: Final = 40
+"""Longest time that a body may take to turn to an order of VFH+."""
+_ALIGNED_RAD: Final = 0.1
+_AHEAD_M: Final = 1.5
+"""Distance of the place into which a direction is turned."""
+_SIDE_M: Final = 0.2
+"""Room beside the way, in addition to a touch and the safety distance, within which a body is in the way."""
+_THERE_M: Final = 0.05
+"""Distance within which a place of a script is reached."""
+
+# going round a body, or out of its way
+_SLACKS_M: Final = (0.3, 0.2, 0.12, 0.06, 0.02)
+"""Room beyond a touch that a robot keeps from a body that it goes round; the first that fits is taken."""
+_MOST_WALL_M: Final = 0.1
+"""Upper bound of the room kept from walls, which otherwise is half of that."""
+_SHORTER_M: Final = 0.3
+"""Difference in length from which on the shorter side is taken."""
+_DIRECTIONS: Final = 16
+_AWAY_M: Final = (1.0, 2.0, 3.5)
+"""Distances tried for getting out of another robot's way."""
+_PAST: Final = 0.3
+"""Weight of a metre away from the other robot against a metre away from its line."""
+
+# pedestrians
+_ASK_TICKS: Final = 5
+"""Interval at which a pedestrian looks where to go."""
+_STRAIGHT_RAD: Final = 0.02
+_REACHED_M: Final = 0.05
+_STEP_M: Final = 0.01
+_NEAR_M: Final = 0.01
+
+
+class Track:
+    """Way points that a robot goes straight to, one after the other; there is at least one."""
+
+    def __init__(self, here: Point, points_m: list[Point]) -> None:
+        self._points = points_m
+        self._begin = here
+
+    @property
+    def place(self) -> Point:
+        """Way point that the robot goes straight to."""
+        return self._points[0]
+
+    @property
+    def following(self) -> Point | None:
+        """Way point after that, if there is one."""
+        return self._points[1] if len(self._points) > 1 else None
+
+    @property
+    def end(self) -> Point:
+        """The last way point."""
+        return self._points[-1]
+
+    @property
+    def points_m(self) -> list[Point]:
+        """All way points that are left; not to be changed."""
+        return self._points
+
+    def go_on(self, here: Point) -> None:
+        """Head for the following way point from *here*."""
+        del self._points[0]
+        self._begin = here
+
+    def restart(self, here: Point) -> None:
+        """Head for the same way point from *here*."""
+        self._begin = here
+
+    def left_m(self, here: Point) -> float:
+        """Return the length of the way that is left from *here*, metres."""
+        return length_m((here, *self._points))
+
+    def off_m(self, here: Point) -> float:
+        """Return the distance of *here* from the straight piece that the robot follows, metres."""
+        return off_m(here, self._begin, self._points[0])
 
 
 class Walker:
@@ -53,13 +152,13 @@ class Walker:
         self._evasion = Evasion(ground, radius_m, self._step_m, own)
         self.goal_m: Point | None = None
         self.arrived = True
-        """The robot is within ``arrival_m`` of its goal, or as near to it as one can stand or as others let it."""
+        """True if the robot is within ``arrival_m`` of its goal, or as near to it as walls and other robots allow."""
         self.plans = 0
-        """How many ways have been planned."""
+        """Number of ways that have been planned."""
         self._ticks = 0
         self._order: Command | None = None
-        self._is_news = True
-        """The next order is to be given even if it is the last one: the body may have had others in between."""
+        self._order_again = True
+        """True if the next order is to be given even if it equals the last: the body may have had others in between."""
         self._halt = False
         self._track: Track | None = None
         self._look_at = 0
@@ -69,10 +168,10 @@ class Walker:
         self._attempts = 0
         self._plan_at: int | None = 0
 
-    # ---------------------------------------------------------------- what others ask
+    # ---------------------------------------------------------------- goals
 
     def head_for(self, goal_m: Point | None) -> None:
-        """Take a goal, and plan the way there at the next step; None: stand still. The same goal again is no news."""
+        """Set a goal and plan the way at the next step; None: stand still. The same goal again changes nothing."""
         if goal_m == self.goal_m:
             return
         if self.arrived or goal_m is None or self.goal_m is None or math.dist(goal_m, self.goal_m) > _SAME_M:
@@ -84,15 +183,15 @@ class Walker:
         self._track = None
         self._look_at = 0
         self._plan_at = self._ticks
-        self._is_news = True
+        self._order_again = True
 
     @property
     def stuck(self) -> bool:
-        """There is no way, or the robot has come nowhere for longer than its patience; it goes on trying."""
+        """True if there is no way, or no progress for longer than the robot's patience; it goes on trying."""
         return not self.arrived and self._attempts > 0
 
     def remaining_m(self, here: Point) -> float:
-        """Return how long the way to the goal is in metres, from *here*; 0 without a goal, inf without a way."""
+        """Return the length of the way to the goal from *here*, metres; 0 without a goal, inf without a way."""
         if self.goal_m is None:
             return 0.0
         if self._track is not None:
@@ -117,9 +216,9 @@ class Walker:
             else:
                 return None
         order = self._decide(observation)
-        if order == self._order and not self._is_news:
+        if order == self._order and not self._order_again:
             return None
-        self._order, self._is_news = order, False
+        self._order, self._order_again = order, False
         return order
 
     def _decide(self, observation: Observation) -> Command | None:
@@ -157,7 +256,7 @@ class Walker:
         return STAND
 
     def _rest_here(self, track: Track, observation: Observation, here: Point) -> Command:
-        """Return the order for who has arrived: to the goal exactly, if nothing is there; look if it is carried off."""
+        """Return the order at the goal: to the exact place if no robot is there; plan again if carried off."""
         self._look_at = self._ticks + _LOOK_TICKS
         if math.dist(here, track.end) > self._own.arrival_m + self._contact_m + self._own.off_way_m:
             self.arrived = False
@@ -167,7 +266,7 @@ class Walker:
         return self._stand() if held else GoTo(*track.end)
 
     def _evade(self, track: Track, observation: Observation, here: Point) -> Command:
-        """Return the order for who has something in the way."""
+        """Return the order while something is in the way."""
         while track.following is not None and self._ground.open(here, track.following):
             self._go_on(track, here)
         body = self._evasion.standing(observation, here, track.place, self._ticks)
@@ -187,7 +286,7 @@ class Walker:
     # ---------------------------------------------------------------- ways
 
     def route(self, here: Point, goal_m: Point) -> list[Point] | None:
-        """Return the way points that lead from *here* to a goal, or None; for those who find their ways otherwise."""
+        """Return the way points from *here* to a goal, or None; to be overridden by what finds its ways otherwise."""
         return self._ground.way(here, goal_m)
 
     def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
@@ -200,10 +299,10 @@ class Walker:
         self._take(here, self.route(here, self.goal_m))
 
     def _take(self, here: Point, way: list[Point] | None) -> None:
-        """Begin to follow a *way*; without one, stand for longer and longer."""
+        """Begin to follow a *way*; without one, stand for a longer and longer pause."""
         if not way:
             self._track = None
-            self._plan_at = self._ticks + (self._pause << min(self._attempts, MOST_DOUBLINGS))
+            self._plan_at = self._ticks + (self._pause << min(self._attempts, _MOST_DOUBLINGS))
             self._attempts += 1
             return
         self._plan_at = None
@@ -219,7 +318,7 @@ class Walker:
             self._track.restart(here)
 
     def _advance(self, track: Track, observation: Observation, here: Point) -> None:
-        """Note progress, way points that have been passed, and whether the robot is at its goal."""
+        """Update progress, the way points that have been passed, and whether the robot is at its goal."""
         distance = math.dist(here, track.place)
         while track.following is not None and distance <= self._own.pass_m:
             if distance > _AT_WAY_POINT_M and not self._ground.open(here, track.following):
@@ -248,7 +347,7 @@ class Walker:
         return is_taken(place, here, observation, self._contact_m, self._own.arrival_m)
 
     def _cruise(self, here: Point) -> Command:
-        """Return the order for the straight piece, and think when the next look is due."""
+        """Return the order for the straight piece, and set the tick of the next look."""
         if self._track is not None and self._track.off_m(here) > self._own.off_way_m:
             self._plan(here)
         if self._track is None:
@@ -258,13 +357,13 @@ class Walker:
         return GoTo(*self._track.place)
 
     def _attempt(self, observation: Observation, here: Point) -> None:
-        """Try something else: to go round the nearest body, to make way for it, another way around all bodies near."""
+        """Try in turn to go round the nearest body, to make way for it, and another way around all bodies near."""
         assert self.goal_m is not None
         assert self._track is not None
         number, self._attempts = self._attempts, self._attempts + 1
         self._progress_at = self._ticks
         self._stuck_m = self.remaining_m(here)
-        self._is_news = True  # whatever has become of the last order
+        self._order_again = True  # the last order may not have been followed
         bodies = self._evasion.bodies(observation, here)
         kind = number % _KINDS
         if bodies and kind < _KINDS - 1:
@@ -273,7 +372,7 @@ class Walker:
             ):
                 return
             if kind != 0:
-                pause = self._pause << min(number // _KINDS, MOST_DOUBLINGS)
+                pause = self._pause << min(number // _KINDS, _MOST_DOUBLINGS)
                 self._evasion.make_way(here, bodies[0], self._ticks, pause)
             return
         self.plans += 1
@@ -286,3 +385,316 @@ def is_taken(place: Point, here: Point, observation: Observation, contact_m: flo
     return math.dist(here, place) <= room + slack_m and any(
         math.dist(place, (x, y)) < contact_m and math.dist(here, (x, y)) < room for _, x, y in observation.sightings
     )
+
+
+# ---------------------------------------------------------------- past others
+
+
+class Evasion:
+    """What a robot does while another one is in its way, or something holds it.
+
+    VFH+ leads it, by its scan, until the way is clear again. Where that brings it nowhere it tries in turn to go round
+    the body ahead, on the right or on the left, which takes exact room instead of thresholds; to go back a little or to
+    wait until the other one has passed (of two it is the one farther to the west, or south, that goes back: never both,
+    never neither); and another way around all bodies near. It waits for longer each time.
+    """
+
+    def __init__(self, ground: Ground, radius_m: float, step_m: float, parameters: WalkingParameters) -> None:
+        own = parameters
+        self._ground = ground
+        self._own = own
+        self.goal_m: Point = (0.0, 0.0)
+        """End of the way: a robot that stands there is not to be passed."""
+        self._contact_m = 2.0 * radius_m
+        self._room_m = self._contact_m + own.safety_m + _SIDE_M
+        self._step_m = step_m
+        window_m = max(own.window_m, radius_m + own.safety_m + 0.1)
+        self._vfh = Vfh(
+            VfhParameters(robot_radius_m=radius_m, safety_m=own.safety_m, window_m=window_m, arrival_m=1e-3)
+        )
+        self._standing_ticks = max(_STANDING_TICKS, math.ceil(2.0 * _MOVED_M / step_m))
+        self._until = -1
+        self._ordered: GoTo | None = None
+        self._ordered_at = 0
+        self._seen: dict[int, tuple[Point, int]] = {}
+        self._tried_at = -_TRY_TICKS
+        self._script: list[Point] = []
+        self._held_ticks = 0
+        self._waits = False
+        self._script_until = 0
+
+    def restart(self) -> None:
+        """Head for another place."""
+        self._until = -1
+        self._script = []
+        self._vfh.restart()
+
+    def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
+        """Return whether the robot is to evade on the way to *place*: something is in the way, or was until lately."""
+        if observation.blocked or self.is_ahead(observation, here, place):
+            self._until = ticks + self._own.clear_ticks
+        return ticks < self._until
+
+    @property
+    def ends(self) -> bool:
+        """True if the way has just become clear; to be asked once."""
+        ended, self._until = self._until >= 0, -1
+        return ended
+
+    def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
+        """Return whether another robot is near and in the way to *place*; one at the goal does not count."""
+        return any(
+            math.dist(here, (x, y)) < self._own.near_m
+            and in_the_way(here, place, (x, y), self._room_m)
+            and math.dist(self.goal_m, (x, y)) >= self._contact_m
+            for _, x, y in observation.sightings
+        )
+
+    def standing(self, observation: Observation, here: Point, place: Point, ticks: int) -> Point | None:
+        """Return the place of the nearest robot in the way that has not moved for a while, if there is one.
+
+        To be asked at every tick of an evasion. The same robot is not reported again for a while.
+        """
+        found = None
+        for number, x, y in observation.sightings:
+            distance = math.dist(here, (x, y))
+            if distance >= self._own.near_m or math.dist(self.goal_m, (x, y)) < self._contact_m:
+                continue
+            before, since = self._seen.get(number, ((math.inf, 0.0), 0))
+            if math.dist(before, (x, y)) > _MOVED_M:
+                self._seen[number] = (x, y), ticks
+                continue
+            nearer = found is None or distance < math.dist(here, found)
+            if nearer and ticks - since >= self._standing_ticks and in_the_way(here, place, (x, y), self._room_m):
+                found = x, y
+        if found is None or ticks - self._tried_at < _TRY_TICKS:
+            return None
+        self._tried_at = ticks
+        return found
+
+    def steer(self, observation: Observation, here: Point, place: Point, order: Command | None, ticks: int) -> Command:
+        """Return the order of VFH+ on the way to *place*; *order* is the present one."""
+        if isinstance(order, GoTo) and order is self._ordered and self._is_kept(observation, here, order, ticks):
+            return order
+        chosen = self._chosen(observation, here, place, order)
+        if chosen != order and isinstance(chosen, GoTo):
+            self._ordered, self._ordered_at = chosen, ticks
+        return chosen
+
+    def _is_kept(self, observation: Observation, here: Point, order: GoTo, ticks: int) -> bool:
+        """Return whether an *order* is so new that it is kept: bodies brake and turn for a while before they follow.
+
+        Without that VFH+ would treat a robot that turns on the spot as one that is held.
+        """
+        since = ticks - self._ordered_at
+        if observation.blocked or math.dist(here, order) < _THERE_M:
+            return False
+        bearing = math.atan2(order.y_m - here[1], order.x_m - here[0])
+        off = abs(math.remainder(bearing - observation.heading_rad, 2.0 * math.pi))
+        return since < (_MOST_TURN_TICKS if off > _ALIGNED_RAD else _HELD_TICKS)
+
+    def _chosen(self, observation: Observation, here: Point, place: Point, order: Command | None) -> Command:
+        steer = self._vfh.steer(here[0], here[1], place, observation.ranges_m, (), self._step_m)
+        if steer.dx == 0.0 and steer.dy == 0.0:
+            return STAND
+        if math.dist(here, place) < _AHEAD_M and _gap(here, place, steer.dx, steer.dy) < _STEADY_RAD:
+            return GoTo(*place)
+        steady = isinstance(order, GoTo) and not observation.blocked and math.dist(here, order) > 0.4 * _AHEAD_M
+        if isinstance(order, GoTo) and steady and _gap(here, order, steer.dx, steer.dy) < _STEADY_RAD:
+            return order
+        return GoTo(here[0] + _AHEAD_M * steer.dx, here[1] + _AHEAD_M * steer.dy)
+
+    # ---------------------------------------------------------------- when VFH+ does not get on
+
+    def bodies(self, observation: Observation, here: Point) -> list[Point]:
+        """Return the places of the bodies near, the nearest first."""
+        places = [(x, y) for _, x, y in observation.sightings]
+        near = self._own.near_m
+        return sorted((place for place in places if math.dist(here, place) < near), key=lambda it: math.dist(here, it))
+
+    def go_round(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> bool:
+        """Begin to go round a *body* on the way to *place* if there is room; allow *pause* ticks for each turn."""
+        script = way_round(self._ground, here, place, body, number % 2 == 0)
+        if script is not None:
+            self._begin(here, script, ticks, pause * (1 + len(script)), waits=False)
+        return script is not None
+
+    def make_way(self, here: Point, body: Point, ticks: int, pause: int) -> None:
+        """Go out of the way of a *body* for *pause* ticks, or stay if the other robot is the one to go."""
+        back = retreat(self._ground, here, body) if here < body else None
+        self._begin(here, [back or here], ticks, pause, waits=True)
+
+    def _begin(self, here: Point, script: list[Point], ticks: int, more: int, waits: bool) -> None:
+        self._vfh.restart()
+        self._script = script
+        self._waits = waits
+        self._held_ticks = 0
+        self._script_until = ticks + round(1.5 * length_m([here, *script]) / self._step_m) + more
+
+    @property
+    def scripted(self) -> bool:
+        """True if an attempt is under way."""
+        return bool(self._script)
+
+    def follow(self, observation: Observation, here: Point, ticks: int) -> GoTo | None:
+        """Return the next place of the attempt under way; None if it is over or the robot is held."""
+        self._held_ticks = self._held_ticks + 1 if observation.blocked else 0
+        if math.dist(here, self._script[0]) <= _THERE_M and (len(self._script) > 1 or not self._waits):
+            del self._script[0]
+        if self._script and ticks < self._script_until and self._held_ticks < _HELD_TICKS:
+            return GoTo(*self._script[0])
+        self._script = []
+        return None
+
+
+def _gap(here: Point, place: Point, dx: float, dy: float) -> float:
+    """Return the angle between the directions to a place and along (dx, dy)."""
+    to_x, to_y = place[0] - here[0], place[1] - here[1]
+    return abs(math.atan2(to_x * dy - to_y * dx, to_x * dx + to_y * dy))
+
+
+def way_round(ground: Ground, here: Point, place: Point, body: Point, right: bool) -> list[Point] | None:
+    """Return way points past a *body* on the way from *here* to *place*, on the side that has more room.
+
+    Of two alike it is the *right*, or else the left, unless the other one is much nearer. None if there is too little
+    room on both sides between it and the walls. The points lie beside and behind the body; the way from the last to
+    *place* is not looked at.
+    """
+    for slack in _SLACKS_M:
+        sides = (_past(ground, here, place, body, slack, 1.0), _past(ground, here, place, body, slack, -1.0))
+        first, second = sides if right else sides[::-1]
+        if first and second:
+            return first if length_m([here, *first]) <= length_m([here, *second]) + _SHORTER_M else second
+        if first or second:
+            return first or second
+    return None
+
+
+def _past(ground: Ground, here: Point, place: Point, body: Point, slack_m: float, side: float) -> list[Point] | None:
+    """Return the way points on one side, 1 for the right, as far from the body as *slack_m* more than a touch."""
+    dx, dy = place[0] - here[0], place[1] - here[1]
+    distance = math.hypot(dx, dy)
+    if distance == 0.0:
+        return None
+    dx, dy = dx / distance, dy / distance
+    side_x, side_y = side * dy, -side * dx
+    room = 2.0 * ground.radius_m + slack_m
+    wall_m = min(0.5 * slack_m, _MOST_WALL_M)
+    beside = body[0] + room * side_x, body[1] + room * side_y
+    before = beside[0] - room * dx, beside[1] - room * dy
+    behind = beside[0] + room * dx, beside[1] + room * dy
+    if not ground.fits(beside, behind, wall_m):
+        return None
+    if (before[0] - here[0]) * dx + (before[1] - here[1]) * dy <= 0.0:
+        # already beside it, or too near for a way before it
+        clear = off_m(body, here, beside) >= min(2.0 * ground.radius_m, math.dist(here, body)) - 1e-6
+        return [beside, behind] if clear and ground.fits(here, beside) else None
+    if ground.fits(here, before) and ground.fits(before, beside, wall_m):
+        return [before, beside, behind]
+    return None
+
+
+def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
+    """Return a place in sight that is out of the way of an *other* robot that comes towards *here* and passes on.
+
+    The place is off the line from it through *here*, or, where nothing leads off it, farther along. None if the robot
+    can only stay.
+    """
+    dx, dy = here[0] - other[0], here[1] - other[1]
+    apart = math.hypot(dx, dy)
+    dx, dy = (dx / apart, dy / apart) if apart > 0.0 else (1.0, 0.0)
+    room = 2.0 * ground.radius_m + _SLACKS_M[0]
+    best, most = None, _PAST * apart + 0.1
+    for k in range(_DIRECTIONS):
+        angle = 2.0 * math.pi * k / _DIRECTIONS
+        for way in _AWAY_M:
+            there = here[0] + way * math.cos(angle), here[1] + way * math.sin(angle)
+            off_x, off_y = there[0] - other[0], there[1] - other[1]
+            along, across = off_x * dx + off_y * dy, abs(off_x * dy - off_y * dx)
+            if math.hypot(off_x, off_y) < min(apart + 0.5 * way, room + apart) or not ground.fits(here, there):
+                continue
+            worth = min(across, room) + _PAST * min(along, 4.0 * room) - 0.01 * way
+            if worth > most:
+                best, most = there, worth
+    return best
+
+
+def in_the_way(here: Point, place: Point, body: Point, room_m: float) -> bool:
+    """Return whether a *body* is nearer than *room_m* to the way from *here* to *place*, and not behind."""
+    dx, dy = place[0] - here[0], place[1] - here[1]
+    if (body[0] - here[0]) * dx + (body[1] - here[1]) * dy <= 0.0:
+        return False
+    return off_m(body, here, place) < room_m
+
+
+# ---------------------------------------------------------------- without a map
+
+
+class Pedestrian(Walker):
+    """The ways of a member without a map or a planner, a person for example, who goes by what is seen and felt.
+
+    VisBug-21 (:mod:`cosim.navigation.visbug`) leads it: straight towards the farthest place in sight that it can tell
+    to lie on the way that Bug2 would take. What it does about other bodies is what walkers do.
+    """
+
+    def __init__(
+        self, ground: Ground, radius_m: float, speed_mps: float, tick: Time, parameters: WalkingParameters
+    ) -> None:
+        super().__init__(ground, radius_m, speed_mps, tick, parameters)
+        self._loops: Boundary = unpacked_boundary.py_func(*ground.loops)  # type: ignore[attr-defined]
+        self._memory: Floats | None = None
+        self._ask_at = 0
+        self._underway = False
+        self._at_last = False
+        """True if the pedestrian heads for the goal itself."""
+
+    def remaining_m(self, here: Point) -> float:
+        """Return the straight distance to the goal, metres: nothing else is known."""
+        return 0.0 if self.goal_m is None else math.dist(here, self.goal_m)
+
+    def route(self, here: Point, goal_m: Point) -> list[Point] | None:
+        """Return the place to head for next; None if VisBug has proved that no way leads to the goal."""
+        place_m = self._ground.stands(goal_m)
+        if place_m is None:
+            return None
+        move = visbug_step(
+            self._loops, here, place_m, self._memory, vision_m=self._own.sight_m, step_m=_STEP_M, near_m=_NEAR_M
+        )
+        if move.status == Status.UNREACHABLE:
+            self._memory = None
+            return None
+        place = target_of(self._loops, move.memory)
+        if move.status == Status.ARRIVED:
+            place = place_m
+        if self._keeps_on(here, place):
+            return None if self._track is None else self._track.points_m
+        self._memory = move.memory
+        self._at_last = math.dist(place, place_m) <= _NEAR_M
+        return [place_m if self._at_last else place]
+
+    def _keeps_on(self, here: Point, place: Point) -> bool:
+        """Return whether the pedestrian keeps to its present place, as the next one lies in another direction.
+
+        A body that turns away under way slides on, and may lose sight of where it was to go.
+        """
+        if not self._underway or self._track is None or math.dist(here, self._track.place) <= _REACHED_M:
+            return False
+        (x, y), (to_x, to_y), (new_x, new_y) = here, self._track.place, place
+        ax, ay, bx, by = to_x - x, to_y - y, new_x - x, new_y - y
+        return abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
+
+    def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
+        """Return None: without a map no way around a body can be planned."""
+        return None
+
+    def _is_at_goal(self, place: Point, observation: Observation, here: Point) -> bool:
+        return self._at_last and super()._is_at_goal(place, observation, here)
+
+    def _decide(self, observation: Observation) -> Command | None:
+        here = observation.x_m, observation.y_m
+        if self._track is not None and not self.arrived and not self._evasion.scripted and self._ticks >= self._ask_at:
+            self._ask_at = self._ticks + _ASK_TICKS
+            self._underway = True
+            self._plan(here)
+            self._underway = False
+        return super()._decide(observation)

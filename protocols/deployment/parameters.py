@@ -8,7 +8,7 @@ from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Setting
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
 from protocols.deployment.localization.parameters import PositioningParameters, SonarParameters
 from protocols.deployment.messages.status import MOST_BYTES
-from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.planner import Call, PlannerParameters
 from protocols.deployment.tasks.plan import Place, Strategy
 from protocols.motion.parameters import DrivingParameters
@@ -100,6 +100,10 @@ class Parameters(Settings):
     )
     again_s: Seconds = Field(
         default=5.0, gt=0, description="s, what another's news say that it lacks it is told once in so long"
+    )
+    interference: bool = Field(
+        default=False,
+        description="measure interference_s and hindered_s: compute what each robot would do without the others",
     )
     member: MemberParameters = MemberParameters()
     driving: DrivingParameters = DrivingParameters()

@@ -6,19 +6,39 @@ when that lasts, for robots that stand at such places between two stages only pa
 
 What is judged are the places of the last plan. A plan to the same places as the one before, as after two parts of a
 team have met again, goes on with that: time counts from the begin of the first of them.
+
+Interference is how long robots are below their free speed because of another robot, in robot-seconds. Paper 004,
+section 5, augments its strategies "to reduce interference" and prints no measure of it. Ours compares, tick by tick,
+the speed v to which a robot's order leads with the speed u that it would have had no other robot been there since it
+set off: that of its counterfactual twin (:mod:`protocols.deployment.driving.twin`), which is at the same place at every
+tick, looks at the same walls, has the same goal and the same limits of its drive, but sees no bodies, and has the speed
+and the heading that it has itself come to. So the time in which a robot that was stopped gets up to speed again counts
+too, and a corner, a narrow door or the end of the way counts nothing. A robot that was never hindered goes as its twin
+does: its shortfall is 0. The greater length of a detour round another robot counts nothing either: it is driven freely.
+
+Two readings of "robot-seconds below the free speed" are kept:
+
+* *lost* time, sum of (1 - v / u) dt: on a given way the time that it took, less the time that it would have taken, for
+  the sum of v / u dt is the sum of ds / u; a robot that stands loses all of a second, one at half its speed a half;
+* *hindered* time, sum of dt where v is below u by more than ``SLIGHT`` of it: the words as they stand.
+
+A robot that goes back, or aside to make way, gets no nearer to its goal: it counts as standing (v <= 0). One that does
+not want to move (it has arrived, or waits for its turn as ordered) has no free speed: that is no interference.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from cosim.arrays import Floats
 from cosim.geometry.segments import clearance, segment_grid
+from cosim.machine import Address, Event
 from cosim.protocol import Death, Metric, Referee, Surroundings
 from cosim.units import S, Time, to_seconds
-from protocols.deployment.standing import Begun, Board, stage_of
+from protocols.deployment.tasks.events import Driving, PlanBegun, TaskEnded, TaskStarted
 from protocols.deployment.tasks.plan import Place
 
 HELD_M: Final = 0.3
@@ -33,6 +53,12 @@ TOUCH_M: Final = 1e-4
 """As near as this is a collision: the simulator stops bodies at contact, they never overlap."""
 MOST_STAGES: Final = 8
 """So many stages have a column."""
+ADDED: Final = "~"
+"""Mark in the names of tasks that the executive adds to a plan."""
+SLIGHT: Final = 0.05
+"""A speed that is less than this share below the free one counts as free where seconds are counted whole."""
+STILL_MPS: Final = 1e-6
+"""A double that is as slow as this wants to stand, or to turn on the spot: nobody can hinder it."""
 
 REFEREE_METRICS: Final = (
     Metric("deployed", "1", "1 if at the end all places of the last plan are held that could be, else 0"),
@@ -44,8 +70,18 @@ REFEREE_METRICS: Final = (
     ),
     Metric("places_held", "1", "share of the last plan's places that are held at the end; NaN without a plan"),
     Metric("way_m", "m", "driven by each robot, in the mean"),
-    Metric("interference_s", "s", "robot-seconds lost: below the free speed because of another robot, as shares of it"),
-    Metric("hindered_s", "s", "robot-seconds in which a robot was below its free speed because of another"),
+    Metric(
+        "interference_s",
+        "s",
+        "robot-seconds lost: below the free speed because of another robot, as shares of it; NaN unless the parameter "
+        "interference asks for it",
+    ),
+    Metric(
+        "hindered_s",
+        "s",
+        "robot-seconds in which a robot was below its free speed because of another; NaN unless the parameter "
+        "interference asks for it",
+    ),
     Metric("under_way_s", "s", "robot-seconds in which robots were under way to a goal"),
     Metric("waited_s", "s", "robot-seconds in which robots waited for their turn, as ordered"),
     Metric(
@@ -61,20 +97,110 @@ REFEREE_METRICS: Final = (
 )
 
 
-class Judged(Protocol):
-    """What the referee wants of a run's knowledge."""
+def stage_of(task: str) -> str | None:
+    """Return the name of the stage that a drive belongs to: the task above it (in a strategy ``.../stage-N``).
+
+    None for a drive that the plan does not have: a robot that has made way comes back (its name holds ``ADDED``).
+    """
+    return None if ADDED in task else task.rpartition("/")[0]
+
+
+def shortfall(speed_mps: float, free_mps: float) -> float:
+    """Return which share of its free speed a robot lacks, 0 to 1; 0 if it could not go anyway."""
+    if free_mps <= STILL_MPS:
+        return 0.0
+    return min(max(1.0 - max(speed_mps, 0.0) / free_mps, 0.0), 1.0)
+
+
+class Shortfall:
+    """What one robot has lost to others so far, of ticks that are *tick* ns long."""
+
+    def __init__(self, tick: Time) -> None:
+        self._tick_s = to_seconds(tick)
+        self._lost = 0.0
+        self._hindered = 0
+
+    def note(self, speed_mps: float, free_mps: float) -> None:
+        """Count a tick of a robot under way, that goes *speed_mps* towards its goal, its twin *free_mps*."""
+        lacking = shortfall(speed_mps, free_mps)
+        self._lost += lacking
+        self._hindered += lacking > SLIGHT
 
     @property
-    def board(self) -> Board:
-        """What the robots say of themselves."""
+    def lost_s(self) -> float:
+        """Seconds that it lost."""
+        return self._lost * self._tick_s
+
+    @property
+    def hindered_s(self) -> float:
+        """Seconds in which it was slower than it would have been."""
+        return self._hindered * self._tick_s
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A plan whose execution has begun."""
+
+    at: Time
+    plan: PlanBegun
+
+
+class Log:
+    """What the robots have reported: which plans have begun, which drive each robot is at, and what it has lost."""
+
+    def __init__(self, size: int, tick: Time) -> None:
+        self.begun: list[Begun] = []
+        self.tasks: list[str | None] = [None] * size
+        """The task of the drive that each robot is at."""
+        self._shortfalls = [Shortfall(tick) for _ in range(size)]
+        self._under_way = [0] * size
+        """Ticks in which each was under way to a goal."""
+        self._waited = [0] * size
+        """Ticks in which each waited for its turn, as ordered."""
+        self._tick_s = to_seconds(tick)
+
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        """Take what *robot* reports."""
+        match event:
+            case PlanBegun(number=number):
+                # a successor of the leader, for example, begins the same plan again: that changes nothing
+                if all(each.plan.number != number for each in self.begun):
+                    self.begun.append(Begun(now, event))
+            case Driving(waits=True):
+                self._waited[robot] += 1
+            case Driving(task=task, under_way=under_way, speeds_mps=speeds_mps):
+                self.tasks[robot] = task
+                self._under_way[robot] += under_way
+                if under_way and speeds_mps is not None:
+                    self._shortfalls[robot].note(*speeds_mps)
+            case TaskStarted() | TaskEnded():
+                self.tasks[robot] = None
+
+    def lost_s(self) -> float:
+        """Return the robot-seconds that were lost to other robots."""
+        return sum(each.lost_s for each in self._shortfalls)
+
+    def hindered_s(self) -> float:
+        """Return the robot-seconds in which robots were slower than they would have been without others."""
+        return sum(each.hindered_s for each in self._shortfalls)
+
+    def under_way_s(self) -> float:
+        """Return the robot-seconds in which robots were under way to a goal."""
+        return sum(ticks * self._tick_s for ticks in self._under_way)
+
+    def waited_s(self) -> float:
+        """Return the robot-seconds in which robots waited for their turn."""
+        return sum(self._waited) * self._tick_s
 
 
 class DeploymentReferee(Referee):
-    """Watches bodies, and reads the board beside them. It ends no run: the machines know when the play is over."""
+    """Watches bodies, and hears what robots report. It ends no run: the machines know when the play is over."""
 
-    def __init__(self, parameters: Any, setup: Judged, surroundings: Surroundings) -> None:
+    def __init__(self, interference: bool, surroundings: Surroundings) -> None:
+        """Judge a run in *surroundings*; *interference*: robots report what they would do without the others."""
         size = len(surroundings.starts_m)
-        self._board = setup.board
+        self._log = Log(size, surroundings.tick)
+        self._interference = interference
         self._radii_m = np.array(surroundings.radii_m or (surroundings.radius_m,) * size)
         self._tick_s = to_seconds(surroundings.tick)
         self._contacts = Contacts(self._radii_m, surroundings.walls_m)
@@ -92,19 +218,23 @@ class DeploymentReferee(Referee):
         self._way_m += float(moved.sum())
         self._rests, self._places = moved < REST_M, places
         self._contacts.look(places)
-        self._stages.look(self._board, places)
-        if self._board.begun:
-            last = self._board.begun[-1]
-            self._aims.follow(self._board.begun)
+        self._stages.look(self._log.tasks, places)
+        if self._log.begun:
+            last = self._log.begun[-1].plan
+            self._aims.follow(self._log.begun)
             held = self._held_of(last)
             self._aims.look(held, self._all_of(last, held), self._tick_s, now)
         return False
+
+    def note(self, robot: Address, event: Event, now: Time) -> None:
+        """Take what *robot* reports."""
+        self._log.note(robot, event, now)
 
     def died(self, death: Death) -> None:
         """Note that a robot holds nothing any more; its body stays in the way."""
         self._dead[death.robot] = death
 
-    def _held_of(self, plan: Begun) -> set[Place]:
+    def _held_of(self, plan: PlanBegun) -> set[Place]:
         """Return the places of *plan* at which a living robot stands."""
         standing = [r for r, rests in enumerate(self._rests) if rests and r not in self._dead]
         if not standing or not plan.places_m:
@@ -113,7 +243,7 @@ class DeploymentReferee(Referee):
         away = np.hypot(*(places[:, None, :] - self._places[standing][None, :, :]).transpose(2, 0, 1))
         return {plan.places_m[n] for n in np.flatnonzero((away <= HELD_M).any(axis=1))}
 
-    def _all_of(self, plan: Begun, held: set[Place]) -> bool:
+    def _all_of(self, plan: PlanBegun, held: set[Place]) -> bool:
         """Return whether there are places of *plan* that are held, and no more could be."""
         alive = sum(robot not in self._dead for robot in plan.robots)
         free = sum(place in held or not self._covered(place) for place in set(plan.places_m))
@@ -126,17 +256,17 @@ class DeploymentReferee(Referee):
 
     def verdict(self, now: Time) -> dict[str, float]:
         """Return the metrics of ``REFEREE_METRICS``."""
-        begun = self._board.begun
+        log, begun = self._log, [each.plan for each in self._log.begun]
         held = self._held_of(begun[-1]) if begun else set()
         return {
             "deployed": float(bool(begun) and self._all_of(begun[-1], held)),
             "deployment_s": self._aims.deployment_s,
             "places_held": len(held) / len(set(begun[-1].places_m)) if begun and begun[-1].places_m else math.nan,
             "way_m": self._way_m / len(self._radii_m),
-            "interference_s": self._board.lost_s(),
-            "hindered_s": self._board.hindered_s(),
-            "under_way_s": self._board.under_way_s(),
-            "waited_s": self._board.waited_s(),
+            "interference_s": log.lost_s() if self._interference else math.nan,
+            "hindered_s": log.hindered_s() if self._interference else math.nan,
+            "under_way_s": log.under_way_s(),
+            "waited_s": log.waited_s(),
             "unoccupied_s": self._aims.unoccupied_s,
             "collisions": float(self._contacts.collisions),
             "wall_contacts": float(self._contacts.wall_contacts),
@@ -171,8 +301,8 @@ class Aims:
         """Begin anew for each of the plans that have begun since, if it is to other places than the one before."""
         for plan in plans[self._plans :]:
             self._plans += 1
-            if self._plans == 1 or set(plan.places_m) != self._places:
-                self._places, self._begun = set(plan.places_m), plan.at
+            if self._plans == 1 or set(plan.plan.places_m) != self._places:
+                self._places, self._begun = set(plan.plan.places_m), plan.at
                 self._held, self._since, self._lasted, self.unoccupied_s = set(), None, False, 0.0
 
     def look(self, held: set[Place], enough: bool, tick_s: float, now: Time) -> None:
@@ -224,10 +354,10 @@ class Stages:
         self._began: dict[tuple[int, str], Place] = {}
         """Where a robot was as it was first seen at a drive of a stage."""
 
-    def look(self, board: Board, places: Floats) -> None:
-        """Take who is at which drive, and the bodies' places at a tick, shape (n, 2)."""
-        for robot, task in board.driving():
-            stage = stage_of(task)
+    def look(self, tasks: Sequence[str | None], places: Floats) -> None:
+        """Take the task of the drive that each robot is at, and the bodies' places at a tick, shape (n, 2)."""
+        for robot, task in enumerate(tasks):
+            stage = None if task is None else stage_of(task)
             if stage is None:
                 continue
             moved = self._moved.setdefault(stage, set())

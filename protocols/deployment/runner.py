@@ -7,16 +7,19 @@ the executive orders this robot goes to the member, and what the member has ende
 from dataclasses import replace
 from typing import Any, Final
 
+import numpy as np
+
 from cosim.errors import WireError
 from cosim.machine import (
     OPERATOR,
     Address,
-    Command,
+    Drains,
     Event,
     LinkCommand,
     LinkEvent,
     Outgoing,
     Reception,
+    drained,
 )
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
@@ -24,6 +27,7 @@ from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.learned import floor_of
+from protocols.deployment.localization.positioning import positioning_of
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages import messages, status
 from protocols.deployment.messages.messages import Aside, Letter, Look, Picture
@@ -43,28 +47,33 @@ MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
 """Of news that tell of maps."""
 
 
-class Runner:
+class Runner(Drains):
     """One robot's machine."""
 
-    def __init__(self, parameters: Parameters, setup: Setup, me: Address, start: Time) -> None:
+    def __init__(
+        self, parameters: Parameters, setup: Setup, me: Address, start: Time, stream: np.random.Generator
+    ) -> None:
+        """Begin at *start*; only localisation, and the noise of a sonar, draw from *stream*."""
+        super().__init__()
         self.me = me
         self.counters = Counters()
         floor = floor_of(setup.floors[me], parameters.map == "learned")
         if floor is not setup.floors[me]:
             setup = replace(setup, floor=floor, floors=(floor,) * setup.size)
         self._setup = setup
-        self._events: list[Event] = []
-        self._commands: list[Command] = []
         self._start = start
         self._period = from_seconds(parameters.news_s)
         self._next_news = start + self._period * me // setup.size
         body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
+        self.positioning = positioning_of(parameters, setup, me, stream, note)
         self.courier = Courier(me, setup.size, parameters.carried, start)
         known = setup.ground, me, self.courier.news_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
         mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, setup.tick)
+        if parameters.interference:
+            mover.compare()
         self.member = Member(parameters.member, setup, me, mover, self.counters, note)
         self.host = Host(parameters, setup, me, self.member.others, self, note, self.counters, start)
         planning = Planning(parameters, setup, self.member, self.exploring, self._silent, self._heard)
@@ -100,7 +109,8 @@ class Runner:
         self._settle(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Drive on, look who is there, and tell all where this robot is."""
+        """Drive on, look who is there, and tell all where this robot takes itself to be."""
+        observation = self.positioning.locate(observation)
         drive = self.member.step(observation, now)
         if drive is not None:
             self._commands.append(drive)
@@ -135,20 +145,9 @@ class Runner:
         out = self.courier.drain()
         return [*out, *(Outgoing(OPERATOR, said) for said in self.console.drain())]
 
-    def commands(self) -> list[Command]:
-        """Drain motion commands."""
-        commands = self._commands[:]
-        self._commands.clear()
-        return commands
-
     def events(self) -> list[Event]:
-        """Drain rows for the trace."""
-        if not (self._events or self.courier.bad):
-            return []
-        events = [*self._events, *self.courier.bad]
-        self._events.clear()
-        self.courier.bad = []
-        return events
+        """Drain rows for the trace, and what only the referee hears."""
+        return [*super().events(), *drained(self.courier.bad)]
 
     def rehearsal(self) -> list[dict[str, Any]]:
         """Return what an operator may say so that the team drives all over the floor, or explores one that is new."""

@@ -18,7 +18,6 @@ from protocols.deployment.localization.maps import Charts
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
-from protocols.deployment.standing import Board
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
@@ -29,7 +28,7 @@ _LINES: Final = 6
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The floor, the team and the plays of a run; and a board for the judge, which no machine reads."""
+    """The floor, the team and the plays of a run."""
 
     size: int
     tick: Time
@@ -37,7 +36,6 @@ class Setup:
     crew: Crew
     playbook: Playbook
     starts_m: tuple[Place, ...]
-    board: Board
     scan_range_m: float
     """How far the robots' range scanners reach."""
     beams: int
@@ -87,7 +85,6 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
         crew=Crew(bodies, _base_m(parameters, floor, bodies, surroundings.starts_m)),
         playbook=_playbook(parameters),
         starts_m=tuple((float(x), float(y)) for x, y in surroundings.starts_m),
-        board=Board.of(size, surroundings.tick),
         scan_range_m=surroundings.scan_range_m,
         beams=surroundings.beams,
         named_m={name: tuple(places) for name, places in surroundings.places_m.items()},

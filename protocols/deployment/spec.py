@@ -12,7 +12,7 @@ from cosim.protocol import Metric, ProtocolSpec, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.deployment.driving.exploring import EVENTS as EXPLORING_EVENTS
 from protocols.deployment.localization import positioning
-from protocols.deployment.localization.runner import LocatedRunner
+from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
@@ -85,12 +85,12 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
     return knowledge_of(parameters, surroundings)
 
 
-def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> LocatedRunner:
+def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Runner:
     """Return the machine of robot *me*; it draws nothing but what localisation needs, and the noise of a sonar."""
-    return LocatedRunner(parameters, setup, me, start, stream)
+    return Runner(parameters, setup, me, start, stream)
 
 
-def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
+def succeed(before: Runner, after: Runner, now: Time) -> None:
     """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map, its agenda.
 
     What its robot has counted for the judge goes on too: a run's counts are of the run, not of the last life.
@@ -104,7 +104,7 @@ def succeed(before: LocatedRunner, after: LocatedRunner, now: Time) -> None:
 
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> DeploymentReferee:
     """Return the judge of the truth."""
-    return DeploymentReferee(parameters, setup, surroundings)
+    return DeploymentReferee(parameters.interference, surroundings)
 
 
 def measure(machines: Sequence[Runner]) -> dict[str, float]:
@@ -150,5 +150,6 @@ SPEC = ProtocolSpec(
     needs_sight=True,
     needs_view=True,
     rehearsal=lambda machines: machines[0].rehearsal(),
+    page=PAGE,
 )
 """The protocol."""

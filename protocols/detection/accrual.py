@@ -5,7 +5,7 @@ time between arrivals, estimated from the last ones, and t the time since the la
 
     phi(t) = -log10(1 - F(t)),
 
-and who suspects from phi >= 1 on is wrong once in ten times, from phi >= 2 on once in a hundred, if the model holds.
+and suspicion from phi >= 1 on is wrong once in ten times, from phi >= 2 on once in a hundred, if the model holds.
 F is normal. Two models of its tail differ where it matters, far out, and must not be mistaken for each other:
 
 - ``phi_akka``: the logistic approximation of Akka's PhiAccrualFailureDetector; phi = 38 at 10 standard deviations;
@@ -44,7 +44,7 @@ class PhiSettings(Settings):
 
 
 def akka_phi(deviations: float) -> float:
-    """Return phi at so many standard *deviations* above the mean, by Akka's approximation.
+    """Return phi at a number of standard *deviations* above the mean, by Akka's approximation.
 
     Akka writes e = exp(-y (1.5976 + 0.070566 y^2)) and phi = -log10(e / (1 + e)); this is the same without overflow.
     """
@@ -53,7 +53,7 @@ def akka_phi(deviations: float) -> float:
 
 
 def normal_phi(deviations: float) -> float:
-    """Return phi at so many standard *deviations* above the mean: -log10 of the normal tail; inf beyond 38."""
+    """Return phi at a number of standard *deviations* above the mean: -log10 of the normal tail; inf beyond 38."""
     tail = 0.5 * math.erfc(abs(deviations) * math.sqrt(0.5))
     if deviations < 0.0:
         return -math.log1p(-tail) / _LN_10
@@ -61,7 +61,7 @@ def normal_phi(deviations: float) -> float:
 
 
 class IntervalHistory:
-    """The last intervals, with their mean and variance from exact sums: what has left leaves no trace."""
+    """The last intervals, with their mean and variance from exact sums, which do not drift as intervals leave."""
 
     def __init__(self, size: int) -> None:
         self._intervals: deque[Time] = deque(maxlen=size)
@@ -107,7 +107,7 @@ class PhiAccrual:
         self._suspects_at: Time | None = None
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived at *now*; one that newer ones have overtaken is ignored."""
+        """Process heartbeat *number*, received at *now*; one that newer ones have overtaken is ignored."""
         if self._last is not None:
             if number <= self._newest:
                 return
@@ -129,7 +129,7 @@ class PhiAccrual:
         return self._suspects_at is not None and now >= self._suspects_at
 
     def suspects_at(self) -> Time | None:
-        """Return when phi reaches the threshold; None as long as nothing has arrived."""
+        """Return the instant at which phi reaches the threshold; None as long as nothing has arrived."""
         return self._suspects_at
 
     def _deviations(self, elapsed: Time) -> float:

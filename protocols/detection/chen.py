@@ -49,7 +49,7 @@ class NfdS:
         self._newest = max(-((epoch - start) // period), 0) - 1
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived; when it has does not matter."""
+        """Process heartbeat *number*; the instant of its arrival does not matter."""
         self._newest = max(self._newest, number)
 
     def suspects(self, now: Time) -> bool:
@@ -74,7 +74,7 @@ class NfdE:
         self._suspects_at = start + period + self._margin
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived at *now*; one that newer ones have overtaken is ignored."""
+        """Process heartbeat *number*, received at *now*; one that newer ones have overtaken is ignored."""
         if self._newest is not None and number <= self._newest:
             return
         self._newest = number

@@ -1,8 +1,8 @@
-"""Failure detectors: when a robot that sends heartbeats is taken for crashed.
+"""Failure detectors: when a robot that sends heartbeats is suspected to have crashed.
 
-A detector watches one peer. It is told which heartbeat has arrived when, by the clock of who watches; times are
-arguments. It suspects, or it trusts, and it knows beforehand when it will begin to suspect. A peer that begins to
-count anew, after a reboot, is another peer: it gets a detector of its own.
+A detector watches one incarnation of a peer. It is given the number and the arrival of each heartbeat, by the clock of
+the robot that watches; times are arguments. It suspects, or it trusts, and it knows beforehand when it will begin to
+suspect. A peer that counts from 0 again, after a reboot, is another incarnation and gets a detector of its own.
 """
 
 from typing import Annotated, Literal, Protocol, TypeAlias
@@ -19,7 +19,7 @@ class Detector(Protocol):
     """What decides whether a peer is alive; ``suspects(now)`` is the same as ``now >= suspects_at()``."""
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived at *now*; copies and overtaken ones change nothing."""
+        """Process heartbeat *number*, received at *now*; copies and overtaken ones change nothing."""
 
     def suspects(self, now: Time) -> bool:
         """Return whether the peer is suspected at *now*, which must not be before the last arrival."""
@@ -27,7 +27,7 @@ class Detector(Protocol):
     def suspects_at(self) -> Time | None:
         """Return the instant from which on the peer is suspected if nothing more arrives; it may have passed.
 
-        None: never, because the detector knows nothing of the peer yet. Takes constant time, to serve as a deadline.
+        None if the detector knows nothing of the peer yet. Takes constant time, to serve as a deadline.
         """
 
 
@@ -54,7 +54,7 @@ class FixedTimeout:
         self._suspects_at = start + self._timeout
 
     def heartbeat(self, number: int, now: Time) -> None:
-        """Take note that heartbeat *number* has arrived at *now*; one that newer ones have overtaken is ignored."""
+        """Process heartbeat *number*, received at *now*; one that newer ones have overtaken is ignored."""
         if self._newest is None or number > self._newest:
             self._newest = number
             self._suspects_at = now + self._timeout
@@ -72,7 +72,7 @@ def make_detector(settings: DetectorSettings, period: Time, start: Time, epoch: 
     """Return the detector that *settings* choose, for a peer with a heartbeat each *period*, watched from *start* on.
 
     Heartbeat i is sent at *epoch* + i *period*, which only NFD-S uses. Phi accrual watches from the first heartbeat
-    only: who wants a peer suspected that is never heard counts the *start* as a heartbeat, with number -1.
+    only: to have a peer suspected that is never heard, count the *start* as a heartbeat with number -1.
     """
     match settings:
         case FixedTimeoutSettings():

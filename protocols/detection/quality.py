@@ -1,4 +1,4 @@
-"""How good a failure detector is: Chen's metrics of its speed and of its mistakes, from what it has said.
+"""Quality of a failure detector: Chen's metrics of its speed and of its mistakes, from its transitions.
 
 Chen, Toueg and Aguilera, "On the quality of service of failure detectors", IEEE Transactions on Computers 51(5), 2002,
 section 2: an S-transition is from trust to suspicion, a T-transition back. T_D is from the crash to the last
@@ -17,7 +17,7 @@ from protocols.detection.detectors import Detector
 
 
 class Transition(NamedTuple):
-    """A detector changes its mind."""
+    """A change of a detector between trust and suspicion."""
 
     time: Time
     suspects: bool
@@ -59,7 +59,7 @@ class History:
         self.suspects = False
 
     def note(self, time: Time, suspects: bool) -> None:
-        """Take note of what the detector says at *time*, which is not before the last one."""
+        """Note the detector's state at *time*, which is not before the last one."""
         if suspects == self.suspects:
             return
         self.suspects = suspects
@@ -73,7 +73,7 @@ def watch(detector: Detector, arrivals: Iterable[tuple[int, Time]], end: Time) -
     """Give *detector* the *arrivals*, pairs of number and time in order of time; return its transitions before *end*.
 
     It trusts at first. A heartbeat that arrives at the very instant at which suspicion would begin prevents it; of
-    several that arrive at an instant, what the detector says after the last counts.
+    several that arrive at an instant, the detector's state after the last counts.
     """
     history = History()
 

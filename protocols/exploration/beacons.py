@@ -6,18 +6,17 @@ visibility is maintained", and the "leapfrogging or bounding-overwatch pattern" 
 - An attractive schema beside the paper's three: from a distance of equilibrium on a robot is drawn to its guards with
   gain / d^2 (Reif and Wang, 1999: the attractive term of equation 1, with sigma 2 as in equations 3 to 5; with equal
   exponents terms have no equilibrium, so ranges give it, as they do there).
-- The guards of a robot are the nearest robots with lower numbers. So nobody waits for somebody who waits for it:
-  robot 0 has no guards and goes where its schemas lead it. When it has nobody in sight it returns to where it had, and
-  waits there.
-- A robot that has not all its guards in sight within ``keep_m`` leaves off exploring, paths out of local minima too,
-  and drives by a planned way to the nearest place from which it should see them within ``near_m``. With no frontier
-  within ``keep_m`` of a guard it does the same, and stands there. If its guard has stood for a while, which may be at a
-  corner, it comes beside it, so that the guard can go on.
+- The guards of a robot are the nearest robots with lower numbers. So no two robots wait for each other: robot 0 has no
+  guards and goes where its schemas lead it. When it has no robot in sight it returns to where it had one, and waits.
+- A robot that does not have all its guards in sight within ``keep_m`` stops exploring, and following paths out of local
+  minima, and drives by a planned way to the nearest place from which it should see them within ``near_m``. With no
+  frontier within ``keep_m`` of a guard it does the same, and stands there. If its guard has stood for a while, which
+  may be at a corner, it comes beside it, so that the guard can go on.
 - leapfrog: robots with even and odd numbers move in turn, for a slot each, counted in ticks from the start of the run;
-  those who stand are the beacons of those who move, and guards are of the other half.
+  the robots that stand are the beacons of those that move, and guards are of the other half.
 
-Who has had neither a gain nor a guard that made way for a time does without the others for as long: they may be dead,
-or may have done with exploring.
+A robot that for some time has seen no new cell, and no progress of its guard, does without the others for as long: they
+may be dead, or may have finished.
 """
 
 import math
@@ -26,7 +25,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from cosim.geometry.astar import Reading, lookouts, nearest
+from cosim.geometry.astar import lookouts, nearest
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address
@@ -35,46 +34,45 @@ from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.exploration.escaping import Escape
 from protocols.exploration.parameters import BeaconParameters
-from protocols.mapping.belief import Belief
 
 _AHEAD_CELLS: Final = 5
-"""So far along a planned way a robot heads."""
+"""Look-ahead along a planned way."""
 _PLAN_S: Final = 2.0
-"""From one plan to the next."""
+"""Interval between plans."""
 _WAY_M: Final = 1.0
-"""Who has come so far has made way."""
+"""Distance that counts as progress."""
 _STANDS_M: Final = 0.5
-"""A guard that stays within this,"""
+"""Movement within which a guard counts as standing."""
 _STANDS_S: Final = 5.0
-"""for so long, stands."""
+"""Time after which a guard that has not moved farther counts as standing."""
 _BESIDE_M: Final = 1.0
-"""Who comes beside another comes so near."""
+"""Distance to which a robot comes beside another."""
 _SURE: Final = 0.9
-"""Share of the distance that is wanted for which is planned; half as much if the other is not seen from there,"""
+"""Share of the wanted distance that is planned for; halved whenever the other is not seen from there."""
 _LEAST: Final = 0.2
-"""until it is below this."""
+"""Share below which it is halved no more."""
 
 
 class Explores(Protocol):
     """What a robot does when its beacons let it."""
 
     pull: Vector
-    """What else attracts it, as a force."""
+    """Force of whatever else attracts it."""
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to explore."""
+        """True if nothing is left to explore."""
 
     @property
     def underway(self) -> bool:
-        """Whether it is on a path out of a local minimum."""
+        """True if it is on a path out of a local minimum."""
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still."""
 
 
 def attraction(here_m: Point, others_m: list[Point], near_m: float, gain: float) -> Vector:
-    """Return the force towards *others_m*: gain / d^2 of each that is farther than *near_m*."""
+    """Return the force towards *others_m*: gain / d^2 for each that is farther than *near_m*."""
     x, y = 0.0, 0.0
     for other in others_m:
         dx, dy = other[0] - here_m[0], other[1] - here_m[1]
@@ -86,18 +84,17 @@ def attraction(here_m: Point, others_m: list[Point], near_m: float, gain: float)
 
 
 def moves(me: Address, tick: int, slot_ticks: int) -> bool:
-    """Return whether it is robot *me*'s turn to move at a tick of the run: even numbers begin."""
+    """Return whether robot *me* may move at a tick of the run: even numbers begin."""
     return (tick // slot_ticks) % 2 == me % 2
 
 
 class Rejoining:
-    """Ways to where others can be seen."""
+    """Ways to places from which others can be seen."""
 
-    def __init__(self, belief: Belief, escape: Escape, reading: Reading, plan_ticks: int) -> None:
-        """Plan as *escape* does."""
-        self._belief = belief
+    def __init__(self, escape: Escape, plan_ticks: int) -> None:
+        """Plan as *escape* does, again after so many ticks."""
+        self._belief = escape.belief
         self._escape = escape
-        self._reading = reading
         self._every = plan_ticks
         self._age = 0
         self._share = _SURE
@@ -110,7 +107,7 @@ class Rejoining:
     def heading(self, here_m: Point, other_m: Point, near_m: float) -> float | None:
         """Return the heading to the nearest place from which *other_m* is in sight within *near_m*, by the map.
 
-        None at the place. Who goes on asking there, since it sees nobody, is led nearer.
+        None at the place. A robot that goes on asking there, since it sees no robot, is led nearer.
         """
         if self._age % self._every == 0:
             self._share *= 1.0 if self._way or not self._age or self._share < _LEAST else 0.5
@@ -133,7 +130,7 @@ class Rejoining:
         watch = lookouts(ground.passable, ground.clear, target, reach)
         if not entry or not watch.any():
             return []
-        way = nearest(ground.passable, ground.extra, entry[-1], watch, self._reading)
+        way = nearest(ground.passable, ground.extra, entry[-1], watch, self._escape.cost)
         return [] if way is None else entry[:-1] + [int(cell) for cell in way]
 
 
@@ -144,59 +141,57 @@ class Tethered:
         self,
         parameters: BeaconParameters,
         explores: Explores,
-        belief: Belief,
         me: Address,
         size: int,
         escape: Escape,
-        reading: Reading,
         places_m: Mapping[Address, Point],
         start: Time,
         tick: Time,
     ) -> None:
         """Let *explores* lead *me*, one of so many, as long as beacons allow it.
 
-        *places_m* is where the others are, as far as they tell; who is seen is where it is seen.
+        *places_m* holds where the others have reported to be; a robot in sight is where it is seen.
         """
         self._own = parameters
         self._explores = explores
-        self._belief = belief
+        self._belief = escape.belief
         self._me = me
         self._least = min(parameters.least, size - 1)
-        self._told_m = places_m
+        self._reported_m = places_m
         self._seen_m: dict[Address, Point] = {}
         """Where the others were when they were last seen or heard of."""
         self._tick = start // tick - 1
         self._slot = max(round(parameters.slot_s * S / tick), 1)
         self._patience = round(parameters.patience_s * S / tick)
-        self._rejoining = Rejoining(belief, escape, reading, max(round(_PLAN_S * S / tick), 1))
+        self._rejoining = Rejoining(escape, max(round(_PLAN_S * S / tick), 1))
         self._rejoins = False
         self._stands = round(_STANDS_S * S / tick)
         self._stood: tuple[Address, Point, int] | None = None
-        """Where its first guard is, or nearly, and since what tick."""
+        """Its first guard, about where that is, and since which tick."""
         self._held = 0
-        """Ticks in which it might have made way and did not."""
+        """Ticks without progress, though there might have been some."""
         self._free = 0
-        """Ticks for which it does without the others."""
+        """Ticks for which it still does without the others."""
         self._mark_m: Point | None = None
-        """Where the first of its guards, or robot 0 itself, was when it made way last."""
+        """Where the first of its guards, or robot 0 itself, made progress last."""
         self._linked_m: Point | None = None
         """Where it had a beacon in reach last."""
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to explore."""
+        """True if nothing is left to explore."""
         return self._explores.done
 
     @property
     def underway(self) -> bool:
-        """Whether the robot is on a path out of a local minimum."""
+        """True if the robot is on a path out of a local minimum."""
         return self._explores.underway
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
         """Return the desired heading; None to stand still."""
         self._tick += 1
         here = observation.x_m, observation.y_m
-        self._seen_m |= {other: place for other, place in self._told_m.items() if other != self._me}
+        self._seen_m |= {other: place for other, place in self._reported_m.items() if other != self._me}
         self._seen_m |= {other: (x, y) for other, x, y in observation.sightings}
         leapfrogs = self._own.pattern == "leapfrog"
         if leapfrogs and not moves(self._me, self._tick, self._slot):
@@ -218,7 +213,7 @@ class Tethered:
         return math.dist(here, self._seen_m[other])
 
     def _guards(self, here: Point, others: list[Address]) -> list[Address]:
-        """Return those of *others* that the robot stays in sight of, the nearest first."""
+        """Return the robots of *others* that this one stays in sight of, the nearest first."""
         return sorted(others, key=lambda other: self._away(here, other))[: self._least]
 
     def _does_without(self, here: Point, guards: list[Address], gained: bool) -> bool:
@@ -242,7 +237,7 @@ class Tethered:
         return self._explores.lead(observation, gained)
 
     def _ahead(self, observation: Observation, gained: bool, linked: bool) -> float | None:
-        """Lead a robot without guards, robot 0: it waits for those who stay in its sight."""
+        """Lead a robot without guards, robot 0: it waits for those that stay in its sight."""
         here = observation.x_m, observation.y_m
         if linked:
             self._linked_m = here
@@ -256,7 +251,7 @@ class Tethered:
     def _guarded(
         self, observation: Observation, gained: bool, guards: list[Address], reach: list[Address]
     ) -> float | None:
-        """Lead a robot that has guards: to them if it has lost one or there is nothing to explore, else freely."""
+        """Lead a robot with guards: to them if it has lost one or there is nothing to explore, else freely."""
         here = observation.x_m, observation.y_m
         lost = [guard for guard in guards if guard not in reach]
         idle, called = not self._frontier_near(self._seen_m[guards[0]]), self._called(guards[0])
@@ -271,7 +266,7 @@ class Tethered:
         return None if idle else self._explore(observation, gained, guards)
 
     def _called(self, guard: Address) -> bool:
-        """Return whether *guard* has stood for long."""
+        """Return whether *guard* has stood for long, and waits."""
         at = self._seen_m[guard]
         if self._stood is None or self._stood[0] != guard or math.dist(at, self._stood[1]) > _STANDS_M:
             self._stood = guard, at, self._tick

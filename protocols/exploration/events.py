@@ -1,8 +1,9 @@
-"""The events of exploration, as rows of the trace."""
+"""What an explorer reports: events, as rows of the trace, and counters, for the metrics."""
 
 from dataclasses import dataclass, field
 
-from protocols.wire import BadBytes
+from cosim.units import Time
+from protocols.mapping.sharing import SharingCounters
 
 _X_M = {"unit": "m", "meaning": "where it is"}
 _Y_M = {"unit": "m", "meaning": "where it is"}
@@ -13,7 +14,7 @@ _IN_SIGHT = {"meaning": "whether the frontier is in line of sight"}
 
 @dataclass(frozen=True, slots=True)
 class Stalled:
-    """A robot takes itself to be caught in a local minimum."""
+    """A robot believes that it is caught in a local minimum."""
 
     why: str = field(metadata=_WHY)
 
@@ -30,14 +31,14 @@ class PathLaid:
 
 @dataclass(frozen=True, slots=True)
 class PathLeft:
-    """A robot follows its path no more."""
+    """A robot no longer follows its path."""
 
     why: str = field(metadata=_WHY)
 
 
 @dataclass(frozen=True, slots=True)
 class FrontierGivenUp:
-    """A robot will not go to a frontier any more: connected cells, whose middle is there."""
+    """A robot gives up a frontier: connected cells, whose middle is there."""
 
     x_m: float = field(metadata=_X_M)
     y_m: float = field(metadata=_Y_M)
@@ -50,5 +51,44 @@ class Explored:
     """A robot knows of no frontier that it has not given up."""
 
 
-EVENTS = (Stalled, PathLaid, PathLeft, FrontierGivenUp, Explored, BadBytes)
-"""All of them, for the protocol's specification."""
+EVENTS = (Stalled, PathLaid, PathLeft, FrontierGivenUp, Explored)
+"""Events of what leads a robot."""
+
+
+@dataclass(slots=True)
+class Counters(SharingCounters):
+    """Counts of one robot."""
+
+    steps: int = 0
+    """Ticks in which the schemas, or a rival algorithm, led it."""
+    escape_steps: int = 0
+    """Ticks in which it followed a path out of a local minimum."""
+    by_frontiers: int = 0
+    """Steps in which the frontiers, and the cells of a path, were the strongest schema."""
+    by_obstacles: int = 0
+    """Steps in which obstacles were the strongest schema."""
+    by_robots: int = 0
+    """Steps in which other robots were the strongest schema."""
+    stalls: int = 0
+    """Times that it was caught in a local minimum."""
+    way_m: float = 0.0
+    """Length of the way that it has driven."""
+    waited: int = 0
+    """Ticks in which its filter made it wait."""
+    ticks: int = 0
+    blocked: int = 0
+    """Ticks in which a wall or a body held it up."""
+    given_up: int = 0
+    """Frontier cells that it gave up."""
+    finished_at: Time | None = None
+    known: list[int] = field(default_factory=list)
+    """Cells that it knows, one number a second."""
+
+    def drawn(self, frontiers: float, obstacles: float, robots: float) -> None:
+        """Count a step by the strongest of its schemas, given their strengths; of equal ones by the first."""
+        if frontiers >= obstacles and frontiers >= robots:
+            self.by_frontiers += 1
+        elif obstacles >= robots:
+            self.by_obstacles += 1
+        else:
+            self.by_robots += 1

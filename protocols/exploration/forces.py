@@ -35,9 +35,9 @@ def attract(
     reach_m: float,
     result: Bytes,
 ) -> None:
-    """Set *result* to what attracts a robot at (x, y), as far as *reach_m*; farther off it holds whatever it held.
+    """Set *result* to what attracts a robot at (x, y), as far as *reach_m*; farther off it keeps what it held.
 
-    That are the frontiers that are neither *ignored* nor *vain*, unless *only_path* does, and the *path*.
+    The *path* attracts, and unless *only_path*, the frontiers that are neither *ignored* nor *vain*.
     """
     words, own, seen = frontier.view(np.uint64), ignored.view(np.uint64), vain.view(np.uint64)
     laid, drawing = path.view(np.uint64), result.view(np.uint64)
@@ -67,7 +67,7 @@ def _sum_of_attractions(
 ) -> Vector:
     """Return ``sum_of_frontiers`` over what :func:`attract` draws, without drawing it.
 
-    Unless it is *laid*, *path* holds nothing, and is not read: most of the time goes into fetching what is empty.
+    Unless it is *laid*, *path* holds nothing and is not read: most of the time goes into fetching empty words.
     """
     words, own, seen = frontier.view(np.uint64), ignored.view(np.uint64), vain.view(np.uint64)
     ways = path.view(np.uint64) if laid else words
@@ -136,10 +136,10 @@ def seen_frontiers(
     reach: float,
     found: Int32s,
 ) -> int:
-    """Return how many frontiers are in sight of *cell* within *reach* (cells), and list them in *found*, as it holds.
+    """Return how many frontiers are in sight of *cell* within *reach* (cells); list as many in *found* as it can hold.
 
-    Sight passes cells that are known to be empty, and none but those, or *through* frontiers as well; see
-    :func:`cosim.geometry.planning.in_view`. Frontiers that are in *without* or *vain* are not asked for.
+    Sight only passes cells that are known to be empty, and with *through* frontiers as well; see
+    :func:`cosim.geometry.planning.in_view`. Frontiers that are in *without* or *vain* do not count.
     """
     words, own, other = frontier.view(np.uint64), without.view(np.uint64), vain.view(np.uint64)
     ny, nx = evidence.shape
@@ -192,9 +192,9 @@ def take_back(
     reach_m: float,
     goal_m: float,
 ) -> int:
-    """Take the cells that are within *reach_m* of (x, y) out of a path; return how many are left.
+    """Remove the cells that are within *reach_m* of (x, y) from a path; return how many are left.
 
-    ``cells[:count]`` are those of the path; the last, its goal, is taken out within *goal_m*.
+    ``cells[:count]`` are those of the path; the last, its goal, is removed within *goal_m*.
     """
     kept = 0
     for k in range(count):

@@ -1,11 +1,11 @@
-"""What a frontier promises to tell: its information utility (paper 001, section 5.1).
+"""The information utility of frontiers (paper 001, section 5.1).
 
-The paper proposes that the utility of a frontier's information changes its gain, and that a robot that is trapped goes
-to a frontier that is more than the nearest one (after Makarenko et al., "An experiment in integrated exploration", IROS
+The paper proposes that the utility of a frontier's information changes its gain, and that a trapped robot goes to a
+frontier that is more than the nearest one (after Makarenko et al., "An experiment in integrated exploration", IROS
 2002, and Burgard et al., ICRA 2000); it prints no formula. Here the information of a cell is the number of unknown
-cells in a square about it, of which half a side is the scanner's range. It counts in shares of what a cell on a
-straight front has, before which all is unknown: so such a front draws as strongly as without. What is behind walls
-counts too.
+cells in a square around it, half a side of which is the scanner's range. It counts in shares of the information of a
+cell on a straight front beyond which all is unknown: so such a front attracts as strongly as without this term. Cells
+behind walls count too.
 
 The square's cells are counted by sums over all cells to the left and below (Crow, "Summed-area tables for texture
 mapping", SIGGRAPH 1984): four numbers a square.
@@ -28,9 +28,9 @@ from protocols.mapping.belief import Belief
 Sums = npt.NDArray[np.int32]
 
 _RENEW_TICKS: Final = 5
-"""So often unknown cells are counted anew."""
+"""Interval between counts of unknown cells."""
 _SLACK_M: Final = 0.5
-"""And whenever the robot is farther than this from where it was."""
+"""Distance driven after which they are counted again in any case."""
 
 
 @njit(cache=True)
@@ -82,7 +82,7 @@ def sum_by_utility(
 ) -> Vector:
     """Return ``sum_of_frontiers`` with the unknown cells' terms times ``1 - weight + weight * utility``.
 
-    Known cells that attract are those of a path: they count whole.
+    Known cells that attract are those of a path: they count in full.
     """
     words = frontier.view(np.uint64)
     u, v, reach = (x - origin_x) / cell_m - 0.5, (y - origin_y) / cell_m - 0.5, reach_m / cell_m
@@ -105,10 +105,10 @@ def sum_by_utility(
 
 
 class Attraction:
-    """What draws one robot to the frontiers: equation 3, if wanted with gains by information."""
+    """The attraction of one robot to the frontiers: equation 3, with gains by information if wanted."""
 
     def __init__(self, belief: Belief, reach_m: float, range_m: float, weight: float) -> None:
-        """Draw to frontiers up to *reach_m*; *weight* 0 is the paper's equation, with 1 gains grow with the utility."""
+        """Attract as far as *reach_m*; *weight* 0 is the paper's equation, with 1 gains are proportional to utility."""
         self._belief = belief
         self._reach_m = reach_m
         self._weight = weight
@@ -117,11 +117,11 @@ class Attraction:
         self._about = math.ceil((reach_m + _SLACK_M) / cell_m) + self._half
         self._sums = np.zeros((2 * self._about + 2, 2 * self._about + 2), np.int32)
         self._middle: tuple[int, int] | None = None
-        """The row and column about which was counted."""
+        """Row and column around which cells were counted."""
         self._age = 0
 
     def to(self, here_m: Point, attracting: Bytes) -> Vector:
-        """Return the sum over the cells that are not 0 in *attracting*, frontiers and a path, with gain 1 (1 / m^2)."""
+        """Return the sum over cells that are not 0 in *attracting*, frontiers and a path, with gain 1 (1 / m^2)."""
         belief = self._belief
         (left, low), cell_m = belief.frame.origin_m, belief.frame.cell_m
         if not self._weight:
@@ -133,7 +133,7 @@ class Attraction:
         )
 
     def _counted(self, here_m: Point) -> tuple[int, int]:
-        """Count anew if it is time; return the row and column at which the count begins."""
+        """Count again if it is time; return the row and column at which the count begins."""
         frame, about = self._belief.frame, self._about
         iy, ix = divmod(frame.cell_at(here_m), frame.nx)
         self._age += 1
@@ -159,8 +159,8 @@ def most_useful(
 ) -> Cell | None:
     """Return the cell of *goals* (ny, nx) with the greatest utility less cost, None if no way leads to any.
 
-    Information counts with *weight*, the cost of the way with 1 - weight, each in shares of the greatest there is among
-    the goals; of equal ones the first is taken. The grids and *reading* are those of ``cosim.geometry.astar``.
+    Information counts with *weight* and the cost of the way with 1 - weight, each in shares of the greatest among the
+    goals; of equal cells the first is taken. The grids and *reading* are those of ``cosim.geometry.astar``.
     """
     costs = costs_from(passable, extra, start, goals, reading)
     cells = np.flatnonzero(goals & np.isfinite(costs))
@@ -170,7 +170,7 @@ def most_useful(
     sums = np.empty((ny + 1, nx + 1), np.int32)
     count_unknown(evidence, 0, 0, sums)
     half = math.ceil(range_cells)
-    told = np.array([utility(sums, int(cell) // nx, int(cell) % nx, half) for cell in cells])
+    found = np.array([utility(sums, int(cell) // nx, int(cell) % nx, half) for cell in cells])
     cost = costs.reshape(-1)[cells]
-    net = weight * told / max(told.max(), 1e-9) - (1.0 - weight) * cost / max(cost.max(), 1e-9)
+    net = weight * found / max(found.max(), 1e-9) - (1.0 - weight) * cost / max(cost.max(), 1e-9)
     return int(cells[int(net.argmax())])

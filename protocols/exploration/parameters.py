@@ -37,7 +37,7 @@ class SchemaParameters(Settings):
 
     @property
     def robot_m(self) -> float:
-        """How far robots repel: d_robot, metres."""
+        """Distance as far as which robots repel: d_robot, metres."""
         return self.robot_range_scale * self.obstacle_m
 
     @property
@@ -53,21 +53,21 @@ class SchemaParameters(Settings):
 
 
 class EscapeParameters(Settings):
-    """When a robot takes itself to be caught in a local minimum, and how it gets out (sections 3.5 to 3.7)."""
+    """When a robot counts as caught in a local minimum, and how it gets out (sections 3.5 to 3.7)."""
 
     enabled: bool = Field(default=True, description="without it the robot stalls")
-    period_s: Period = Field(default=8.0, gt=0, le=3600, description="s, the time for which its movement is looked at")
+    period_s: Period = Field(default=8.0, gt=0, le=3600, description="s, the time over which its movement is measured")
     box_m: Metres = Field(default=0.6, gt=0, description="m, it stalls if the box of its movement is smaller")
     patience_s: Seconds | None = Field(
         default=15.0,
         gt=0,
-        description="s without a new cell, or one of its path walked, after which it stalls as well: it may circle in "
+        description="s without a new cell, or progress along its path, after which it stalls as well: it may circle in "
         "a box that is large enough; null: only the box counts, as in the paper",
     )
     cost: Literal["octile", "printed"] = Field(
         default="octile", description='A*: true lengths, or "printed": every step costs 1, straight-line heuristic'
     )
-    clearance_m: Metres = Field(default=0.6, ge=0, description="m, from an obstacle, nearer cells cost more")
+    clearance_m: Metres = Field(default=0.6, ge=0, description="m from an obstacle within which cells cost more")
     clearance_cost: Gain = Field(default=5.0, ge=0, description="of a cell next to an obstacle, in steps")
     choice: Literal["nearest", "utility"] = Field(
         default="nearest", description="the frontier to go to: the nearest (3.6), or the most useful one (5.1)"
@@ -95,12 +95,12 @@ class SteeringParameters(Settings):
 
 
 class RivalParameters(Settings):
-    """How algorithms choose frontiers that the schemas are compared with."""
+    """How the algorithms that the schemas are compared with choose frontiers."""
 
     least_cells: Count = Field(default=4, ge=1, description="smaller groups of cells are no frontiers: a robot's width")
-    plan_s: Period = Field(default=2.0, gt=0, description="s, so long a target is kept that is no frontier any more")
+    plan_s: Period = Field(default=2.0, gt=0, description="s for which a target is kept that is no longer a frontier")
     patience_s: Seconds = Field(
-        default=6.0, gt=0, description="s without way made, after which a robot goes round others, or gives the goal up"
+        default=6.0, gt=0, description="s without progress, after which a robot goes round others, or gives the goal up"
     )
     cost_weight: Gain = Field(default=1.0, ge=0, description="beta, of the cost of a way against its utility")
 
@@ -130,14 +130,16 @@ class PositioningParameters(Settings):
 
     kind: Literal["given", "slam"] = Field(
         default="given",
-        description="what it is told: true positions, as in the paper, or odometry if the senses drift; or a filter",
+        description="the pose as observed: true, as in the paper, or odometry if the senses drift; or a filter",
     )
     filter: SlamParameters = Field(
         default=SlamParameters(), description="the filter; its range_m is not used: a beam reaches as the scanner does"
     )
     control: SpeedControlParameters = SpeedControlParameters()
     margin_m: Metres = Field(
-        default=0.0, ge=0, description="m, by which maps reach beyond the floor: who errs may draw over its edge"
+        default=0.0,
+        ge=0,
+        description="m, by which maps reach beyond the floor: a robot that errs may draw over its edge",
     )
 
 
@@ -165,7 +167,7 @@ class BeaconParameters(Settings):
 
 
 class Parameters(Settings):
-    """What all robots of a run have been told."""
+    """Parameters of exploration: algorithm, map, and what each robot does with them."""
 
     algorithm: Literal["schemas", "nearest", "utility", "assignment"] = Field(
         default="schemas",
@@ -179,7 +181,7 @@ class Parameters(Settings):
     evidence: Literal["certain", "counted"] = Field(
         default="certain",
         description="whether one hit makes a cell occupied for good, as without false hits (section 4.3), or hits and "
-        "passes are weighed against each other, for who errs in places, or does not know where all bodies are",
+        "passes are weighed against each other, for robots that err in places, or do not know where all bodies are",
     )
     false_returns: bool = Field(
         default=False,
@@ -196,7 +198,7 @@ class Parameters(Settings):
 
     @property
     def counted(self) -> bool:
-        """Whether evidence of cells is counted."""
+        """True if evidence of cells is counted."""
         return self.evidence == "counted" or self.false_returns
 
     @model_validator(mode="after")

@@ -1,12 +1,13 @@
-"""Where a robot takes itself to be on its map, and how fast it may go for that (paper 001, section 5.2 and figure 5).
+"""Where a robot believes that it is on its map, and how fast it may go (paper 001, section 5.2 and figure 5).
 
-The filter of :mod:`cosim.navigation.slam` runs on odometry and scans and on maps of its own; its estimate is where the
-robot marks its map. The filter also sets speed and rate of turn, while the schemas go on to set the direction: all of
-the speed up to one spread of its particles, falling linearly above it, none from a second one on ("commanded to wait in
-place to continually observe surroundings"). Turning in place would show a scanner that looks all around nothing new.
+The filter of :mod:`cosim.navigation.slam` runs on odometry and scans and on maps of its own; the robot marks its map
+where the filter estimates it to be. The filter also sets speed and rate of turn, while the schemas still set the
+direction: full speed up to one spread of its particles, falling linearly above it, and none from a second spread on
+("commanded to wait in place to continually observe surroundings"). Turning in place would show nothing new to a scanner
+that looks all around.
 
-Who has nothing to see may wait for ever. So a robot waits for so long at most, then creeps on for a while whatever the
-spread, and may wait again.
+A robot that has nothing to see might wait for ever. So it waits for a limited time, then creeps on for a while whatever
+the spread, and may wait again.
 """
 
 import math
@@ -26,9 +27,9 @@ from protocols.exploration.parameters import PositioningParameters, SpeedControl
 from protocols.mapping.belief import Frame
 
 _BODY_SLACK_M: Final = 0.1
-"""A beam that ends so near to the body of a robot in sight has met that robot."""
-_TELL_S: Final = 1.0
-"""So often a robot notes in the trace where it takes itself to be."""
+"""Distance from the body of a robot in sight within which a beam counts as having met that robot."""
+_REPORT_S: Final = 1.0
+"""Interval between reports of the estimated pose in the trace."""
 
 _WHY = {"meaning": "what has made the robot think so"}
 _X_M = {"unit": "m", "meaning": "where it is"}
@@ -40,7 +41,7 @@ _SHARE = {"unit": "1", "meaning": "of its speed that it may drive with"}
 
 @dataclass(frozen=True, slots=True)
 class Localised:
-    """Where a robot with a filter takes itself to be, once a second."""
+    """Where a robot with a filter believes that it is, once a second."""
 
     x_m: float = field(metadata=_X_M)
     y_m: float = field(metadata=_Y_M)
@@ -65,32 +66,32 @@ class Resumed:
 
 
 EVENTS: Final = (Localised, Waiting, Resumed)
-Tell: TypeAlias = Callable[[Event], None]
+Report: TypeAlias = Callable[[Event], None]
 
 
 class Position(NamedTuple):
-    """What a robot senses, told in the frame of its map."""
+    """What a robot senses, in the frame of its map."""
 
     observation: Observation
-    """With pose and sightings in the map's frame."""
+    """The observation, with pose and sightings in the map's frame."""
     turned_rad: float
-    """By which the map's frame is turned against that in which beams and headings are sensed, counter-clockwise."""
+    """Angle by which the map's frame is turned against that of beams and headings, counter-clockwise."""
     share: float
-    """Of its speed, with which the robot may drive: 0 is to wait."""
+    """Share of its speed with which the robot may drive; 0 is to wait."""
 
 
 class Positioning(Protocol):
-    """What tells a robot where it is."""
+    """What locates a robot on its map."""
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
-        """Return what the robot knows of its place; to be asked once a tick.
+        """Return what the robot knows of its place; to be called once a tick.
 
         *ranges_m* (n,), along the unit vectors *beams* (n, 2), are as the robot senses them.
         """
 
 
 class Given:
-    """The pose is what the robot is told: the truth, as in the paper, or odometry if that errs."""
+    """The pose is that of the observation: the truth, as in the paper, or odometry if that errs."""
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return *observation* as it is."""
@@ -98,20 +99,20 @@ class Given:
 
 
 class SpeedControl:
-    """How much of its speed one robot may have."""
+    """The share of its speed that one robot may have."""
 
-    def __init__(self, parameters: SpeedControlParameters, tick: Time, tell: Tell) -> None:
+    def __init__(self, parameters: SpeedControlParameters, tick: Time, report: Report) -> None:
         self._own = parameters
         self._wait_ticks = round(parameters.wait_s * S / tick)
         self._creep_ticks = round(parameters.creep_s * S / tick)
-        self._tell = tell
+        self._report = report
         self._waited = 0
-        """Ticks of waiting until now; 0 if it does not wait."""
+        """Ticks of waiting so far; 0 if it does not wait."""
         self._creeps = 0
-        """Ticks for which it is still to creep on, whatever the spread."""
+        """Ticks for which it still creeps on, whatever the spread."""
 
     def share(self, spread_m: float) -> float:
-        """Return the share of its speed for the next tick, after a tick with an estimate of this spread."""
+        """Return the share of its speed for the next tick, given the spread of the last estimate."""
         own = self._own
         share = share_of_speed(spread_m, own.slow_m, own.stop_m)
         if self._creeps:
@@ -125,7 +126,7 @@ class SpeedControl:
 
     def _wait(self, spread_m: float) -> float:
         if not self._waited:
-            self._tell(Waiting(spread_m))
+            self._report(Waiting(spread_m))
         self._waited += 1
         if self._waited <= self._wait_ticks:
             return 0.0
@@ -135,11 +136,11 @@ class SpeedControl:
 
     def _resume(self, spread_m: float, why: str) -> None:
         self._waited = 0
-        self._tell(Resumed(spread_m, why))
+        self._report(Resumed(spread_m, why))
 
 
 class Filtered:
-    """The pose is the estimate of a filter, which begins at the first pose that the robot is told: that is certain."""
+    """The pose is the estimate of a filter, which begins at the first pose observed: that is certain."""
 
     def __init__(
         self,
@@ -149,39 +150,39 @@ class Filtered:
         radii_m: tuple[float, ...],
         tick: Time,
         stream: np.random.Generator,
-        tell: Tell,
+        report: Report,
     ) -> None:
         """Localise on maps with the cells of *frame*, by scans that reach *range_m*."""
         self._filter = parameters.filter.model_copy(update={"range_m": range_m})
         self._frame = frame
         self._radii_m = radii_m
         self._draws = Draws(int(stream.integers(2**62)), "slam")
-        self._tell = tell
-        self._control = SpeedControl(parameters.control, tick, tell) if parameters.control.enabled else None
-        self._told_ticks = max(1, round(_TELL_S * S / tick))
+        self._report = report
+        self._control = SpeedControl(parameters.control, tick, report) if parameters.control.enabled else None
+        self._report_ticks = max(1, round(_REPORT_S * S / tick))
         self._ticks = 0
         self._slam: Slam | None = None
 
     def locate(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Position:
         """Return *observation* in the frame of the map; *ranges_m* (n,) along *beams* (n, 2) as they are sensed."""
-        told = observation.x_m, observation.y_m, observation.heading_rad
+        sensed = observation.x_m, observation.y_m, observation.heading_rad
         if len(ranges_m) != len(beams):  # a robot without a scanner
             return Position(observation, 0.0, 1.0)
         if self._slam is None:
             frame = self._frame
             grid = MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m)
-            self._slam = Slam(grid, told, beams, self._draws, self._filter)
-        found = self._slam.observe(told, self._without_bodies(observation, ranges_m, beams))
+            self._slam = Slam(grid, sensed, beams, self._draws, self._filter)
+        found = self._slam.observe(sensed, self._without_bodies(observation, ranges_m, beams))
         share = 1.0 if self._control is None else self._control.share(found.spread_m)
-        if self._ticks % self._told_ticks == 0:
-            self._tell(Localised(found.x_m, found.y_m, found.heading_rad, found.spread_m, share))
+        if self._ticks % self._report_ticks == 0:
+            self._report(Localised(found.x_m, found.y_m, found.heading_rad, found.spread_m, share))
         self._ticks += 1
-        return Position(_moved(observation, found), math.remainder(found.heading_rad - told[2], math.tau), share)
+        return Position(_moved(observation, found), math.remainder(found.heading_rad - sensed[2], math.tau), share)
 
     def _without_bodies(self, observation: Observation, ranges_m: Floats, beams: Floats) -> Floats:
         """Return the ranges; NaN where a beam has met a robot that is in sight.
 
-        One of which only an edge shows may not be in sight, and is taken for a wall for that time.
+        A robot of which only an edge shows may not be in sight, and is taken for a wall meanwhile.
         """
         if not observation.sightings:
             return ranges_m
@@ -202,7 +203,7 @@ def turned(directions: Floats, angle_rad: float) -> Floats:
 
 
 def _moved(observation: Observation, found: SlamEstimate) -> Observation:
-    """Return *observation* in the frame in which the robot is where it was *found*."""
+    """Return *observation* in the frame in which the robot is where the filter has *found* it."""
     turned = found.heading_rad - observation.heading_rad
     cos, sin = math.cos(turned), math.sin(turned)
     sightings = []

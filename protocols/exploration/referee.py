@@ -1,7 +1,8 @@
-"""The truth of an exploration: what the team's scanners have covered, when, and how many robots have.
+"""The truth of an exploration: which cells the team's scanners have covered, when, and by how many robots.
 
-A cell is covered when a beam from a true place passes it: as the robots' own maps are marked, but without noise. What
-counts are the cells that can be covered at all (:func:`protocols.exploration.truth.coverable_cells`).
+A cell is covered when a beam from a true place passes it, as the robots' own maps are marked, but without noise. Only
+cells that can be covered at all count (:func:`coverable_cells`): those in sight, within the scanners' range, of a place
+that some robot can reach.
 """
 
 import math
@@ -12,26 +13,30 @@ from typing import Final
 import numpy as np
 
 from cosim.arrays import Bools, Floats
+from cosim.geometry.grids import TOUCH_M, CoverageGrid, coverage_grid, distances
 from cosim.geometry.marking import Weights
-from cosim.geometry.segments import ray_casts, segment_grid
+from cosim.geometry.planning import Point
+from cosim.geometry.segments import SegmentGrid, ray_casts, sees, segment_grid, swept_clearance
 from cosim.navigation.schemas import beam_directions
 from cosim.protocol import Death, Referee, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.exploration.setup import Setup
-from protocols.exploration.truth import coverable_cells, first_in_way_m
-from protocols.mapping.belief import Belief
+from protocols.mapping.belief import Belief, Frame
 
 LOOK_TICKS: Final = 2
-"""So often the truth is looked at."""
+"""Interval between looks at the truth."""
 SHARES: Final = (0.5, 0.95, 0.99)
-"""Of what can be covered: how long it takes."""
+"""Shares of what can be covered whose times are measured."""
+# What a beam passes is empty, also if another has hit it: the far side of a wall may be in the same cell.
 _PASSED: Final = Weights(1, 127, 127)
-"""What a beam passes is empty, also if another has hit it: the far side of a wall may be in the same cell."""
+"""Weights of hits and passes."""
+_NEAR_CELLS: Final = 1.5
+"""Distance of the cell centres by which a robot enters the grid, if it fits all along the way."""
 _ROUNDING: Final = 1e-9
 
 
 class CoverageReferee(Referee):
-    """Watches what each robot's beams pass. It ends no run: robots find out for themselves that all is done."""
+    """Observes what each robot's beams pass. It ends no run: robots find out for themselves that they have finished."""
 
     def __init__(self, setup: Setup, surroundings: Surroundings) -> None:
         self._surroundings = surroundings
@@ -44,14 +49,14 @@ class CoverageReferee(Referee):
         self._maps = [Belief(setup.frame, _PASSED, setup.range_m) for _ in range(setup.size)]
         cells = setup.frame.nx * setup.frame.ny
         self._covered = np.zeros((setup.size, cells), np.bool_)
-        """What each robot has covered."""
+        """Cells that each robot has covered."""
         self._since = np.full(cells, -1, np.int64)
-        """When a robot covered a cell first."""
+        """When the first robot covered a cell; -1 if none has."""
         self._dead: set[int] = set()
         self._looks = 0
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
-        """Note what is covered from the true places."""
+        """Mark what is covered from the true places."""
         self._looks += 1
         if (self._looks - 1) % LOOK_TICKS == 0:
             bodies = np.stack((x_m, y_m, self._radii_m), axis=1)
@@ -75,22 +80,22 @@ class CoverageReferee(Referee):
         self._since[changed[covered[changed] & (self._since[changed] < 0)]] = now
 
     def died(self, death: Death) -> None:
-        """Note that a robot sees nothing any more; its body stays in the way."""
+        """Note that a robot no longer sees anything; its body stays in the way."""
         self._dead.add(death.robot)
 
     def coverage(self) -> float:
-        """Return the share of what can be covered that has been by now; NaN if nothing can be."""
+        """Return the share of what can be covered that has been covered; NaN if nothing can be."""
         whole = np.count_nonzero(self._wanted)
         return float(np.count_nonzero(self._since[self._wanted] >= 0) / whole) if whole else math.nan
 
     def times_s(self, shares: Sequence[float]) -> list[float]:
-        """Return when each of *shares* of what can be covered had been; NaN for what never was."""
+        """Return when each of *shares* of what can be covered had been covered; NaN if it never was."""
         since = self._since[self._wanted]
         ordered = np.sort(since[since >= 0])
         return [when_s(ordered, share * len(since)) for share in shares]
 
     def verdict(self, now: Time) -> dict[str, float]:
-        """Return how much of what can be covered was, when, and how much of that by two robots or more."""
+        """Return how much of what can be covered was covered, when, and how much of it by two robots or more."""
         wanted = self._wanted
         covered = int(np.count_nonzero(self._since[wanted] >= 0))
         twice = int(np.count_nonzero(self._covered[:, wanted].sum(axis=0) > 1))
@@ -106,11 +111,84 @@ class CoverageReferee(Referee):
 
     @cached_property
     def _wanted(self) -> Bools:
-        """What can be covered, flat; only found out if somebody asks."""
+        """Cells that can be covered, flat; only computed on request."""
         return coverable_cells(self._frame, self._surroundings)
 
 
 def when_s(since: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", cells: float) -> float:
-    """Return when so many cells were covered, given when each was, in order; NaN if so many never were."""
+    """Return when as many as *cells* were covered, given the ordered times of each; NaN if they never were."""
     nth = max(math.ceil(cells - _ROUNDING), 1)
     return to_seconds(int(since[nth - 1])) if nth <= len(since) else math.nan
+
+
+# ---------------------------------------------------------------- what can be seen of a floor
+
+
+def reachable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
+    """Return which cells, shape (ny * nx,), have a centre that some robot can drive to: a flood fill, cell by cell.
+
+    Each robot begins where it starts and fills with its own radius; the others' bodies are not in its way.
+    """
+    (left, low), size = frame.origin_m, frame.cell_m
+    bounds = left, low, left + frame.nx * size, low + frame.ny * size
+    walls, starts = segment_grid(surroundings.walls_m), surroundings.starts_m
+    radii = surroundings.radii_m or (surroundings.radius_m,) * len(starts)
+    reachable = np.zeros(frame.nx * frame.ny, np.bool_)
+    for radius in sorted(set(radii)):
+        own = [start for start, other in zip(starts, radii, strict=True) if other == radius]
+        grid = coverage_grid(bounds, size, radius, surroundings.walls_m, surroundings.forbidden, own)
+        entries = [cell for start in own for cell in _entries(grid, walls, start, radius)]
+        reachable |= distances(grid.steps, entries) >= 0
+    return reachable
+
+
+def _entries(grid: CoverageGrid, walls: SegmentGrid, start_m: Point, radius_m: float) -> list[int]:
+    """Return the cells to whose centres a disc can move straight from a start; it may not fit into the start's cell."""
+    centres = grid.centres_m()
+    near = np.flatnonzero(grid.free & (np.hypot(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m))
+    room_m = swept_clearance(walls, np.broadcast_to(start_m, (len(near), 2)), centres[near], radius_m + 2.0 * TOUCH_M)
+    cells: list[int] = near[room_m >= radius_m - TOUCH_M].tolist()
+    return cells
+
+
+def coverable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
+    """Return which cells, shape (ny * nx,), the team can see from cells it can reach: free, in sight and in range.
+
+    Sight is from centre to centre: a wall between them hides a cell, a wall in its centre does not.
+    """
+    reachable = reachable_cells(frame, surroundings)
+    rows, columns = np.divmod(np.arange(frame.nx * frame.ny), frame.nx)
+    centres = np.stack((columns + 0.5, rows + 0.5), axis=1) * frame.cell_m + frame.origin_m
+    walls, seen = segment_grid(surroundings.walls_m), reachable.copy()
+    left = np.flatnonzero(~seen)
+    left = left[~surroundings.forbidden(centres[left])]
+    offsets = _offsets(surroundings.scan_range_m / frame.cell_m)
+    reach = int(np.abs(offsets).max())
+    posts = np.pad(reachable.reshape(frame.ny, frame.nx), reach)
+    for dy, dx in offsets.tolist():  # the nearest first: of most cells no farther post is asked
+        near = np.flatnonzero(posts[rows[left] + dy + reach, columns[left] + dx + reach])
+        cells = left[near]
+        in_sight = sees(walls, centres[cells], centres[cells + dy * frame.nx + dx])
+        seen[cells[in_sight]] = True
+        left = np.delete(left, near[in_sight])
+    return seen
+
+
+def _offsets(reach: float) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+    """Return (dy, dx) of all cells within *reach* cells of one, the nearest first."""
+    most = math.floor(reach + _ROUNDING)
+    dy, dx = (each.reshape(-1) for each in np.mgrid[-most : most + 1, -most : most + 1])
+    away = np.hypot(dy, dx)
+    order = np.argsort(away, kind="stable")
+    return np.stack((dy, dx), axis=1)[order][np.sort(away) <= reach + _ROUNDING]
+
+
+def first_in_way_m(ranges_m: Floats, beams: Floats, place_m: Point, bodies: Floats) -> Floats:
+    """Return *ranges_m* (n,) along *beams* (n, 2) from a place, lowered to where they meet *bodies* (k, 3) before."""
+    for x, y, radius in bodies.tolist():
+        dx, dy = x - place_m[0], y - place_m[1]
+        along, aside = dx * beams[:, 0] + dy * beams[:, 1], dx * beams[:, 1] - dy * beams[:, 0]
+        half = np.sqrt(np.maximum(radius * radius - aside * aside, 0.0))
+        meets = (np.abs(aside) < radius) & (along > 0.0)
+        ranges_m = np.where(meets, np.minimum(ranges_m, np.maximum(along - half, 0.0)), ranges_m)
+    return ranges_m

@@ -1,12 +1,12 @@
-"""What the paper's behaviour is compared with: robots that choose a frontier, and go there by the planned way.
+"""The algorithms that the paper's behaviour is compared with: robots choose a frontier and go there by a planned way.
 
-How targets are chosen is in :mod:`protocols.exploration.targets`. A robot keeps its target until it has come there, as
-Yamauchi's does. It scans on its way, which his does not: so it also leaves a target that is no frontier any more, but
-no sooner than ``plan_s`` after the choice (Burgard et al. choose anew when a target is reached or a time has passed).
-What is a frontier still although the robot has come there is left out for good (Yamauchi's list of visited frontiers).
-A robot that makes no way for ``patience_s`` goes round those that stand near, to whatever frontier is nearest then;
-if there are none it gives the frontier up for itself (Yamauchi's list of inaccessible frontiers). Of two that drive
-close to each other that with the higher number waits.
+:mod:`protocols.exploration.targets` chooses the targets. A robot keeps its target until it has reached it, as
+Yamauchi's does. It scans on its way, which his does not: so it also leaves a target that is no longer a frontier, but
+no sooner than ``plan_s`` after the choice (Burgard et al. choose again when a target is reached or a time has passed).
+A target that is still a frontier although the robot has reached it is left out for good (Yamauchi's list of visited
+frontiers). A robot without progress for ``patience_s`` goes round the robots that stand near, to the frontier that is
+nearest then; if there are none it gives the frontier up for itself (Yamauchi's list of inaccessible frontiers). Of two
+robots that drive close to each other the one with the higher number waits.
 """
 
 import math
@@ -20,22 +20,21 @@ from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
 from cosim.observation import Observation
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
+from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.targets import Targets
 
 _AHEAD_CELLS: Final = 5
-"""So far along its way a robot heads."""
+"""Look-ahead along the planned way."""
 _ARRIVED_CELLS: Final = 3
-"""So near it has come to its target."""
+"""Distance from its target at which a robot has reached it."""
 _LOOK_M: Final = 1.0
-"""So far about where it has come in vain nobody goes again, metres."""
+"""Distance about a target reached in vain within which frontiers are left out, metres."""
 _NEAR_M: Final = 1.5
-"""Robots that are no farther from each other's edges may stand in each other's way, metres."""
+"""Distance, edge to edge, within which robots may stand in each other's way, metres."""
 _CLOSE_M: Final = 0.3
-"""So close in front of a robot nobody with a lower number drives while it drives itself, edge to edge, metres."""
+"""Distance, edge to edge, at which a robot waits for a moving one with a lower number ahead, metres."""
 _STILL_M: Final = 1e-3
-"""Who has moved less in a tick stands, metres."""
+"""Movement per tick below which a robot counts as standing, metres."""
 
 
 class Rival:
@@ -65,7 +64,7 @@ class Rival:
         self._way: list[Cell] = []
         self._goal: Cell | None = None
         self._left = math.inf
-        """The shortest that was left of its way."""
+        """Shortest length that was left of its way."""
         self._barren = 0
         """Ticks in which that has not become shorter."""
         self._done_at: int | None = None
@@ -76,7 +75,7 @@ class Rival:
 
     @property
     def done(self) -> bool:
-        """Whether no way leads to any frontier."""
+        """True if no way leads to any frontier."""
         return self._done_at == self.belief.version
 
     def lead(self, observation: Observation, gained: bool) -> float | None:
@@ -98,7 +97,7 @@ class Rival:
         return None if heading is None or self._gives_way(here, heading, moving) else heading
 
     def _heading(self, here: Point) -> float | None:
-        """Return the heading to where the way leaves the robot's surroundings, and note how much of it is left."""
+        """Return the heading to a place ahead on the way, and note how much of the way is left."""
         frame = self.belief.frame
         while len(self._way) > 1 and math.dist(frame.centre_m(self._way[0]), here) < _AHEAD_CELLS * frame.cell_m:
             del self._way[0]
@@ -121,7 +120,7 @@ class Rival:
         ]
 
     def _gives_way(self, here: Point, heading: float, moving: list[tuple[Address, Point]]) -> bool:
-        """Return whether somebody with a lower number drives close in front."""
+        """Return whether a robot with a lower number drives close in front."""
         radii_m = self._targets.radii_m
         for other, (x, y) in moving:
             reach_m = radii_m[self._me] + radii_m[other] + _CLOSE_M
@@ -133,7 +132,7 @@ class Rival:
     # ------------------------------------------------------------ targets
 
     def _due(self, here: Point, observation: Observation) -> bool:
-        """Return whether it is time for another target; leave out what it has come to in vain."""
+        """Return whether it is time for another target; leave out a target that was reached in vain."""
         goal, targets, frame = self._goal, self._targets, self.belief.frame
         if goal is None or not self._way:
             return True
@@ -141,7 +140,7 @@ class Rival:
             return self._since >= self._every and not targets.open(goal)
         if targets.open(goal):
             if len(self._about(here, observation)) and self._barren < self._patience // 2:
-                return False  # somebody may hide it
+                return False  # another robot may hide it
             self._give_up(targets.in_vain(here, _LOOK_M), "nothing new is seen there")
             targets.bar(self._me, np.array([goal], np.int32))
         return True
@@ -154,7 +153,7 @@ class Rival:
             self._finish()
 
     def _take_over(self, here: Point) -> None:
-        """Take the target that another's choice has for this robot."""
+        """Take the target that another robot's choice has for this one."""
         self._round = self._targets.round
         goal = self._targets.goals.get(self._me)
         if goal is not None and goal != self._goal and self._barren < self._patience:
@@ -178,7 +177,7 @@ class Rival:
             x_m, y_m = self.belief.frame.centre_m(way[-1])
             self._events.append(PathLaid(x_m, y_m, len(way), False))
 
-    # ------------------------------------------------------------ what cannot be come to
+    # ------------------------------------------------------------ what cannot be reached
 
     def _about(self, here: Point, observation: Observation) -> Floats:
         """Return the places and radii of the robots in sight that are near, (n, 3)."""
@@ -192,7 +191,7 @@ class Rival:
         return np.array(near, np.float64).reshape(-1, 3)
 
     def _stuck(self, here: Point, observation: Observation) -> None:
-        """Go round who stands near, or give the target up."""
+        """Go round the robots that stand near, or give the target up."""
         bodies = self._about(here, observation)
         self._since = 0
         if len(bodies):
@@ -217,7 +216,7 @@ class Rival:
         self._events += [FrontierGivenUp(*self.belief.frame.centre_m(cell), why) for cell in cells]
 
     def _finish(self) -> None:
-        """Give up what no way leads to."""
+        """Give up the frontiers to which no way leads."""
         self._done_at = self.belief.version
         groups = self._targets.groups()
         cells = np.concatenate(groups) if groups else np.empty(0, np.int32)

@@ -1,47 +1,35 @@
 """What cosim must know of exploration: the entry point ``exploration`` names ``SPEC``."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from cosim.arrays import Floats
 from cosim.errors import UserError
-from cosim.geometry.marking import CERTAIN, DOUBTFUL, Weights
 from cosim.geometry.segments import SegmentGrid, segment_grid, swept_clearance
-from cosim.machine import Address, Event
+from cosim.machine import Address
 from cosim.protocol import Metric, ProtocolSpec, Surroundings
-from cosim.units import Time, from_seconds
-from protocols.exploration.beacons import Tethered
-from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
-from protocols.exploration.escaping import Escape
-from protocols.exploration.events import EVENTS
-from protocols.exploration.explorer import Explorer, Leader
-from protocols.exploration.parameters import Parameters, SchemaParameters
+from cosim.units import Time
+from protocols.exploration.events import EVENTS, Counters
+from protocols.exploration.explorer import Explorer
+from protocols.exploration.parameters import Parameters
 from protocols.exploration.positioning import EVENTS as POSITIONING_EVENTS
-from protocols.exploration.positioning import Filtered, Positioning
 from protocols.exploration.referee import CoverageReferee
-from protocols.exploration.rivals import Rival
-from protocols.exploration.setup import Setup
-from protocols.exploration.targets import Targets
-from protocols.exploration.terrain import Terrain
-from protocols.mapping.belief import Belief, frame_of
-from protocols.mapping.runs import MOST_CELLS
-from protocols.mapping.sharing import Sharing
-from protocols.transport.star import MOST_ROBOTS, piconet_of
+from protocols.exploration.setup import Setup, prepare
+from protocols.wire import BadBytes
 
 TEAM_LIMIT: Final = 256
 """Addresses on the wire are single bytes."""
 APART: Final = 4.0
-"""Robots without a place start so many radii from each other."""
+"""Distance between robots without given places, in radii."""
 ROOM: Final = 1.5
-"""So many radii about each are free then,"""
+"""Free radius about each of them, in radii."""
 WAY: Final = 1.2
-"""and so many on both sides of the way from the first."""
+"""Free width on both sides of the way from the first to each, in radii."""
 ATTEMPTS: Final = 10_000
-"""So many places are tried."""
+"""Number of places that are tried."""
 
 METRICS: Final = (
     Metric("time_50_s", "s", "until half of what can be seen had been; NaN if it never was"),
@@ -67,7 +55,7 @@ METRICS: Final = (
 def place(
     parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """Put the robots close to each other, about a place that is drawn; raise UserError if none is found."""
+    """Place the robots close to each other, about a random place; raise UserError if none is found."""
     x_min, y_min, x_max, y_max = surroundings.bounds_m
     side = math.isqrt(size - 1) + 1
     offsets = np.array([(k % side, k // side) for k in range(size)]) * APART * surroundings.radius_m
@@ -89,115 +77,9 @@ def _clear(surroundings: Surroundings, walls: SegmentGrid, places: Floats) -> bo
     return bool((swept_clearance(walls, first, places, ROOM * radius_m) > WAY * radius_m).all())
 
 
-def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Return what all robots know; raise UserError for a floor that is too large, or for ranges that do not fit."""
-    _check_ranges(parameters.schemas, surroundings.scan_range_m)
-    x_min, y_min, x_max, y_max = surroundings.bounds_m
-    margin_m = parameters.positioning.margin_m
-    frame = frame_of((x_min - margin_m, y_min - margin_m, x_max + margin_m, y_max + margin_m), parameters.cell_m)
-    if frame.nx * frame.ny > MOST_CELLS:
-        raise UserError(f"protocol.parameters.cell_m: {frame.nx} x {frame.ny} cells, at most {MOST_CELLS} in all")
-    size, range_m = len(surroundings.starts_m), surroundings.scan_range_m
-    if parameters.sharing.links is not None and size > MOST_ROBOTS:
-        raise UserError(f"protocol.parameters.sharing.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
-    shares = parameters.map == "shared"
-    shared = Belief(frame, _weights(parameters), range_m) if shares else None
-    terrain = None if shared is None else Terrain(shared, parameters.escape)
-    places_m = dict(enumerate(surroundings.starts_m)) if shares else {}
-    radii_m = surroundings.radii_m or (surroundings.radius_m,) * size
-    return Setup(
-        size=size,
-        tick=surroundings.tick,
-        frame=frame,
-        starts_m=tuple(surroundings.starts_m),
-        radii_m=radii_m,
-        speeds_mps=surroundings.speeds_mps or (surroundings.speed_mps,) * size,
-        range_m=range_m,
-        beams=surroundings.beams,
-        shared=shared,
-        terrain=terrain,
-        targets=None if terrain is None else _targets(parameters, terrain, radii_m, range_m, places_m),
-        places_m=places_m,
-    )
-
-
-def _targets(
-    parameters: Parameters,
-    terrain: Terrain,
-    radii_m: Sequence[float],
-    range_m: float,
-    places_m: Mapping[Address, tuple[float, float]],
-) -> Targets | None:
-    """Return what chooses frontiers by a map, for all who have it; None if none are chosen."""
-    if parameters.algorithm == "schemas":
-        return None
-    return Targets(parameters.algorithm, parameters.rivals, terrain, radii_m, range_m, places_m)
-
-
-def _check_ranges(schemas: SchemaParameters, range_m: float) -> None:
-    """Raise UserError unless obstacle_m < range < frontier_m (paper 001, sections 3.3 and 3.7)."""
-    path, of = "protocol.parameters.schemas", f"{range_m}, team.senses.beam_range_m"
-    if not schemas.obstacle_m < range_m:
-        raise UserError(f"{path}.obstacle_m: {schemas.obstacle_m} is not < {of} (paper 001, 3.7)")
-    if not range_m < schemas.frontier_m:
-        raise UserError(f"{path}.frontier_m: {schemas.frontier_m} is not > {of} (paper 001, 3.3)")
-
-
-def _weights(parameters: Parameters) -> Weights:
-    return DOUBTFUL if parameters.counted else CERTAIN
-
-
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Explorer:
     """Return the machine of robot *me*."""
-    counters, events = Counters(), list[Event]()
-    sharing, belief = None, setup.shared
-    if belief is None:
-        own, cells = parameters.sharing, setup.frame.nx * setup.frame.ny
-        certain = not parameters.counted
-        period = from_seconds(own.period_s)
-        piconet = None if own.links is None else piconet_of(me, setup.size, own.links)
-        sharing = Sharing(me, setup.size, cells, period, own.octets, own.again, counters, start, certain, piconet)
-        belief = Belief(setup.frame, _weights(parameters), setup.range_m)
-    leader = _leader(parameters, setup, me, belief, sharing, counters, events, start)
-    positioning = _positioning(parameters, setup, stream, events)
-    return Explorer(parameters, setup, me, belief, leader, sharing, counters, events, positioning)
-
-
-def _positioning(
-    parameters: Parameters, setup: Setup, stream: np.random.Generator, events: list[Event]
-) -> Positioning | None:
-    """Return a robot's filter; None if it takes what it is told for its place."""
-    own = parameters.positioning
-    if own.kind == "given":
-        return None
-    return Filtered(own, setup.frame, setup.range_m, setup.radii_m, setup.tick, stream, events.append)
-
-
-def _leader(
-    parameters: Parameters,
-    setup: Setup,
-    me: Address,
-    belief: Belief,
-    sharing: Sharing | None,
-    counters: Counters,
-    events: list[Event],
-    start: Time,
-) -> Leader:
-    radius_m, tick = setup.radii_m[me], setup.tick
-    terrain = setup.terrain or Terrain(belief, parameters.escape)
-    places_m = setup.places_m if sharing is None else sharing.places_m
-    if parameters.algorithm == "schemas":
-        behaviour = Behaviour(parameters, terrain, counters, events, radius_m, setup.range_m, tick)
-        if parameters.beacons.pattern == "free":
-            return behaviour
-        escape = Escape(parameters.escape, terrain, radius_m, setup.range_m)
-        own, reading, size = parameters.beacons, parameters.escape.cost, setup.size
-        return Tethered(own, behaviour, belief, me, size, escape, reading, places_m, start, tick)
-    targets = setup.targets or _targets(parameters, terrain, setup.radii_m, setup.range_m, places_m)
-    assert targets is not None
-    spans_s = parameters.rivals.plan_s, parameters.rivals.patience_s
-    plan, patience = (max(1, round(from_seconds(span_s) / tick)) for span_s in spans_s)
-    return Rival(targets, counters, events, me, plan, patience)
+    return Explorer(parameters, setup, me, stream, start)
 
 
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> CoverageReferee:
@@ -206,7 +88,7 @@ def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) ->
 
 
 def measure(machines: Sequence[Explorer]) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics that the machines have counted."""
     counters = [machine.counters for machine in machines]
     steps = sum(each.steps + each.escape_steps for each in counters)
     return {
@@ -242,7 +124,7 @@ SPEC = ProtocolSpec(
     referee=referee,
     metrics=METRICS,
     measure=measure,
-    events=(*EVENTS, *POSITIONING_EVENTS),
+    events=(*EVENTS, BadBytes, *POSITIONING_EVENTS),
     team_limit=TEAM_LIMIT,
     needs_sight=True,
     needs_view=True,

@@ -1,8 +1,8 @@
 """The lower layer: how a desired heading becomes motion (paper 001, section 3.2; speeds and subsumption, section 5).
 
-The robot drives at a constant speed and turns towards the heading, the less the nearer it is to it. A sensor-linked
+The robot drives at a constant speed and turns towards the heading at a rate that grows with the error. A sensor-linked
 layer subsumes that where the robot's own scanner shows no room: it takes the nearest heading along which the body fits
-for a while, and stands while it turns if there is no room ahead.
+for a while, and the robot stands while it turns if there is no room ahead.
 """
 
 import math
@@ -16,29 +16,30 @@ from cosim.machine import Drive
 from protocols.exploration.parameters import SteeringParameters
 
 _HEADINGS: Final = 36
-"""Headings that are tried, on both sides of the desired one."""
+"""Number of headings that are tried, on both sides of the desired one."""
 _CLEAR_S: Final = 1.0
-"""So long the robot could drive on along a heading that is taken."""
+"""Time for which a robot could drive on along a heading that it takes."""
+# A robot that comes towards it needs as much room to stop as it does itself.
 _STOP_S: Final = 0.5
-"""It stands if it could not even drive on for so long: who comes towards it needs as much to stop as it does itself."""
+"""Time for which it must be able to drive on; else it stands."""
 
 _SCANS: Final = 5
-"""So many scans are remembered."""
+"""Number of scans that are remembered."""
 _BEHIND_RAD: Final = 0.5 * math.pi
-"""Who stands and is to turn by more goes on standing."""
+"""Heading error above which a standing robot goes on standing."""
 _ABOUT_RAD: Final = 0.75 * math.pi
-"""Who is to turn by more goes on turning to the side that it turns to."""
+"""Heading error above which a turning robot keeps the side to which it turns."""
 _AMPLE_M: Final = 0.01
-"""More than rounding, when it is asked what is too far off to matter."""
+"""Margin, more than rounding, beyond which points are too far off to matter."""
 _ASIDE_RAD: Final = 1e-6
-"""Headings that differ by less are the same."""
+"""Difference below which headings are the same."""
 
 
 @njit(cache=True)
 def free_m(ranges_m: Floats, beams: Floats, ux: float, uy: float, half_m: float) -> float:
-    """Return how far a disc of radius *half_m* can go along the unit vector (ux, uy) until it touches what is seen.
+    """Return how far a disc of radius *half_m* can go along the unit vector (ux, uy) until it touches a point seen.
 
-    *ranges_m* (n,) along *beams* (n, 2); below 0 if the disc overlaps a point ahead already, inf if none is in the way.
+    *ranges_m* (n,) along *beams* (n, 2); below 0 if the disc already overlaps a point ahead, inf if none is in the way.
     """
     free = math.inf
     for k in range(ranges_m.shape[0]):
@@ -54,7 +55,7 @@ def free_m(ranges_m: Floats, beams: Floats, ux: float, uy: float, half_m: float)
 def free_heading(ranges_m: Floats, beams: Floats, desired: float, half_m: float, need_m: float, side: int) -> float:
     """Return the heading nearest to *desired* along which there is *need_m* of room; NaN if none is.
 
-    Of two that are as near, that on the *side* (1 left, -1 right).
+    Of two equally near ones, take that on the *side* (1 left, -1 right).
     """
     for k in range(_HEADINGS // 2 + 1):
         for sign in (side, -side):
@@ -80,9 +81,9 @@ def overruled(
 ) -> tuple[float, float, float]:
     """Return the heading to turn to (NaN if there is room along none), the speed, and the room ahead.
 
-    Room is told as far as it is needed, and is infinite where nothing so near is in the way.
+    Room is only measured as far as it is needed, and is infinite where nothing so near is in the way.
 
-    *ranges_m* (n,) becomes row *newest* of *scans* (m, n). For each beam the shortest of its last ranges counts: the
+    *ranges_m* (n,) becomes row *newest* of *scans* (m, n). For each beam the shortest of its last ranges counts, as the
     end of a thin wall may be between two beams. With *half_m* 0 nothing is in the way.
     """
     close, count = 0, 0
@@ -105,9 +106,9 @@ def overruled(
 
 
 def without_lone(ranges_m: Floats) -> Floats:
-    """Return a scan in which no beam is shorter than both of its neighbours: what one beam alone has met is not there.
+    """Return a scan (n,), a ring, in which no beam is shorter than both of its neighbours.
 
-    Where false returns happen, a robot would turn away from each, and mark it. Shape (n,), a ring.
+    What a single beam has met may be a false return, which the robot would turn away from, and mark.
     """
     return np.asarray(np.maximum(ranges_m, np.minimum(np.roll(ranges_m, 1), np.roll(ranges_m, -1))))
 
@@ -123,10 +124,10 @@ class Steering:
         self._half_m = 0.0 if parameters.margin_m is None else radius_m + parameters.margin_m
         self._side = 1
         self._turns = 0.0
-        """To which side it turned last: 1 left, -1 right."""
+        """Side to which it turned last: 1 left, -1 right."""
         self._stands = False
         self._scans: Floats = np.full((_SCANS, len(beams)), math.inf)
-        """The last ranges of each beam."""
+        """Last ranges of each beam."""
         self._noted = 0
 
     def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
@@ -158,10 +159,8 @@ class Steering:
         return Drive(0.0 if self._stands else speed, turn)
 
     def _on_one_side(self, error_rad: float) -> float:
-        """Return the error of the heading, counted on the side to which the robot turns already if it is nearly about.
-
-        Else a desired heading that trembles behind a robot would have it turn left and right, and drive straight on.
-        """
+        """Return the heading error, on the side to which the robot already turns if the error is nearly a half turn."""
+        # A desired heading that trembles behind the robot would make it turn left and right, and drive straight on.
         if abs(error_rad) > _ABOUT_RAD and error_rad * self._turns < 0.0:
             error_rad += self._turns * math.tau
         self._turns = math.copysign(1.0, error_rad)

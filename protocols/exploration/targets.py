@@ -1,18 +1,23 @@
-"""Where the robots of a team are to go, by one map: the targets of the algorithms that choose frontiers.
+"""The targets of a team by one map, for the algorithms that choose frontiers.
 
-Frontiers are Yamauchi's (:mod:`cosim.geometry.frontiers`), without cells that somebody has come to, or that are in
-sight from there, and that are frontiers all the same. A target is a cell of one:
+Frontiers are Yamauchi's (:mod:`cosim.geometry.frontiers`), without cells that a robot has reached, or that are in sight
+from there, and that are frontiers all the same. A target is a cell of one:
 
-- ``nearest``: that of the cheapest way; robots share maps and do not coordinate (B. Yamauchi, "Frontier-based
+- ``nearest``: the cell of the cheapest way; robots share maps and do not coordinate (B. Yamauchi, "Frontier-based
   exploration using multiple robots", Agents 1998).
-- ``utility``: as Burgard et al. have it, every cell of a frontier is a target of its own.
-- ``assignment``: frontiers are assigned; a robot's target is the one's cell of the cheapest way. Who is left over goes
-  to the nearest.
+- ``utility``: every cell of a frontier is a target of its own, as in Burgard et al.
+- ``assignment``: frontiers are assigned to robots; a robot's target is the cell of its frontier with the cheapest way.
+  A robot that is left over goes to the nearest.
 
-Yamauchi goes to a frontier's centroid. He scans where he arrives; here a robot scans all the time, and the centroid of
-what is left moves with every scan: the cheapest cell is heard in its place.
-For the last two all targets are chosen together, whenever a robot needs one. Who have a map in common have targets in
-common; else each robot works out what all should do, from the places that it knows of, and does its own part.
+Yamauchi's robots go to a frontier's centroid, and scan where they arrive. Here a robot scans all the time, and the
+centroid of what is left moves with every scan, so the cheapest cell takes its place.
+For the last two algorithms all targets are chosen together, whenever a robot needs one. Robots that share a map share
+targets; else each robot works out what all should do, from the places that it knows of, and does its own part.
+
+- :func:`by_utility`: W. Burgard, M. Moors, C. Stachniss and F. E. Schneider, "Coordinated multi-robot exploration",
+  IEEE Trans. Robotics 21(3), 2005: the robot and frontier with the greatest utility less cost are taken out again and
+  again, and the utility of frontiers near by falls. Costs count in shares of the greatest one that is finite.
+- :func:`by_assignment`: the assignment of the least sum of costs (Kuhn, 1955; Jonker and Volgenant, 1987).
 """
 
 import math
@@ -20,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.astar import in_sight, nearest
@@ -27,7 +33,6 @@ from cosim.geometry.frontiers import yamauchi_frontiers
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address
-from protocols.exploration.choosing import by_assignment, by_utility
 from protocols.exploration.parameters import RivalParameters
 from protocols.exploration.terrain import Terrain
 
@@ -51,9 +56,9 @@ class Targets:
         self.places_m = places_m
         self.together = algorithm != "nearest"
         self.goals: dict[Address, Cell] = {}
-        """The targets that were chosen last."""
+        """Targets that were chosen last."""
         self.round = 0
-        """How often targets have been chosen together."""
+        """Number of times that targets have been chosen together."""
         self._algorithm = algorithm
         self._own = parameters
         self._range = range_m / terrain.belief.frame.cell_m
@@ -63,20 +68,20 @@ class Targets:
     # ------------------------------------------------------------ frontiers
 
     def groups(self) -> list[Int32s]:
-        """Return the cells of all frontiers, without what is there in vain."""
+        """Return the cells of all frontiers, without those that are vain."""
         frontiers = yamauchi_frontiers(self.belief.evidence, self._own.least_cells)
         groups = [frontier.cells[~self._vain.flat[frontier.cells]] for frontier in frontiers]
         return [group for group in groups if len(group)]
 
     def open(self, cell: Cell) -> bool:
-        """Return whether a cell is one of a frontier still."""
+        """Return whether a cell still belongs to a frontier."""
         nx = self.belief.frame.nx
         iy, ix = divmod(cell, nx)
         around = self.belief.evidence[max(iy - 1, 0) : iy + 2, max(ix - 1, 0) : ix + 2]
         return bool(around.size and self.belief.evidence[iy, ix] < 0 and (around == 0).any()) and not self._vain[iy, ix]
 
     def in_vain(self, here_m: Point, reach_m: float) -> Int32s:
-        """Leave out, for all, the frontier cells in sight of a place within *reach_m*; return them."""
+        """Leave out, for all robots, the frontier cells in sight of a place within *reach_m*; return them."""
         frame = self.belief.frame
         mask = np.zeros(self._vain.shape, np.bool_)
         for group in self.groups():
@@ -91,13 +96,13 @@ class Targets:
         return np.flatnonzero(seen).astype(np.int32)
 
     def bar(self, me: Address, cells: Int32s) -> None:
-        """Leave out *cells* for one robot: it has not come to them."""
+        """Leave out *cells* for one robot, which has not reached them."""
         self._barred.setdefault(me, np.zeros(self._vain.shape, np.bool_)).flat[cells] = True
 
     # ------------------------------------------------------------ choices
 
     def choose(self, me: Address, here_m: Point) -> Cell | None:
-        """Choose a target for *me*, or for all of the team; return that of *me*, None if no way leads to any."""
+        """Choose a target for *me*, or for the whole team; return that of *me*, None if no way leads to any."""
         groups = self.groups()
         if not groups:
             return None
@@ -116,7 +121,7 @@ class Targets:
     def way_to_nearest(
         self, me: Address, here_m: Point, groups: list[Int32s], bodies_m: Floats | None = None
     ) -> list[Cell] | None:
-        """Return the cheapest way to a cell of *groups*; with *bodies_m* (n, 3), places and radii, round those."""
+        """Return the cheapest way to a cell of *groups*, round *bodies_m* (n, 3), places and radii, if given."""
         terrain, radius_m = self.terrain, self.radii_m[me]
         ends = np.zeros(self._vain.shape, np.bool_)
         for group in groups:
@@ -144,7 +149,7 @@ class Targets:
         return covered
 
     def _costs(self, robot: Address, place_m: Point, cells: Int32s) -> Floats:
-        """Return what it costs a robot to come to each of *cells*, inf where no way leads."""
+        """Return what it costs a robot to reach each of *cells*, inf where no way leads."""
         ends = np.zeros(self._vain.shape, np.bool_)
         ends.flat[cells] = True
         costs = self.terrain.costs(place_m, self.radii_m[robot], ends).flat[cells]
@@ -158,7 +163,7 @@ class Targets:
         return by_utility(costs, places, self._range, self._own.cost_weight)
 
     def _by_groups(self, costs: Floats, groups: list[Int32s]) -> list[int | None]:
-        """Return for each robot a number of a cell: that of its group that it comes to most cheaply."""
+        """Return the number of a cell for each robot: that of its group with the cheapest way."""
         starts = np.cumsum([0] + [len(group) for group in groups])
         of_group = np.stack([costs[:, a:b].min(axis=1) for a, b in pairwise(starts.tolist())], axis=1)
         choice: list[int | None] = []
@@ -168,3 +173,41 @@ class Targets:
             a, b = starts[taken], starts[taken + 1]
             choice.append(int(a + costs[robot, a:b].argmin()) if np.isfinite(own[taken]) else None)
         return choice
+
+
+# ---------------------------------------------------------------- who goes where
+
+
+def by_utility(costs: Floats, places: Floats, reach: float, weight: float) -> list[int | None]:
+    """Return the frontier to which each robot goes, None where no way leads to any.
+
+    *costs* (robots, frontiers), inf where no way leads; *places* (frontiers, 2) as *reach*, the scanner's range.
+    Utilities begin at 1. One falls by max(0, 1 - away / reach) when a frontier at the distance *away* is taken, which
+    is the chance that it is seen from there. Source: Burgard et al., 2005, Algorithm 1.
+    """
+    can: Bools = np.isfinite(costs)
+    share = np.where(can, costs, 0.0) / max(float(costs[can].max(initial=0.0)), 1.0)
+    utility, left = np.ones(costs.shape[1]), np.asarray(can.any(axis=1))
+    chosen: list[int | None] = [None] * len(costs)
+    while left.any():
+        gain = np.where(can & left[:, None], utility - weight * share, -math.inf)
+        row, frontier = divmod(int(gain.argmax()), costs.shape[1])
+        chosen[row] = frontier
+        left[row] = False
+        away = np.hypot(*(places - places[frontier]).T)
+        utility = utility - np.clip(1.0 - away / reach, 0.0, None)
+    return chosen
+
+
+def by_assignment(costs: Floats) -> list[int | None]:
+    """Return the frontier to which each robot goes, each to another: of the largest assignments the cheapest.
+
+    *costs* (robots, frontiers), inf where no way leads; None for a robot that is left over.
+    """
+    can: Bools = np.isfinite(costs)
+    forbidden = 2.0 * len(costs) * (float(costs[can].max(initial=0.0)) + 1.0)
+    chosen: list[int | None] = [None] * len(costs)
+    for row, frontier in zip(*linear_sum_assignment(np.where(can, costs, forbidden)), strict=True):
+        if can[row, frontier]:
+            chosen[row] = int(frontier)
+    return chosen

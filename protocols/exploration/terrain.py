@@ -1,4 +1,4 @@
-"""Where robots can go by a map: worked out once for each version of it, for all who have the map in common."""
+"""Where robots can go by a map: computed once for each version of it, for all robots that share the map."""
 
 from typing import Final
 
@@ -12,14 +12,14 @@ from protocols.exploration.parameters import EscapeParameters
 from protocols.mapping.belief import Belief
 
 SLACK_CELLS: Final = 0.5
-"""So much wider than its body a robot plans."""
+"""Room beyond its body with which a robot plans."""
 
 
 class Terrain:
     """Where robots can go by one map."""
 
     def __init__(self, belief: Belief, planning: EscapeParameters) -> None:
-        """Look at *belief* as it is when asked; *planning* says what it costs to be near to obstacles."""
+        """Plan by *belief* as it is when asked; *planning* says what it costs to be near obstacles."""
         self.belief = belief
         self.reading = planning.cost
         self._most = planning.clearance_cost
@@ -43,7 +43,7 @@ class Terrain:
         return found
 
     def extra(self) -> Singles:
-        """Return what it costs to enter each cell, beside its length, (ny, nx); not to be written to."""
+        """Return the cost of entering each cell, beyond its length, (ny, nx); not to be written to."""
         self._renew()
         if self._extra is None:
             self._extra = clearance_cost(self.belief.evidence > 0, self._clear, self._most)
@@ -53,8 +53,8 @@ class Terrain:
         """Return the cells from a place to the nearest one where the body has room; none if there is no way.
 
         A robot may stand where its body and the slack of its plans do not fit into the cells that are known to be
-        empty: beside a wall that both of its cells seem to hold, or where it has not seen the floor under its body.
-        Ways from there lead over empty cells, if there are any about it.
+        empty: beside a wall that seems to be in both of its cells, or where it has not seen the floor under its body.
+        Ways from there lead over empty cells, if there are any around it.
         """
         frame, passable = self.belief.frame, self.passable(radius_m)
         start = frame.cell_at(here_m)
@@ -69,7 +69,7 @@ class Terrain:
         return [] if way is None else [int(cell) for cell in way]
 
     def costs(self, here_m: Point, radius_m: float, ends: Bools) -> Floats:
-        """Return what it costs to come from a place to each cell, (ny, nx); *ends* need not be passable."""
+        """Return what it costs to go from a place to each cell, (ny, nx); *ends* need not be passable."""
         entry, passable = self.entry(here_m, radius_m), self.passable(radius_m)
         if not entry:
             return np.full(passable.shape, np.inf)

@@ -13,11 +13,11 @@ other ways in keeps it (paper 003, section VI).
 A robot is *settled* if it is at the place, or if settled robots stand in all the cells from which the way is a step
 shorter than its own: it cannot come nearer any more, and says stop. The task is done when all are settled.
 
-Why that comes to an end: while somebody is not settled, let U be one of those who have the shortest way. In each cell
-that is nearer than U's a settled robot stands or nobody, and in one of U's next cells nobody: so U can make a step.
-Of all who want a cell one gets it, so in every step of the team somebody comes nearer and nobody goes farther away; the
-sum of all ways falls until nobody can make a step, which is when all are settled. Then the robots stand together: from
-each of them a chain of occupied cells leads to the place.
+Why that comes to an end: while a robot is not settled, let U be one of those with the shortest way. Each cell that is
+nearer than U's is empty or holds a settled robot, and one of U's next cells is empty: so U can make a step. Of all
+robots that want a cell one gets it, so in every step of the team a robot comes nearer and none goes farther away; the
+sum of all ways falls until no robot can make a step, which is when all are settled. Then the robots stand together:
+from each of them a chain of occupied cells leads to the place.
 
 A robot that cannot come, because dead bodies are in its way, counts as settled where it is.
 """
@@ -33,9 +33,9 @@ from protocols.pseudonet.setup import Setup, View
 
 
 def choose_place(view: View) -> Cell:
-    """Return the cell of the member to whom all others have the shortest way together.
+    """Return the cell of the member with the smallest sum of ways from all others.
 
-    Who can be reached by most comes first; of equal ones that with the lowest number.
+    A member that more others can reach comes first; of equal ones that with the lowest number.
     """
 
     def cost(member: Address) -> tuple[int, int, Address]:
@@ -70,7 +70,7 @@ class Gathering:
 
     def __init__(self) -> None:
         self.place: Cell | None = None
-        """Where the team gathers; None before it is chosen."""
+        """Cell where the team gathers; None before it is chosen."""
         self._stopped = False
 
     def enlist(self, view: View) -> None:
@@ -94,7 +94,7 @@ class Gathering:
         """Keep to the place: this robot never asks."""
 
     def committed(self, action: Action, cell: Cell) -> None:
-        """Keep no memory: where everybody is stands in the view."""
+        """Keep no memory: all places are in the view."""
 
     def _judge(self, view: View, place: Cell) -> Verdicts:
         worth = set(nearer(view, view.cells[view.me], place))
@@ -105,7 +105,7 @@ class Gathering:
         return north, east, south, west
 
     def _left(self, view: View, action: Action) -> int:
-        """Return how far it is to the place, in cells, along the axis of *action*."""
+        """Return the distance to the place along the axis of *action*, in cells."""
         assert self.place is not None
         here, there = view.setup.place(view.cells[view.me]), view.setup.place(self.place)
         axis = 1 if action in (Action.NORTH, Action.SOUTH) else 0
@@ -113,18 +113,18 @@ class Gathering:
 
 
 class GatheringCoordination(Coordination):
-    """The coordination room of a team that gathers: nothing is ever covered, and the task is done when all settle."""
+    """The coordination layer of a team that gathers: nothing is ever covered, and the task is done when all settle."""
 
     def __init__(self, setup: Setup, me: Address, rounds: int) -> None:
         self._gathering = Gathering()
         super().__init__(setup, me, self._gathering, None, rounds)
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
-        """Take where everybody stands."""
+        """Take over the places of all robots."""
         super().take_positions(messages)
         self.view.covered.clear()
 
     def complete(self) -> bool:
-        """Return whether nobody can come nearer, with the plan that is in force."""
+        """Return whether no robot can come nearer, with the plan that is in force."""
         place = self._gathering.place
         return not self.plan_due and place is not None and len(settled(self.view, place)) == len(self.view.members)

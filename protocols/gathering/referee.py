@@ -1,4 +1,4 @@
-"""The truth about gathering: which robots' bodies stand together, since when, and how close."""
+"""The truth about gathering: how many robots stand together, since when, and how close."""
 
 import math
 
@@ -13,7 +13,7 @@ from protocols.pseudonet.setup import Setup
 
 
 def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
-    """Return how many of the robots in *cells* stand together: each a step of the grid away from another of them."""
+    """Return the size of the largest group in *cells* whose robots each stand a step of the grid from another."""
     left, largest = set(cells), 0
     while left:
         group, edge = 0, [left.pop()]
@@ -28,7 +28,7 @@ def largest_group(grid: CoverageGrid, cells: list[Cell]) -> int:
 
 
 class GatheringReferee(Referee):
-    """Watches where the living are; sees poses and deaths only, never what machines believe."""
+    """Follows the places of living robots; sees poses and deaths only, never what machines believe."""
 
     def __init__(self, setup: Setup) -> None:
         self._grid = setup.grid
@@ -39,7 +39,7 @@ class GatheringReferee(Referee):
         self._gathered_at: Time | None = None
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
-        """Look who stands together; never end the run: the team itself finds its end."""
+        """Find the robots that stand together; never end the run: the team itself finds its end."""
         grid = self._grid
         living = [robot for robot in range(len(x_m)) if robot not in self._dead]
         self._places = np.stack((x_m, y_m), axis=1)[living]
@@ -56,7 +56,7 @@ class GatheringReferee(Referee):
         return False
 
     def died(self, death: Death) -> None:
-        """Leave the dead out: the living are to gather."""
+        """Leave a dead robot out: the living are to gather."""
         self._dead.add(death.robot)
 
     def verdict(self, now: Time) -> dict[str, float]:

@@ -1,6 +1,6 @@
-"""What cosim must know of gathering: the entry point ``gathering`` names ``SPEC``.
+"""The protocol gathering as cosim needs it: the entry point ``gathering`` names ``SPEC``.
 
-All rooms are Pseudonet's but the coordination room: the packets, the exchanges, the set-up and its repair.
+All layers but the coordination layer are Pseudonet's: the packets, the exchanges, the set-up and its repair.
 """
 
 from typing import Final
@@ -19,7 +19,7 @@ from protocols.pseudonet.parameters import TeamParameters
 from protocols.pseudonet.setup import Setup
 
 OF_COVERAGE: Final = {"coverage", "time_to_cover_s", "overlap_ratio"}
-"""Metrics of Pseudonet that say nothing of a team that gathers."""
+"""Metrics of Pseudonet without a meaning for a team that gathers."""
 
 METRICS: Final = (
     Metric("gathered", "1", "share of the living robots that stand together at the end, each beside another"),
@@ -34,7 +34,7 @@ class Parameters(TeamParameters):
 
 
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Pseudonet:
-    """Return the machine of robot *me*: Pseudonet's, with another coordination room."""
+    """Return the machine of robot *me*: Pseudonet's, with another coordination layer."""
     coordination = GatheringCoordination(setup, me, parameters.rounds)
     return Pseudonet(parameters, setup, me, coordination, parameters.step_limit, start)
 

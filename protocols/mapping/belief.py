@@ -1,4 +1,4 @@
-"""What is known of the floor: a map of cells, marked by scans and by what others tell.
+"""What is known of the floor: a map of cells, marked by scans and by the reports of other robots.
 
 The arithmetic is in :mod:`cosim.geometry.marking`. A map covers the floor's extent, and begins without a known cell.
 """
@@ -16,16 +16,14 @@ from cosim.geometry.planning import Point
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 
 
+# The paper's "adjacent" may be either. A beam does not pass a corner: where two walls meet, an unknown cell behind the
+# corner would be a frontier that no robot ever sees.
 _DIAGONAL: Final = False
-"""Whether an unknown cell is a frontier by an empty one that it has a corner in common with.
-
-The paper's "adjacent" may be either. A beam does not pass a corner: where two walls meet, an unknown cell behind the
-corner would be a frontier that nobody ever sees.
-"""
+"""True if an unknown cell is a frontier when it only has a corner in common with an empty one."""
 
 
 class Frame(NamedTuple):
-    """Where the cells of all maps of a run are: cell (0, 0) has its lower left corner at *origin_m*."""
+    """The grid of all maps of a run: cell (0, 0) has its lower left corner at *origin_m*."""
 
     origin_m: Point
     cell_m: float
@@ -45,24 +43,24 @@ class Frame(NamedTuple):
 
 
 def frame_of(bounds_m: tuple[float, float, float, float], cell_m: float) -> Frame:
-    """Return the frame of maps of a floor: its extent, and a cell around it, as walls may stand on its edge."""
+    """Return the frame of maps of a floor: its extent and one cell around it, as walls may stand on its edge."""
     x_min, y_min, x_max, y_max = bounds_m
     nx, ny = (math.ceil((high - low) / cell_m - 1e-9) + 2 for low, high in ((x_min, x_max), (y_min, y_max)))
     return Frame((x_min - cell_m, y_min - cell_m), cell_m, nx, ny)
 
 
 class Belief:
-    """One map, of one robot or of all."""
+    """One map, of one robot or of a team that shares it."""
 
     def __init__(self, frame: Frame, weights: Weights, range_m: float) -> None:
-        """Know nothing; scans reach *range_m*."""
+        """Begin without a known cell; scans reach *range_m*."""
         self.frame = frame
         self.evidence = np.zeros((frame.ny, frame.nx), np.int8)
         self.frontier: Bytes = np.zeros((frame.ny, (frame.nx + 7) // 8 * 8), np.uint8)
         self.vain: Bytes = np.zeros_like(self.frontier)
-        """Frontiers that somebody has looked at from near by, and that are there all the same."""
+        """Frontiers that a robot has looked at from near by, and that are frontiers all the same."""
         self.version = 0
-        """Grows with each change."""
+        """Number of changes so far."""
         self._weights = weights
         self._range_m = range_m
         self._changed = np.empty(most_changes(range_m, frame.cell_m), np.int32)
@@ -89,11 +87,11 @@ class Belief:
         return self._changed[:count]
 
     def merge(self, cells: Int32s, occupied: Bools, newer: Bools) -> None:
-        """Take over what another has told of cells that are unknown here, and of others where it is *newer*."""
-        told = np.where(occupied, OCCUPIED, EMPTY).astype(np.uint8)
+        """Take over another robot's states of cells that are unknown here, and of others where they are *newer*."""
+        states = np.where(occupied, OCCUPIED, EMPTY).astype(np.uint8)
         scratch = np.empty(len(cells), np.int32)
         weight = self._weights.hit
-        self.version += merge_cells(self.evidence, self.frontier, cells, told, newer, weight, scratch, _DIAGONAL) > 0
+        self.version += merge_cells(self.evidence, self.frontier, cells, states, newer, weight, scratch, _DIAGONAL) > 0
 
     def occupied(self, cells: Int32s) -> Bools:
         """Return which of *cells* are occupied."""

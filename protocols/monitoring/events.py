@@ -1,4 +1,4 @@
-"""What a machine of monitoring reports: whom it suspects, whom no more, and bytes that are no heartbeat."""
+"""The events of monitoring: suspicion, trust, and bytes that are no heartbeat."""
 
 from dataclasses import dataclass, field
 
@@ -7,21 +7,21 @@ _PEER = {"meaning": "the robot that is watched"}
 
 @dataclass(frozen=True, slots=True)
 class Suspected:
-    """A robot takes another for crashed from now on."""
+    """A robot suspects another from now on."""
 
     peer: int = field(metadata=_PEER)
 
 
 @dataclass(frozen=True, slots=True)
 class Trusted:
-    """A robot takes another for alive again: the suspicion was a mistake, or the other has been started anew."""
+    """A robot trusts another again: the suspicion was a mistake, or the other has been rebooted."""
 
     peer: int = field(metadata=_PEER)
 
 
 @dataclass(frozen=True, slots=True)
 class BadHeartbeat:
-    """Bytes that are no heartbeat, or of nobody who is to send any."""
+    """Bytes that are no heartbeat, or from a robot that is not to send any."""
 
     sender: int = field(metadata={"meaning": "the last hop"})
     length: int = field(metadata={"unit": "B", "meaning": "length of the payload"})

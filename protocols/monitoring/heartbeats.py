@@ -1,10 +1,10 @@
 """The one message of monitoring: a robot is alive (big-endian, closed by the CRC-16 of ``protocols.wire``).
 
-    source     16 bits   who sends it; the last hop may be another robot
-    begun_ns   63 bits   when its heartbeat 0 was sent, by its own clock: it tells one life of a robot from the next
-    number     33 bits   which of its heartbeats this is; 63 bits if that is not enough
+    source     16 bits   the robot that sends it; the last hop may be another one
+    begun_ns   63 bits   when its heartbeat 0 was sent, by its own clock: this distinguishes its incarnations
+    number     33 bits   the number of the heartbeat; 63 bits if that is not enough
 
-Heartbeat i is sent at begun + i periods, so the stamp of the sending needs no field of its own.
+Heartbeat i is sent at begun + i periods, so the time of sending needs no field of its own.
 """
 
 from typing import Final, NamedTuple
@@ -17,12 +17,12 @@ from protocols import wire
 LAYOUT: Final[wire.Layout] = (("source", 16), ("begun_ns", 63), ("number", 33))
 
 _SHORT: Final = 1 << 33
-"""Numbers from here on are told in a longer frame: clocks that faults set forward make them as great."""
+"""Number from which on a longer frame is used: clocks that faults set forward make numbers as great."""
 _LONG: Final[wire.Layout] = (*LAYOUT[:-1], ("number", 63))
 
 
 class Heartbeat(NamedTuple):
-    """What a heartbeat says."""
+    """The content of a heartbeat."""
 
     source: Address
     begun: Time

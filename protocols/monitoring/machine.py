@@ -1,37 +1,38 @@
 """The machine of monitoring: it sends heartbeats, and watches the robots that send some.
 
-Each life of a robot is watched by a detector of its own: a heartbeat that tells of a later life than the one known ends
-the watch over that. A robot that has never been heard is watched as if it had been started with the watcher, so that
-one which is dead from the beginning is suspected as well; phi accrual, which waits for a first heartbeat, is told of
+Each incarnation of a robot is watched by a detector of its own: a heartbeat of a later incarnation than the known one
+ends the watch over that. A robot that has never been heard is watched as if it had been started with the watcher, so
+that one which is dead from the beginning is suspected as well; phi accrual, which waits for a first heartbeat, is given
 one at the start.
 """
 
 from cosim.errors import WireError
-from cosim.machine import BROADCAST, Address, Command, Event, LinkCommand, LinkEvent, Outgoing, Reception
+from cosim.machine import BROADCAST, Address, Drains, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.detection.accrual import PhiSettings
 from protocols.detection.detectors import make_detector
+from protocols.detection.incarnations import Watch
 from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
 from protocols.monitoring.parameters import Parameters
-from protocols.monitoring.watching import Watch
 
 
-class Monitor:
+class Monitor(Drains):
     """One robot's machine; it drives nowhere and never finishes."""
 
     finished = False
 
     def __init__(self, parameters: Parameters, size: int, me: Address, start: Time) -> None:
+        super().__init__()
         self.me = me
         self.sent = 0
         self.heard = 0
-        """Heartbeats of others, copies included."""
+        """Number of heartbeats of others, copies included."""
         self.last_seen: Time = start
-        """The last instant at which the machine was driven."""
+        """Last instant at which the machine was driven."""
         self.past: list[Watch] = []
-        """Watches over lives that are known to be over."""
+        """Watches over incarnations that are known to be over."""
         self._parameters = parameters
         self._period = from_seconds(parameters.period_s)
         senders = size if parameters.senders is None else min(parameters.senders, size)
@@ -39,17 +40,15 @@ class Monitor:
         self._shift = self._period // senders if parameters.spread else 0
         self._begun = self._begins(me)
         self._number: int | None = 0 if me < senders else None
-        """That of the next heartbeat; None if there are to be none."""
+        """Number of the next heartbeat; None if there are to be none."""
         self.watches: dict[Address, Watch] = {peer: self._first_watch(peer) for peer in range(senders) if peer != me}
-        self._out: list[Outgoing | LinkCommand] = []
-        self._events: list[Event] = []
         self._next: Time | None = None
         self._rearm()
 
     # ------------------------------------------------------------ what comes in
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a heartbeat of another robot; other bytes become an event, and own ones are ignored."""
+        """Process a heartbeat of another robot; other bytes become an event, and own ones are ignored."""
         self.last_seen = max(now, self.last_seen)
         try:
             heartbeat = decode(data)
@@ -71,15 +70,15 @@ class Monitor:
             self._arm(watch.due())
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Manage no links: who can hear a broadcast hears it."""
+        """Ignore link events: broadcasts reach the robots that they reach."""
         self.last_seen = max(now, self.last_seen)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Look at nothing: a robot is judged by what it sends."""
+        """Ignore observations: a robot is judged by what it sends."""
         self.last_seen = max(now, self.last_seen)
 
     def wake(self, now: Time) -> None:
-        """Send the heartbeat that is due, and suspect whom it is time to."""
+        """Send the heartbeat that is due, and suspect robots whose time is over."""
         self.last_seen = max(now, self.last_seen)
         self._beat(now)
         for peer, watch in self.watches.items():
@@ -89,34 +88,18 @@ class Monitor:
                 self._report(peer, False, watch)
         self._rearm()
 
-    # ------------------------------------------------------------ what goes out
-
     def wake_at(self) -> Time | None:
-        """Return when the next heartbeat or the next suspicion is due, or earlier."""
+        """Return the instant of the next heartbeat or the next suspicion, or an earlier one."""
         return self._next
-
-    def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain the heartbeats."""
-        out, self._out = self._out, []
-        return out
-
-    def commands(self) -> list[Command]:
-        """Drive nowhere."""
-        return []
-
-    def events(self) -> list[Event]:
-        """Drain what is suspected and what is not any more."""
-        events, self._events = self._events, []
-        return events
 
     # ------------------------------------------------------------ watches and deadlines
 
     def _begins(self, robot: Address) -> Time:
-        """Return when *robot* sends its heartbeat 0 if it has been started with this one."""
+        """Return the instant at which *robot* sends its heartbeat 0 if it has been started with this one."""
         return self._start + robot * self._shift
 
     def _first_watch(self, peer: Address) -> Watch:
-        """Return the watch over a robot that has not been heard yet, taken to have been started with this one."""
+        """Return the watch over a robot that has not been heard yet, as if it had been started with this one."""
         watch = self._new_watch(self._start, self._begins(peer), None)
         if isinstance(self._parameters.detector, PhiSettings):
             watch.heartbeat(-1, self._start)
@@ -126,7 +109,7 @@ class Monitor:
         return Watch(make_detector(self._parameters.detector, self._period, since, epoch), since, begun)
 
     def _watch_over(self, heartbeat: Heartbeat, now: Time) -> Watch | None:
-        """Return the watch over the life that *heartbeat* tells of; None if that is known to be over."""
+        """Return the watch over the incarnation that sent *heartbeat*; None if that is known to be over."""
         peer, begun, _ = heartbeat
         watch = self.watches[peer]
         if watch.begun is None and begun == self._begins(peer):
@@ -151,12 +134,12 @@ class Monitor:
         """Send the heartbeat that is due; of several, because the clock was set forward, the last."""
         last = (now - self._begun) // self._period
         if self._number is not None and last >= self._number:
-            self._out.append(Outgoing(BROADCAST, encode(Heartbeat(self.me, self._begun, last))))
+            self._outbox.append(Outgoing(BROADCAST, encode(Heartbeat(self.me, self._begun, last))))
             self._number = last + 1
             self.sent += 1
 
     def _arm(self, due: Time | None) -> None:
-        """Be woken at *due* at the latest; a deadline that has moved later is found out when the old one comes."""
+        """Be woken at *due* at the latest; a deadline that has moved later is noticed when the old one comes."""
         if due is not None and (self._next is None or due < self._next):
             self._next = due
 

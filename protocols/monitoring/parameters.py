@@ -1,4 +1,4 @@
-"""What a scenario can say about monitoring."""
+"""Parameters of monitoring."""
 
 from pydantic import Field
 
@@ -8,16 +8,16 @@ from protocols.detection.detectors import DetectorSettings
 
 
 class Parameters(Settings):
-    """Parameters of monitoring: who sends heartbeats, how often, and what becomes of them."""
+    """Parameters of monitoring: which robots send heartbeats, how often, and how they are judged."""
 
     period_s: Seconds = Field(default=1.0, ge=1e-6, description="s, eta, from one heartbeat of a robot to the next")
     senders: Count | None = Field(
-        default=None, ge=1, description="robots 0 to so many less one send heartbeats; all, if not given"
+        default=None, ge=1, description="number of robots that send heartbeats, the first ones; all if not given"
     )
     spread: bool = Field(
         default=True,
         description="robots that start together send evenly spread over the period, not all at one instant",
     )
     detector: DetectorSettings = Field(
-        default_factory=NfdESettings, description="what decides, for each robot that is watched, whether it is alive"
+        default_factory=NfdESettings, description="failure detector for each robot that is watched"
     )

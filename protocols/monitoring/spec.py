@@ -1,17 +1,18 @@
-"""What cosim must know of monitoring: the entry point ``monitoring`` names ``SPEC``.
+"""The protocol monitoring as cosim needs it: the entry point ``monitoring`` names ``SPEC``.
 
-The metrics know no crash but the one that the referee sees. A suspicion that is taken back was a mistake, whoever
-looks; one that stands at the end is taken for a detection, and the time watched ends with it. The metrics of Chen,
-Toueg and Aguilera are computed by that rule; ``suspected_at_s`` less ``died_at_s`` is their T_D if one robot dies, and
-negative (T_D = 0) if a mistake was never corrected.
+The metrics know no crash but the one that the referee sees. A suspicion that is taken back counts as a mistake; one
+that stands at the end counts as a detection, and the time watched ends with it. The metrics of Chen, Toueg and Aguilera
+are computed by that rule; ``suspected_at_s`` less ``died_at_s`` is their T_D if one robot dies, and negative (T_D = 0)
+if a mistake was never corrected.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
@@ -23,7 +24,7 @@ from protocols.monitoring.parameters import Parameters
 TEAM_LIMIT: Final = 1 << 16
 """Addresses on the wire have 16 bits."""
 APART: Final = 4.0
-"""Robots without a place start so many radii from each other."""
+"""Distance between robots without given places, in radii."""
 
 METRICS: Final = (
     Metric("heartbeats_sent", "1", "heartbeats sent, by all robots"),
@@ -40,19 +41,17 @@ METRICS: Final = (
 
 
 class DeathReferee(Referee):
-    """The truth: who died when. It never ends a run."""
+    """The truth about deaths. It never ends a run."""
 
     def __init__(self) -> None:
         self._first: Time | None = None
 
-    def look(
-        self, x_m: np.ndarray[Any, np.dtype[np.float64]], y_m: np.ndarray[Any, np.dtype[np.float64]], now: Time
-    ) -> bool:
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Let the run go on."""
         return False
 
     def died(self, death: Death) -> None:
-        """Note who was first."""
+        """Note the first death."""
         self._first = death.at if self._first is None else min(self._first, death.at)
 
     def verdict(self, now: Time) -> dict[str, float]:
@@ -63,9 +62,9 @@ class DeathReferee(Referee):
 def place(
     parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """Put the robots on a grid, close to each other, in the middle of the floor; raise UserError if that is not free.
+    """Place the robots on a grid, close to each other, in the middle of the floor; raise UserError if that is not free.
 
-    Who wants to know more of the radio than that it works says where robots start.
+    A study of the radio gives the robots' places itself.
     """
     apart_m, side = APART * surroundings.radius_m, math.isqrt(size - 1) + 1
     x_min, y_min, x_max, y_max = surroundings.bounds_m
@@ -91,12 +90,12 @@ def make(parameters: Parameters, size: int, me: Address, stream: np.random.Gener
 
 
 def referee(parameters: Parameters, size: int, surroundings: Surroundings) -> DeathReferee:
-    """Return who notes deaths."""
+    """Return the referee, which notes the first death."""
     return DeathReferee()
 
 
 def measure(machines: Sequence[Monitor]) -> dict[str, float]:
-    """Return what the machines have counted; those that a reboot has replaced count no more."""
+    """Return the metrics of all machines, but for those that a reboot has replaced."""
     watches = [(watch, machine.last_seen) for machine in machines for watch in machine.watches.values()]
     past = [(watch, machine.last_seen) for machine in machines for watch in machine.past]
     found = [watch.settled(end) for watch, end in (*watches, *past)]
@@ -118,7 +117,7 @@ def measure(machines: Sequence[Monitor]) -> dict[str, float]:
 
 SPEC = ProtocolSpec(
     name="monitoring",
-    about="Robots send heartbeats, and each tells by a failure detector whom it takes for dead.",
+    about="Robots send heartbeats, and each decides by a failure detector which others have failed.",
     parameters=Parameters,
     place=place,
     prepare=prepare,

@@ -1,15 +1,16 @@
-"""The Bluetooth room: sets up the piconet (paper 003, section IV.B, Fig. 6) and tells the room above who is in it.
+"""The Bluetooth layer: sets up the piconet (paper 003, section IV.B, Fig. 6) and reports its members upwards.
 
 The initiating robot looks for its neighbours by inquiry, then pages one after the other and becomes the master; the
 others scan. The calls on the way down are those of a Bluetooth host: a connection request of L2CAP becomes an HCI
 command, that a procedure of the link manager, that a state of the link controller; from HCI on they happen in the
 device, which is the channel's.
 
-The paper appoints the initiator and says nothing of its death. Here robots stand in for it in the order of their
+The paper appoints the initiator and does not treat its death. Here robots stand in for it in the order of their
 numbers: each waits to be found for as many times the stagger as robots of the last team with a lower number may be
-alive, then looks for others itself. So the first of those who are left forms the next team, and who is found by nobody,
-or finds nobody, goes on alone. Every wait has a deadline, also those for answers of the own device, as a host is not
-told that its radio is dead. A robot that works alone can be found and joins the team of who pages it.
+alive, then looks for others itself. So the first of the remaining robots forms the next team, and a robot that is not
+found and finds no other goes on alone. Every wait has a deadline, also those for answers of the own device, as a host
+does not learn that its radio is dead. A robot that works alone can be found and joins the team of the robot that pages
+it.
 """
 
 from collections.abc import Callable, Iterable
@@ -38,11 +39,11 @@ from cosim.units import Time
 from protocols.pseudonet.parameters import TeamParameters, Timing
 
 FULL_WAITS: Final = 2
-"""Robots that may be dead for which the whole stagger is waited; for any others a quarter of it."""
+"""Number of robots, possibly dead, for which the whole stagger is waited; for any others a quarter of it."""
 
 
-class Setup(Enum):
-    """Where a robot's radio is in the set-up."""
+class LinkState(Enum):
+    """The state of a robot's radio in the set-up."""
 
     OFF = auto()
     SCANNING = auto()
@@ -51,13 +52,13 @@ class Setup(Enum):
     JOINED = auto()
     """A slave."""
     LEADING = auto()
-    """The master, maybe of nobody."""
+    """The master, maybe without slaves."""
     CLOSING = auto()
-    """About to leave all piconets, once the last words are said."""
+    """About to leave all piconets, once the last messages are sent."""
 
 
-class Input(Enum):
-    """What moves the set-up on."""
+class LinkInput(Enum):
+    """The inputs of the set-up."""
 
     INITIATE = auto()
     WAIT = auto()
@@ -69,29 +70,29 @@ class Input(Enum):
     PAGED = auto()
     """Another robot has become the master of this one."""
     ASSIGNED = auto()
-    """The coordinator has told this robot whose master it is to be."""
+    """The coordinator has assigned this robot its slaves."""
     BREAK_UP = auto()
 
 
 TABLE: Final = {
-    **{(state, Input.WAIT): ("scan", Setup.SCANNING) for state in Setup},
-    **{(state, Input.BREAK_UP): ("linger", Setup.CLOSING) for state in Setup},
-    (Setup.OFF, Input.INITIATE): ("inquire", Setup.INQUIRING),
-    (Setup.SCANNING, Input.INITIATE): ("inquire", Setup.INQUIRING),
-    (Setup.SCANNING, Input.ALONE): ("ready", Setup.LEADING),
-    (Setup.INQUIRING, Input.TOO_FEW): ("inquire", Setup.INQUIRING),
-    (Setup.INQUIRING, Input.ENOUGH): ("page", Setup.PAGING),
-    (Setup.INQUIRING, Input.ALONE): ("ready", Setup.LEADING),
-    (Setup.PAGING, Input.NEXT): ("page", Setup.PAGING),
-    (Setup.PAGING, Input.ALL_PAGED): ("ready", Setup.LEADING),
-    (Setup.OFF, Input.PAGED): ("refuse", Setup.OFF),
-    (Setup.SCANNING, Input.PAGED): ("join", Setup.JOINED),
-    (Setup.INQUIRING, Input.PAGED): ("refuse", Setup.INQUIRING),
-    (Setup.PAGING, Input.PAGED): ("refuse", Setup.PAGING),
-    (Setup.JOINED, Input.PAGED): ("refuse", Setup.JOINED),
-    (Setup.LEADING, Input.PAGED): ("change_sides", Setup.JOINED),
-    (Setup.CLOSING, Input.PAGED): ("refuse", Setup.CLOSING),
-    (Setup.JOINED, Input.ASSIGNED): ("page", Setup.PAGING),
+    **{(state, LinkInput.WAIT): ("scan", LinkState.SCANNING) for state in LinkState},
+    **{(state, LinkInput.BREAK_UP): ("linger", LinkState.CLOSING) for state in LinkState},
+    (LinkState.OFF, LinkInput.INITIATE): ("inquire", LinkState.INQUIRING),
+    (LinkState.SCANNING, LinkInput.INITIATE): ("inquire", LinkState.INQUIRING),
+    (LinkState.SCANNING, LinkInput.ALONE): ("ready", LinkState.LEADING),
+    (LinkState.INQUIRING, LinkInput.TOO_FEW): ("inquire", LinkState.INQUIRING),
+    (LinkState.INQUIRING, LinkInput.ENOUGH): ("page", LinkState.PAGING),
+    (LinkState.INQUIRING, LinkInput.ALONE): ("ready", LinkState.LEADING),
+    (LinkState.PAGING, LinkInput.NEXT): ("page", LinkState.PAGING),
+    (LinkState.PAGING, LinkInput.ALL_PAGED): ("ready", LinkState.LEADING),
+    (LinkState.OFF, LinkInput.PAGED): ("refuse", LinkState.OFF),
+    (LinkState.SCANNING, LinkInput.PAGED): ("join", LinkState.JOINED),
+    (LinkState.INQUIRING, LinkInput.PAGED): ("refuse", LinkState.INQUIRING),
+    (LinkState.PAGING, LinkInput.PAGED): ("refuse", LinkState.PAGING),
+    (LinkState.JOINED, LinkInput.PAGED): ("refuse", LinkState.JOINED),
+    (LinkState.LEADING, LinkInput.PAGED): ("change_sides", LinkState.JOINED),
+    (LinkState.CLOSING, LinkInput.PAGED): ("refuse", LinkState.CLOSING),
+    (LinkState.JOINED, LinkInput.ASSIGNED): ("page", LinkState.PAGING),
 }
 
 
@@ -113,20 +114,20 @@ class Bluetooth:
         taken: Callable[[Time], None],
     ) -> None:
         self.me = me
-        self.state = Setup.OFF
+        self.state = LinkState.OFF
         self.out: list[Outgoing | LinkCommand] = []
         self.deadline: Time | None = None
         self.hop = (0, 0)
         self.inquiry_time: Time = 0
         self.page_time: Time = 0
         self.links = links
-        """The own role in the link to each neighbour."""
+        """Own role in the link to each neighbour."""
         self.found: list[Address] = []
         self._others: tuple[Address, ...] = tuple(other for other in range(size) if other != me)
-        """Those who may be alive."""
+        """Other robots that may be alive."""
         self._times = times
         self._patience = times.stagger
-        """How long a robot that was found waits to be called up."""
+        """Time for which a robot that was found waits to be called up."""
         self._inquiries = parameters.inquiries
         self._page_attempts = parameters.page_attempts
         self._ready = ready
@@ -148,15 +149,15 @@ class Bluetooth:
     def start(self, now: Time) -> None:
         """Begin the set-up: look for the others, or wait to be found."""
         if self._wanted == 0:
-            self._move(Input.WAIT, now)
-            self._move(Input.ALONE, now)
+            self._move(LinkInput.WAIT, now)
+            self._move(LinkInput.ALONE, now)
         elif self._rank == 0:
             self._initiate(now)
         else:
             self._wait(now)
 
     def reform(self, dead: Iterable[Address], now: Time) -> None:
-        """Leave all piconets and begin anew, without those who are known to be *dead*."""
+        """Leave all piconets and begin again without the robots that are known to be *dead*."""
         self._others = tuple(other for other in self._others if other not in set(dead))
         self._close(now)
 
@@ -167,79 +168,79 @@ class Bluetooth:
         self._wait(now + self._times.settle)
 
     def called_up(self, members: tuple[Address, ...]) -> None:
-        """Take notice that this robot is in a team of *members*."""
+        """Process that this robot is in a team of *members*."""
         self._others = tuple(member for member in members if member != self.me)
         self.deadline = None
 
     def leave(self) -> None:
-        """Be found by nobody any more: the task is done."""
+        """Stop scanning for good, as the task is done."""
         self.deadline = None
         if not self._left:
             self._left = True
             self.out.append(Scan(enabled=False))
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Process a link event."""
         match event:
-            case Discovered(peer=peer) if peer not in self.found and self.state is Setup.INQUIRING:
+            case Discovered(peer=peer) if peer not in self.found and self.state is LinkState.INQUIRING:
                 self.found.append(peer)
-            case InquiryComplete() if self.state is Setup.INQUIRING:
+            case InquiryComplete() if self.state is LinkState.INQUIRING:
                 self._inquired(now)
             case Connected(peer=peer, role=Role.SLAVE):
                 self._paged_by(peer, now)
-            case Connected(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
+            case Connected(peer=peer) if self.state is LinkState.PAGING and peer == self._to_page[0][0]:
                 self.hop = (event.hop_address, event.hop_clock)
                 self.links[peer] = Role.MASTER
                 self._paged(now)
-            case Connected(peer=peer):  # the answer to a page that I have given up
+            case Connected(peer=peer):  # the answer to a page that was given up
                 self.out.append(Disconnect(peer))
-            case PageFailed(peer=peer) if self.state is Setup.PAGING and peer == self._to_page[0][0]:
+            case PageFailed(peer=peer) if self.state is LinkState.PAGING and peer == self._to_page[0][0]:
                 self._page_failed(now)
             case Lost(peer=peer) if peer in self.links:
                 self._lost(peer, now)
 
     def wake(self, now: Time) -> None:
-        """Act on the deadline: nobody has come, or the device does not answer."""
+        """Act on the deadline: no robot has come, or the device does not answer."""
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
         match self.state:
-            case Setup.SCANNING if self._wanted == 0:
-                self._move(Input.ALONE, now)
-            case Setup.SCANNING:
+            case LinkState.SCANNING if self._wanted == 0:
+                self._move(LinkInput.ALONE, now)
+            case LinkState.SCANNING:
                 self._initiate(now)
-            case Setup.INQUIRING:
+            case LinkState.INQUIRING:
                 self._inquired(now)
-            case Setup.PAGING:
+            case LinkState.PAGING:
                 self._page_failed(now)
-            case Setup.CLOSING:
+            case LinkState.CLOSING:
                 self._close(now)
-            case Setup.JOINED | Setup.LEADING:  # found, but never called up
+            case LinkState.JOINED | LinkState.LEADING:  # found, but never called up
                 self.reform(tuple(self.links), now)
 
     # ------------------------------------------------------------ waiting and being found
 
     def _wait(self, now: Time) -> None:
-        self._move(Input.WAIT, now)
+        self._move(LinkInput.WAIT, now)
         waits, more = min(self._rank, FULL_WAITS), max(0, self._rank - FULL_WAITS)
         self.deadline = now + waits * self._times.stagger + more * self._times.stagger // 4
 
     def _paged_by(self, peer: Address, now: Time) -> None:
-        if self._left or (self.state is Setup.LEADING and self.links):
+        if self._left or (self.state is LinkState.LEADING and self.links):
             self.out.append(Disconnect(peer))
             return
-        self._move(Input.PAGED, now, peer)
+        self._move(LinkInput.PAGED, now, peer)
 
     def _lost(self, peer: Address, now: Time) -> None:
         del self.links[peer]
         if self.links or self._left:
             return
-        if self.state is Setup.LEADING:
+        if self.state is LinkState.LEADING:
             self.out.append(Scan(enabled=True))
-        elif self.state is Setup.JOINED and self.deadline is not None:
+        elif self.state is LinkState.JOINED and self.deadline is not None:
             self.reform((peer,), now)
 
-    def _move(self, event: Input, now: Time, peer: Address | None = None) -> None:
+    def _move(self, event: LinkInput, now: Time, peer: Address | None = None) -> None:
         action, self.state = next_state(TABLE, self.state, event)
         match action:
             case "scan":
@@ -269,7 +270,7 @@ class Bluetooth:
                 self.out.append(Disconnect(peer))
 
     def fate(self, fate: Fate, now: Time) -> None:
-        """Nothing that this room sends has a token."""
+        """Ignore fates: nothing that this layer sends has a token."""
 
     # ------------------------------------------------------------ looking for others
 
@@ -281,10 +282,10 @@ class Bluetooth:
         self._found_before = 0
         self._inquiries_left = self._inquiries
         self.out.append(Scan(enabled=False))
-        self._move(Input.INITIATE, now)
+        self._move(LinkInput.INITIATE, now)
 
     def _look_again(self) -> bool:
-        """Return whether another inquiry is worth its time: robots are missing, and the last one was not in vain."""
+        """Return whether another inquiry is worth its time: robots are missing, and the last one found some."""
         fruitful = len(self.found) > self._found_before or not self.found
         self._found_before = len(self.found)
         return len(self.found) < self._wanted and self._inquiries_left > 0 and fruitful
@@ -292,10 +293,10 @@ class Bluetooth:
     def _inquired(self, now: Time) -> None:
         self.inquiry_time += now - self._since
         if self._look_again():
-            self._move(Input.TOO_FEW, now)
+            self._move(LinkInput.TOO_FEW, now)
             return
         self._to_page = [(peer, self._page_attempts) for peer in self.found]
-        self._move(Input.ENOUGH if self._to_page else Input.ALONE, now)
+        self._move(LinkInput.ENOUGH if self._to_page else LinkInput.ALONE, now)
 
     def _page_failed(self, now: Time) -> None:
         peer, attempts = self._to_page[0]
@@ -306,4 +307,4 @@ class Bluetooth:
     def _paged(self, now: Time) -> None:
         self.page_time += now - self._since
         self._to_page.pop(0)
-        self._move(Input.NEXT if self._to_page else Input.ALL_PAGED, now)
+        self._move(LinkInput.NEXT if self._to_page else LinkInput.ALL_PAGED, now)

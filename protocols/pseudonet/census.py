@@ -11,28 +11,28 @@ NUMBERS = 256
 
 
 class Registry:
-    """What one robot knows of its scatternet: the roll that was called last, and, for the root, the reports."""
+    """One robot's knowledge of its scatternet: the roll that was called last, and, for the root, the reports."""
 
     def __init__(self, me: Address) -> None:
         self.directory = Directory(())
-        """The roll that was called last; without piconets if there is no team."""
+        """Roll that was called last; without piconets if there is no team."""
         self.root: Address | None = None
         self.deadline: Time | None = None
-        """When the root ceases to wait for reports."""
+        """Instant at which the root stops waiting for reports."""
         self._me = me
         self._expected: tuple[Address, ...] = ()
         self._reports: dict[int, Census] = {}
-        """As the root: the last report of each piconet."""
+        """The root's last report of each piconet."""
         self._own: Census | None = None
-        """The last report of the own piconet."""
+        """Last report of the own piconet."""
         self._roll: dict[int, Census] = {}
-        """What has come of the next roll."""
+        """Packets of the next roll that have come so far."""
         self._number = 0
         self._formation = -1
         self._seen: dict[Census, None] = {}
 
     def forget(self) -> None:
-        """There is no scatternet any more."""
+        """Forget the scatternet."""
         self.directory = Directory(())
         self.root = None
         self.deadline = None
@@ -49,7 +49,7 @@ class Registry:
         return new
 
     def reports(self) -> list[Census]:
-        """Return all reports that have come, or are my own, in order."""
+        """Return all reports that have come, and the own one, in order."""
         seen = [census for census in self._seen if not census.roll_call]
         return [*seen, self._own] if self._own is not None and self._own.root != self._me else seen
 
@@ -60,13 +60,13 @@ class Registry:
         self._own = census
 
     def expect(self, masters: tuple[Address, ...], formation: int, deadline: Time) -> None:
-        """As the root, wait for reports of *masters* until *deadline*."""
+        """Wait as the root for reports of *masters* until *deadline*."""
         self._expected = masters
         self._formation = formation
         self.deadline = deadline
 
     def take_report(self, census: Census) -> Directory | None:
-        """As the root, take a report; return what roll to call, once the reports of all piconets are there."""
+        """Process a report as the root; return the roll to call once the reports of all piconets have come."""
         if census.formation != self._formation or census.piconet >= len(self._expected):
             return None
         known = self._reports.get(census.piconet)
@@ -86,7 +86,7 @@ class Registry:
         return tuple(master for number, master in enumerate(self._expected) if number not in self._reports)
 
     def report_without(self, peer: Address) -> Census | None:
-        """Return the next report of the own piconet if *peer* was in it and nobody depends on it."""
+        """Return the next report of the own piconet if *peer* was in it and no other robot depends on it."""
         own = self._own
         if own is None or peer not in own.content.slaves:
             return None
@@ -98,17 +98,17 @@ class Registry:
     # ------------------------------------------------------------ rolls
 
     def roll_without(self, silent: tuple[Address, ...]) -> Directory | None:
-        """Return the team without those who are *silent*; None if somebody depends on one of them."""
+        """Return the team without the *silent* robots; None if another robot depends on one of them."""
         if not silent or not all(self.directory.is_plain(robot) for robot in silent):
             return None
         return self.directory.without(silent)
 
     def roll(self, directory: Directory, exchange: int) -> list[Census]:
-        """As the root, make *directory* the team; return how to call it up, beginning with *exchange*."""
+        """Make *directory* the team, as the root; return the roll call, which begins with *exchange*."""
         self.root = self._me
         self.directory = directory
         self._number = (self._number + 1) % NUMBERS
-        for number, piconet in enumerate(directory.piconets):  # a robot that is done without is reported no more
+        for number, piconet in enumerate(directory.piconets):  # a robot that was dropped is reported no more
             report = self._reports.get(number)
             if report is not None and piconet is not None and report.content != piconet:
                 self._reports[number] = replace(report, content=piconet)
@@ -120,7 +120,7 @@ class Registry:
         ]
 
     def take_roll(self, census: Census) -> bool:
-        """Take one packet of a roll call; return whether that made a new roll complete."""
+        """Process one packet of a roll call; return whether a new roll is complete."""
         if self._roll and next(iter(self._roll.values())).number != census.number:
             self._roll.clear()
         self._roll[census.piconet] = census

@@ -1,14 +1,14 @@
-"""The coordination room: where the team is, what each robot means to do, and who gives way (paper 003, section VI).
+"""The coordination layer: the team's places, each robot's intention, and who gives way (paper 003, section VI).
 
 The rules of conflict. Two robots that mean to enter one cell each send *help* in the next exchange, claiming the cell
 with the reasons why their other actions failed. The more constricted one (fewer possible actions) keeps its action,
 then the one with the lower number; the others drop theirs, evaluate again and confirm with an *answer*. A robot whose
-next cell is somebody's present one always gives way: a body stands there. When no conflict is left everyone answers
-*accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
+next cell is the present one of another always gives way: a body stands there. When no conflict is left all robots
+answer *accept*, and the step is made: that exchange is the one in which the state equals the previous state (Fig. 9a).
 
-Where a robot stands that was never found, or was dropped, nobody knows: it may have made its last step or not. A robot
-that cannot enter a cell turns back and reports that step as a wall; everybody hears it and goes around that cell. It
-may have been a robot that only passed by: before the team takes what it cannot reach for unreachable, it tries again.
+The place of a robot that was never found, or was dropped, is unknown: it may have made its last step or not. A robot
+that cannot enter a cell turns back and reports that step as a wall; the whole team goes around that cell then. The
+obstacle may have been a robot that only passed by: before the team gives up cells as unreachable, it tries again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -24,15 +24,15 @@ from protocols.pseudonet.setup import Setup, View
 
 @dataclass(frozen=True, slots=True)
 class Contest:
-    """The outcome of comparing everybody's next cells."""
+    """The outcome of comparing the next cells of all robots."""
 
     claimants: frozenset[Address] = frozenset()
-    """Those who want the same cell as somebody else and have not given their reasons yet."""
+    """Robots that want the same cell as another and have not given their reasons yet."""
     losers: frozenset[Address] = frozenset()
-    """Those who must choose another action."""
+    """Robots that must choose another action."""
 
     def settled(self) -> bool:
-        """Return whether nobody is in anybody's way."""
+        """Return whether no robot is in the way of another."""
         return not self.claimants and not self.losers
 
 
@@ -60,7 +60,7 @@ def contest(
 
 
 def accepted(messages: Iterable[Message]) -> bool:
-    """Return whether everybody has accepted: the team has agreed on a step."""
+    """Return whether all robots have accepted: the team has agreed on a step."""
     return all(message.kind == Kind.ANSWER and message.reply == Reply.ACCEPT for message in messages)
 
 
@@ -70,7 +70,7 @@ def in_trouble(message: Message) -> bool:
 
 
 def helper(asker: Address, messages: Mapping[Address, Message]) -> Address | None:
-    """Return who answers *asker*: the nearest member that is not in trouble itself, then the lowest number."""
+    """Return the robot that answers *asker*: the nearest that is not in trouble itself, then the lowest number."""
     here = messages[asker]
     candidates = [
         (abs(message.x - here.x) + abs(message.y - here.y), robot)
@@ -90,7 +90,7 @@ class Coordination:
         self.dormant = False
         self.plan_due = False
         self.obstructed: Action | None = None
-        """The step that I had to turn back from, until the team has heard of it."""
+        """Step that this robot had to turn back from, until the team has received it."""
         self._rounds = rounds
         self._rounds_left = rounds
         self._stopped: set[Address] = set()
@@ -103,7 +103,7 @@ class Coordination:
         return self._setup.grid.cell_at(x_m, y_m)
 
     def evaluate_actions(self) -> Evaluation:
-        """Scan the action space (Fig. 12): choose the next action, anew or after the present one was given up."""
+        """Choose the next action, again if the present one was given up: scan the action space (Fig. 12)."""
         if self._stop_at is not None and self.own_cells >= self._stop_at:
             kind = Kind.STATE if self.dormant else Kind.STOP
             self.dormant = True
@@ -113,7 +113,7 @@ class Coordination:
         return self.evaluation
 
     def negotiate(self, messages: Mapping[Address, Message]) -> Stance:
-        """Return what I say to *messages* next; a loser omits its action from the list and evaluates again."""
+        """Return this robot's next stance on *messages*; a loser omits its action from the list and evaluates again."""
         outcome = contest(messages, self.view.cells, self.targets(messages))
         if self.view.me in outcome.losers:
             self.view.omitted.add(self.evaluation.action)
@@ -124,34 +124,34 @@ class Coordination:
         return Stance.ACCEPT if outcome.settled() else Stance.REPEAT
 
     def stuck(self, cell: Cell) -> None:
-        """Take notice that I stand in *cell*, in its middle or not, and cannot go on to where I meant to go."""
+        """Process that this robot stands in *cell*, in its middle or not, and cannot go on."""
         if cell in self._setup.cells:
             self.view.cells[self.view.me] = cell
 
     def turned_back(self) -> None:
-        """Take notice that my last action cannot be carried out: I am on the way back."""
+        """Process that the last action cannot be carried out and the robot is on its way back."""
         self.obstructed = self.evaluation.action
         back = self._setup.steps[self.view.cells[self.view.me]][(self.obstructed + 2) % 4]
         self.view.cells[self.view.me] = back
 
     def obstruction(self) -> Verdicts:
-        """Return the verdicts that tell the team of the step that I had to turn back from."""
+        """Return the verdicts that report the step that this robot had to turn back from."""
         north, east, south, west = (Verdict.WALL if step == self.obstructed else Verdict.POSSIBLE for step in STEPS)
         return north, east, south, west
 
     def all_placed(self) -> bool:
-        """Return whether it is known where everybody is."""
+        """Return whether the places of all members are known."""
         return all(member in self.view.cells for member in self.view.members)
 
     def complete(self) -> bool:
-        """Return whether nothing is left to do: all is covered, or everybody has covered its programmed ratio."""
+        """Return whether nothing is left to do: all is covered, or all robots have covered their programmed ratios."""
         return self.view.complete() or self._all_stopped()
 
     def _all_stopped(self) -> bool:
         return self._stop_at is not None and self._stopped.issuperset(self.view.members)
 
     def try_again(self) -> bool:
-        """Forget what stood in the way of cells that are left, and return True; not more often than *rounds* a team."""
+        """Forget the obstacles before cells that are left, and return True; at most *rounds* times for a team."""
         left = len(self._setup.cells) > len(self.view.covered)
         if not (self.view.obstacles and left and self._rounds_left) or self._all_stopped():
             return False
@@ -161,7 +161,7 @@ class Coordination:
         return True
 
     def team_changed(self, members: tuple[Address, ...]) -> None:
-        """Take a new team; who is gone is believed nowhere, and what was meant or said in the old one is void."""
+        """Take over a new team: forget the places of robots that are gone, and the intentions of the old team."""
         for gone in set(self.view.cells) - set(members) - {self.view.me}:
             self.view.cells.pop(gone)
         self.view.members = members
@@ -172,11 +172,11 @@ class Coordination:
         self._rounds_left = self._rounds
 
     def take_positions(self, messages: Mapping[Address, Message]) -> None:
-        """Take where everybody stands; a cell is covered once its robot has reported from it at rest."""
+        """Take over the places of all robots; a cell is covered once its robot has reported from it at rest."""
         for robot, message in messages.items():
             cell = self._setup.cell(message.x, message.y)
             if cell is None or cell not in self._setup.cells:
-                continue  # nobody can be there: a peer's fault, not ours
+                continue  # no robot can be there: a peer's fault, not ours
             if robot != self.view.me:  # I know better: I may have turned back since
                 self.view.cells[robot] = cell
             if message.kind == Kind.STOP:
@@ -184,12 +184,12 @@ class Coordination:
             self.plan_due = self.plan_due or message.kind in (Kind.ROLL, Kind.MAP)
             self._go_around(robot, cell, message)
             if not message.busy:
-                self.view.obstacles -= {cell}  # whatever stood there, it is the robot that is heard now
+                self.view.obstacles -= {cell}  # what stood there is the robot that is heard now
                 self.own_cells += robot == self.view.me and cell not in self.view.covered
                 self.view.covered.add(cell)
 
     def _go_around(self, robot: Address, cell: Cell, message: Message) -> None:
-        """Take the cells that a robot could not enter, though there is no wall on the plan, for obstacles."""
+        """Mark cells as obstacles that a robot could not enter, though there is no wall on the plan."""
         for step, verdict in zip(STEPS, message.verdicts, strict=True):
             beyond = self._setup.steps[cell][step]
             if verdict == Verdict.WALL and beyond >= 0:
@@ -199,7 +199,7 @@ class Coordination:
                     self.obstructed = None
 
     def plan(self) -> None:
-        """Divide the work if the team is new since the last plan; to be called when everybody stands still."""
+        """Divide the work if the team is new since the last plan; to be called when all robots stand still."""
         if self.plan_due:
             self.plan_due = False
             self._algorithm.enlist(self.view)
@@ -209,7 +209,7 @@ class Coordination:
         return {robot: self.view.target(robot, message.action) for robot, message in messages.items()}
 
     def commit(self, messages: Mapping[Address, Message]) -> Cell:
-        """Carry the agreed step over into the picture of the team; return my own next cell."""
+        """Apply the agreed step to the picture of the team; return this robot's next cell."""
         for robot, target in self.targets(messages).items():
             if target >= 0:  # or else a peer has accepted its own way into a wall
                 self.view.cells[robot] = target
@@ -219,13 +219,13 @@ class Coordination:
         return mine
 
     def directed(self, message: Message) -> None:
-        """Take an answer that names a cell."""
+        """Process an answer that names a cell."""
         cell = self._setup.cell(*message.target)
         if message.reply == Reply.DIRECT and cell in self._setup.cells and cell is not None:
             self._algorithm.directed(cell)
 
     def direction_for(self, asker: Address, messages: Mapping[Address, Message]) -> Cell | None:
-        """Return where to direct *asker*, if it is me who answers and if I know an uncovered cell."""
+        """Return the cell to direct *asker* to, if this robot is to answer and knows an uncovered cell; else None."""
         if helper(asker, messages) != self.view.me:
             return None
         return self.view.nearest_uncovered(self.view.cells[asker])

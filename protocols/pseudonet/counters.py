@@ -1,17 +1,17 @@
-"""The times that one Pseudonet machine measures: setting up, exchanging, and standing still for the radio's sake."""
+"""What one Pseudonet machine counts: the times of set-up, of exchanges, and of standing still for the radio's sake."""
 
 from cosim.units import Time
 
 
 class Counters:
-    """Counts and sums; only the master's exchanges have a known beginning, so only it fills the latter two."""
+    """Counts and sums; only the master knows when an exchange begins and fills exchange_time and radio_wait."""
 
     def __init__(self, start: Time) -> None:
         self.start = start
         self.setup: Time | None = None
         self.exchanges = 0
         self.led = 0
-        """Exchanges that this robot has begun."""
+        """Number of exchanges that this robot has begun."""
         self.exchange_time: Time = 0
         self.radio_wait: Time = 0
         self.breaks = 0
@@ -22,13 +22,13 @@ class Counters:
         self._step_began: Time | None = None
 
     def team(self, now: Time) -> None:
-        """A team was called up; the first time ends the set-up."""
+        """Count that a team was called up; the first time ends the set-up."""
         if self.setup is None:
             self.setup = now - self.start
         self._step_began = None
 
     def broken(self, now: Time) -> None:
-        """The team is lost; until the team after it makes a step, time is lost as well."""
+        """Count the loss of the team; the time until the next team makes a step is lost as well."""
         self.breaks += 1
         self._began = None
         self._step_began = None
@@ -36,13 +36,13 @@ class Counters:
             self._broken_at = now
 
     def began(self, now: Time) -> None:
-        """The master begins an exchange; the first one of a step begins the wait."""
+        """Count that the master begins an exchange; the first one of a step begins the wait."""
         self._began = now
         if self._step_began is None:
             self._step_began = now
 
     def exchanged(self, now: Time) -> None:
-        """An exchange is complete."""
+        """Count a complete exchange."""
         self.exchanges += 1
         if self._began is not None:
             self.led += 1
@@ -50,11 +50,11 @@ class Counters:
             self._began = None
 
     def busy(self) -> None:
-        """The exchange was for nothing, as somebody was driving: the wait for the radio begins with the next one."""
+        """Restart the wait for the radio with the next exchange, as a robot was still driving in this one."""
         self._step_began = None
 
     def agreed(self, now: Time) -> None:
-        """The team drives on."""
+        """Count that the team has agreed and drives on."""
         if self._broken_at is not None:
             self.resumed += 1
             self.reform_time += now - self._broken_at

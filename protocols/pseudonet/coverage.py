@@ -1,7 +1,7 @@
 """The truth about coverage: which cells the robots' bodies have really been in, and what that cost.
 
 A robot that dies stays where it is. Its body occupies every cell that its disc touches, and what lies behind such cells
-may be out of reach for those who are left: only what they can still reach counts from then on.
+may be out of reach for the others: only what they can still reach counts from then on.
 """
 
 import math
@@ -60,12 +60,12 @@ class CoverageReferee(Referee):
         return False
 
     def died(self, death: Death) -> None:
-        """Take the cells that the dead body touches, and all that is cut off by it, out of what is to be covered."""
+        """Remove the cells that the dead body touches, and all that it cuts off, from what is to be covered."""
         self._dead.add(death.robot)
         self._bodies.update(cells_touched(self._grid, death.x_m, death.y_m, death.radius_m))
         living = [] if self._last is None else [c for r, c in enumerate(self._last.tolist()) if r not in self._dead]
         if not living:
-            return  # nobody is left to cover anything: what was to be covered stays the measure
+            return  # no robot is left to cover anything: what was to be covered stays the measure
         blocked = np.isin(self._grid.steps, list(self._bodies))
         steps = np.where(blocked, np.int32(-1), self._grid.steps)
         self._counts = distances(steps, living) >= 0

@@ -1,13 +1,13 @@
-"""What a Pseudonet machine reports: typed events, and the calls from room to room of Fig. 12."""
+"""The events of a Pseudonet machine, and the calls from layer to layer of Fig. 12."""
 
 from dataclasses import dataclass, field
 
-from cosim.machine import Call, Event
+from cosim.machine import Call, Event, drained
 
 
 @dataclass(frozen=True, slots=True)
 class TeamFormed:
-    """A robot has learnt who is in the team: its piconet or scatternet is formed."""
+    """A robot has learned the members of its team: its piconet or scatternet is formed."""
 
     size: int = field(metadata={"meaning": "number of robots in the team"})
     piconets: int = field(default=1, metadata={"meaning": "number of piconets that the team is joined by"})
@@ -32,7 +32,7 @@ class Stepped:
 
 @dataclass(frozen=True, slots=True)
 class MessageSent:
-    """A message was handed to the broadcast room."""
+    """A message was handed to the broadcast layer."""
 
     kind: str = field(metadata={"meaning": "message type"})
 
@@ -46,7 +46,7 @@ class RobotDropped:
 
 @dataclass(frozen=True, slots=True)
 class BadBytes:
-    """Bytes came in that are no packet."""
+    """Bytes were received that are no packet."""
 
     reason: str = field(metadata={"meaning": "what is wrong, or why it ended"})
 
@@ -61,23 +61,22 @@ class Finished:
 EVENTS = (TeamFormed, TeamLost, Stepped, MessageSent, RobotDropped, BadBytes, Finished)
 
 
-class Journal:
-    """Collects the events of one machine until its driver drains them."""
+class Events:
+    """The events of one machine until they are drained."""
 
     def __init__(self, calls: bool) -> None:
         self._calls = calls
         self._events: list[Event] = []
 
     def note(self, event: Event) -> None:
-        """Report *event*."""
+        """Add *event*."""
         self._events.append(event)
 
-    def call(self, depth: int, room: str, name: str, detail: object = "") -> None:
-        """Report a call to *room*, if calls are wanted."""
+    def call(self, depth: int, layer: str, name: str, detail: object = "") -> None:
+        """Add a call to *layer*, if calls are wanted."""
         if self._calls:
-            self._events.append(Call(depth, room, name, str(detail)))
+            self._events.append(Call(depth, layer, name, str(detail)))
 
     def drain(self) -> list[Event]:
-        """Return what was reported since the last time."""
-        events, self._events = self._events, []
-        return events
+        """Drain the events."""
+        return drained(self._events)

@@ -1,8 +1,20 @@
-"""The machine of one robot: the application with its rooms, the Bluetooth room, and the deadlines of both."""
+"""The machine of one robot: the application with its layers, the Bluetooth layer, and the deadlines of both."""
 
 from functools import partial
 
-from cosim.machine import Address, Command, Event, Fate, LinkCommand, LinkEvent, Lost, Outgoing, Reception, Role
+from cosim.machine import (
+    Address,
+    Command,
+    Event,
+    Fate,
+    LinkCommand,
+    LinkEvent,
+    Lost,
+    Outgoing,
+    Reception,
+    Role,
+    drained,
+)
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.pseudonet.application import Application
@@ -18,10 +30,10 @@ from protocols.pseudonet.wide import Assignment, Welcome
 
 
 class Pseudonet:
-    """What cosim drives: bytes, news of links, observations and time in; payloads, link commands and motion out.
+    """What cosim drives: bytes, link events, observations and time in; payloads, link commands and motion out.
 
-    The set-up begins at *start*, but not before the first observation tells the robot where it is. A slave that has
-    heard nothing for long takes its team for lost: a host is not told that its own radio is dead, and a master's radio
+    The set-up begins at *start*, but not before the first observation gives the robot its place. A slave that has
+    received nothing for long gives its team up: a host does not learn that its own radio is dead, and a master's radio
     may keep a link alive though its host is dead.
     """
 
@@ -39,32 +51,32 @@ class Pseudonet:
         links: dict[Address, Role] = {}
         self.scatternet: Scatternet | None = None
         self.bluetooth: Bluetooth
-        room: Broadcast | Relay
+        layer: Broadcast | Relay
         if setup.size <= parameters.piconet_size:
             waits = (times.poll_timeout, times.repair)
-            room = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._tell)
-            self.bluetooth = Bluetooth(me, setup.size, links, times, parameters, partial(_assemble, room), self._taken)
+            layer = Broadcast(me, waits, parameters.poll_retries, parameters.acknowledge, self._take_upcall)
+            self.bluetooth = Bluetooth(me, setup.size, links, times, parameters, partial(_assemble, layer), self._taken)
         else:
-            room = Relay(me, (2 * times.repair, times.silence), links, self._tell, self._instruct)
-            self.scatternet = Scatternet(me, setup.size, links, times, parameters, room, self._taken)
+            layer = Relay(me, (2 * times.repair, times.silence), links, self._take_upcall, self._instruct)
+            self.scatternet = Scatternet(me, setup.size, links, times, parameters, layer, self._taken)
             self.bluetooth = self.scatternet
-        self.application = Application(parameters, setup, me, coordination, step_limit, start, room, self._left_alone)
+        self.application = Application(parameters, setup, me, coordination, step_limit, start, layer, self._left_alone)
         self._silence = setup.timing.silence
         self._team: tuple[Address, ...] | None = None
-        """The team that the Bluetooth room knows of."""
+        """Team that the Bluetooth layer knows of."""
         self._start: Time | None = start
         self._set_up_due = False
         self._silent_at = start + self._silence
 
     @property
     def finished(self) -> bool:
-        """Whether the task is done."""
+        """True if the task is done."""
         return self.application.finished
 
     # ------------------------------------------------------------ inputs
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a payload off the air; those of robots without a link to this one are not for it."""
+        """Process a payload; those of robots without a link to this one are not for it."""
         if reception.source in self.bluetooth.links:
             self._silent_at = now + self._silence
             self.application.broadcast.receive(data, reception, now)
@@ -73,7 +85,7 @@ class Pseudonet:
         self._follow(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Process a link event."""
         if isinstance(event, Fate):
             self.application.broadcast.fate(event, now)
             self.bluetooth.fate(event, now)
@@ -86,7 +98,7 @@ class Pseudonet:
         self._follow(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Take what the robot senses."""
+        """Process what the robot senses."""
         self.application.observe(observation, now)
         self._set_up(now)
         self._follow(now)
@@ -117,18 +129,18 @@ class Pseudonet:
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def _watching(self) -> bool:
-        room = self.application.broadcast
-        return room.polled and room.find_master() not in (None, self.me) and not self.finished
+        layer = self.application.broadcast
+        return layer.polled and layer.find_master() not in (None, self.me) and not self.finished
 
     def _set_up(self, now: Time) -> None:
         if not (self._set_up_due and self.application.placed):
             return
         self._set_up_due = False
-        self.application.journal.call(0, "application", "initialise", f"robot {self.me}")
+        self.application.events.call(0, "application", "initialise", f"robot {self.me}")
         self.bluetooth.start(now)
 
-    def _tell(self, upcall: Upcall, now: Time) -> None:
-        self.application.hear(upcall, now)
+    def _take_upcall(self, upcall: Upcall, now: Time) -> None:
+        self.application.take_upcall(upcall, now)
 
     def _instruct(self, packet: Assignment | Welcome, source: Address, now: Time) -> None:
         if self.scatternet is not None:
@@ -141,40 +153,32 @@ class Pseudonet:
         self.bluetooth.reform(dead, now)
 
     def _follow(self, now: Time) -> None:
-        """Let the Bluetooth room know what has become of the team."""
+        """Pass changes of the team on to the Bluetooth layer."""
         if self.finished:
             self.bluetooth.leave()
             return
-        room = self.application.broadcast
-        if room.find_master() is None:
+        layer = self.application.broadcast
+        if layer.find_master() is None:
             self._team = None
-        elif room.members is not self._team:
-            self._team = room.members
-            self.bluetooth.called_up(room.members)
+        elif layer.members is not self._team:
+            self._team = layer.members
+            self.bluetooth.called_up(layer.members)
 
     # ------------------------------------------------------------ outputs
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain what the two lower rooms have for the device."""
-        broadcast = self.application.broadcast
-        if not self.bluetooth.out and not broadcast.out:
-            return []
-        out = self.bluetooth.out + broadcast.out
-        self.bluetooth.out.clear()
-        broadcast.out.clear()
-        return out
+        """Drain payloads and link commands of the two lower layers."""
+        return drained(self.bluetooth.out) + drained(self.application.broadcast.out)
 
     def commands(self) -> list[Command]:
-        """Drain where to drive."""
-        steering = self.application.steering
-        motion, steering.motion = steering.motion, []
-        return motion
+        """Drain motion commands."""
+        return drained(self.application.steering.motion)
 
     def events(self) -> list[Event]:
-        """Drain the journal."""
-        return self.application.journal.drain()
+        """Drain rows for the trace."""
+        return self.application.events.drain()
 
 
-def _assemble(room: Broadcast, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
-    """Call the team up: the piconet stands."""
-    room.assemble(tuple(sorted((room.me, *slaves))), hop, now)
+def _assemble(layer: Broadcast, slaves: tuple[Address, ...], hop: tuple[int, int], now: Time) -> None:
+    """Call the team up, as the piconet is formed."""
+    layer.assemble(tuple(sorted((layer.me, *slaves))), hop, now)

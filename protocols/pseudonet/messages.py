@@ -1,13 +1,13 @@
-"""What Pseudonet puts on the air (paper 003, section III.A, Fig. 3): four packet types, five message types, a CRC.
+"""Pseudonet's packets (paper 003, section III.A, Fig. 3): four packet types, five message types, a CRC.
 
 Every packet begins with a byte of source (3 bits), packet type (2 bits) and message kind (3 bits), followed by the
 number of the exchange that it belongs to. All fit a DM1 packet (17 bytes), so that each is one Bluetooth packet.
 
-An *information* packet carries a message. Each message tells where its robot is, its next action, and for all four
+An *information* packet carries a message. Each message holds its robot's place, its next action, and for all four
 actions the verdict of the evaluation, that is why each failed: the list that the paper's case study sends (section
 VI). Help, trap and stop add nothing that has no field here; an answer adds its addressee and a cell, a trap the trail
 that it is caught in. The paper names no destination field, "as all messages are broadcast": an answer's addressee is
-part of the message's content, and the master, who reads it, forwards the answer to that robot alone.
+part of the message's content, and the master, which reads it, forwards the answer to that robot alone.
 
 The "accept" of Fig. 10 is sent as an answer (to all, ``Reply.ACCEPT``): it answers the states of the exchange before.
 
@@ -17,7 +17,7 @@ hop information, and serves as the poll.
 Three things are added to the paper's. A *roll* message is the state with which a robot answers the roll call of a new
 team: it ends with a digest of what the robot knows to be covered. Where digests differ, *map* messages follow, which
 carry that knowledge piece by piece. A *negative acknowledgement* of a slave names the robots whose messages it has
-missed, as broadcasts are acknowledged by nobody.
+missed, as broadcasts are not acknowledged.
 
 These are the bytes of teams of up to eight robots; beyond, all packets take the wide form (module ``wide``).
 """
@@ -54,7 +54,7 @@ class Kind(IntEnum):
 
 
 class Action(IntEnum):
-    """What a robot does next; the first four are the directions of a step."""
+    """A robot's next action; the first four are the directions of a step."""
 
     NORTH = 0
     EAST = 1
@@ -78,19 +78,19 @@ class Verdict(IntEnum):
 
 
 class Reply(IntEnum):
-    """What an answer says."""
+    """The content of an answer."""
 
     NONE = 0
     ACCEPT = 1
-    """Nobody is in the way of anybody: the next action is carried out."""
+    """No robot is in the way of another: the next action is carried out."""
     YIELD = 2
-    """I have changed my action, as the better claim is yours."""
+    """The sender has changed its action, as the other robot has the better claim."""
     DIRECT = 3
-    """The nearest uncovered cell that I know is the target."""
+    """The target is the nearest uncovered cell that the sender knows."""
 
 
 TRAIL_LIMIT: Final = 12
-"""The longest trail that a trap message carries, in steps."""
+"""Length of the longest trail that a trap message carries, in steps."""
 
 _HEAD: Final[wire.Layout] = (("source", 3), ("type", 2), ("kind", 3), ("exchange", 8))
 BODY: Final[wire.Layout] = (
@@ -103,7 +103,7 @@ BODY: Final[wire.Layout] = (
     ("west", 3),
     ("busy", 1),
 )
-"""What every message carries behind its head."""
+"""Fields of every message behind its head."""
 
 
 def message_layout(head: wire.Layout, kind: Kind, name_bits: int, marks: int = 0) -> wire.Layout:
@@ -141,23 +141,23 @@ class Message:
     action: Action
     verdicts: tuple[Verdict, Verdict, Verdict, Verdict]
     busy: bool = False
-    """Not ready to decide: still driving, or out of step with the team."""
+    """True if the robot is not ready to decide: still driving, or out of step with the team."""
     addressee: int | None = None
-    """Whom an answer is for; None for all."""
+    """Receiver of an answer; None for all."""
     reply: Reply = Reply.NONE
     target: tuple[int, int] = (0, 0)
-    """Column and row of the cell that an answer directs to."""
+    """Column and row of the cell to which an answer directs."""
     trail: tuple[Action, ...] = ()
-    """The last steps of a robot that is trapped, oldest first."""
+    """Last steps of a robot that is trapped, oldest first."""
     digest: int = 0
-    """32 bits that stand for all that the robot knows, in a roll message."""
+    """Digest of all that the robot knows, in a roll message: 32 bits."""
     chunk: int = 0
-    """Which piece of its knowledge a map message carries."""
+    """Number of the piece of the map that a map message carries."""
     marks: bytes = b""
-    """That piece: a bit for each cell that is covered."""
+    """That piece: a bit for each covered cell."""
 
     def __str__(self) -> str:
-        """Say what the trace of calls shows of a message."""
+        """Return what the trace of calls shows of a message."""
         words = [f"exchange {self.exchange}", f"at ({self.x}, {self.y})", self.action.name.lower()]
         words += [f"{a.name.lower()}: {v.name.lower()}" for a, v in zip(Action, self.verdicts, strict=False) if v]
         words += [self.reply.name.lower()] if self.reply else []
@@ -165,7 +165,7 @@ class Message:
         return ", ".join(words)
 
     def constricted(self) -> int:
-        """Return how many actions remain possible: the fewer, the better the claim to a cell."""
+        """Return the number of actions that remain possible: the fewer, the better the claim to a cell."""
         return sum(verdict == Verdict.POSSIBLE for verdict in self.verdicts)
 
 
@@ -176,13 +176,13 @@ class Sync:
     source: int
     exchange: int
     members: tuple[int, ...]
-    """The team, in increasing order."""
+    """Members of the team, in increasing order."""
     roll_call: bool
-    """The team has changed: the exchange begins anew, and plans are made again after it."""
+    """True if the team has changed: the exchange begins again, and plans are made again after it."""
     hop_address: int = 0
-    """The 32-bit address word that the piconet's hopping sequence is drawn from."""
+    """Address word from which the piconet's hopping sequence is drawn, 32 bits."""
     hop_clock: int = 0
-    """The piconet's 28-bit clock when the link came up."""
+    """Clock of the piconet at the time when the link came up, 28 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +201,7 @@ class Missing:
     source: int
     exchange: int
     robots: tuple[int, ...]
-    """Those whose messages of that exchange were not heard, in increasing order."""
+    """Robots whose messages of that exchange were not received, in increasing order."""
 
 
 Packet = Message | Sync | Acknowledgement | Missing
@@ -299,7 +299,7 @@ def _trail_word(trail: tuple[Action, ...]) -> int:
 
 
 def marks_in(data: bytes, layout: wire.Layout) -> int:
-    """Return how many bytes of map follow what *layout*, which has none, holds; raise WireError if it is cut short."""
+    """Return the number of map bytes after *layout*, which has none; raise WireError if it is cut short."""
     if len(data) < wire.size(layout):
         raise WireError(f"{len(data)} bytes where at least {wire.size(layout)} were expected")
     return len(data) - wire.size(layout)
@@ -334,7 +334,7 @@ def _decode(data: bytes) -> Packet:
 
 
 def message_of(values: dict[str, int], source: int, addressee: int | None, marks: int) -> Message:
-    """Return the message with these fields; raise ValueError for a number that names nothing."""
+    """Return the message with these fields; raise ValueError for a number without a meaning."""
     verdicts = tuple(Verdict(values[name]) for name in ("north", "east", "south", "west"))
     message = Message(
         source=source,

@@ -1,4 +1,4 @@
-"""The messaging room: forms the message that fits a robot's state, and counts them (paper 003, section III.A)."""
+"""The messaging layer: forms the message that fits a robot's state, and counts them (paper 003, section III.A)."""
 
 from enum import Enum, auto
 from typing import Any
@@ -11,18 +11,18 @@ from protocols.pseudonet.setup import Setup
 
 
 class Stance(Enum):
-    """How a robot speaks about its next action."""
+    """A robot's stance on its next action."""
 
     PROPOSE = auto()
     """For the first time in a step."""
     REPEAT = auto()
     """While others have not agreed."""
     CLAIM = auto()
-    """It is mine, for these reasons."""
+    """To keep it, for these reasons."""
     YIELD = auto()
-    """I have changed it."""
+    """To have changed it."""
     ACCEPT = auto()
-    """Nobody is in anybody's way."""
+    """To find no robot in the way of another."""
 
 
 class Messaging:
@@ -34,10 +34,10 @@ class Messaging:
         self._setup = setup
 
     def speak(self, stance: Stance, exchange: int, cell: Cell, evaluation: Evaluation) -> Message:
-        """Return what *stance* says about *evaluation*.
+        """Return the message of *stance* on *evaluation*.
 
         A proposal is a state message, or the help, trap or stop that takes its place; a claim is a help message with
-        the verdicts as the reasons; who accepts or yields answers to all.
+        the verdicts as the reasons; to accept or to yield is an answer to all.
         """
         action, verdicts = evaluation.action, evaluation.verdicts
         match stance:
@@ -61,7 +61,7 @@ class Messaging:
         return self._form(Kind.ROLL, exchange, cell, Action.STAY, verdicts, digest=digest)
 
     def map(self, exchange: int, cell: Cell, chunk: int, marks: bytes) -> Message:
-        """Return the message that carries a piece of what I know to be covered."""
+        """Return the message that carries a piece of the map of covered cells."""
         return self._form(Kind.MAP, exchange, cell, Action.STAY, UNJUDGED, chunk=chunk, marks=marks)
 
     def direct(self, exchange: int, cell: Cell, to: Address, target: Cell) -> Message:

@@ -1,4 +1,4 @@
-"""What a scenario can say about Pseudonet, and the times that follow from it."""
+"""Parameters of Pseudonet, and the times that follow from them."""
 
 import math
 from typing import Literal, NamedTuple
@@ -13,7 +13,7 @@ from protocols.pseudonet.topology import Topology
 
 
 class TeamParameters(Settings):
-    """Parameters of a team on Pseudonet's rooms, whatever its task is."""
+    """Parameters of a team on Pseudonet's layers, for any task."""
 
     topology: Topology = Field(
         default="ring", description="shape of the scatternet of a team that does not fit into one piconet"
@@ -36,10 +36,12 @@ class TeamParameters(Settings):
     inquiries: Count = Field(
         default=3, gt=0, description="most inquiries that are made, while robots are missing and the last found some"
     )
-    page_attempts: Count = Field(default=2, gt=0, description="pages of a robot before the team does without it")
+    page_attempts: Count = Field(default=2, gt=0, description="pages of a robot before the team gives it up")
     page_s: Seconds = Field(default=10.0, gt=0, description="time after which the host gives up a page by itself")
     settle_s: Seconds = Field(
-        default=1.0, gt=0, description="time that all have to notice that their team is gone, before one looks for them"
+        default=1.0,
+        gt=0,
+        description="time for all robots to notice that the team is gone, before one looks for them",
     )
     stagger_s: Seconds = Field(
         default=60.0,
@@ -50,7 +52,7 @@ class TeamParameters(Settings):
     poll_timeout_s: Seconds = Field(default=0.5, gt=0, description="time in which a poll must be answered")
     poll_retries: Count = Field(default=8, ge=0, description="empty answers to a poll before a robot counts as missing")
     repair_s: Seconds = Field(
-        default=0.2, gt=0, description="time without news in an exchange after which missed messages are asked for"
+        default=0.2, gt=0, description="time without new messages in an exchange after which missed ones are asked for"
     )
     silence_s: Seconds = Field(
         default=30.0, gt=0, description="time without a message, steps not counted, after which a team counts as lost"
@@ -61,7 +63,7 @@ class TeamParameters(Settings):
     acknowledge: bool = Field(
         default=True, description="the master of a single piconet acknowledges help and trap messages"
     )
-    trace_calls: bool = Field(default=False, description="report the calls from room to room")
+    trace_calls: bool = Field(default=False, description="report the calls from layer to layer")
 
 
 class Parameters(TeamParameters):
@@ -79,18 +81,16 @@ class Parameters(TeamParameters):
     revisits: Count = Field(
         default=3, gt=1, description="OSCARD: occurrences of a cell in the history that make a trap"
     )
-    k_forced: Count = Field(
-        default=4, gt=1, description="OSCARD: steps that a robot makes by force when nobody answers"
-    )
+    k_forced: Count = Field(default=4, gt=1, description="OSCARD: forced steps of a robot when no other answers")
 
 
 class Timing(NamedTuple):
     """Durations that the machines keep to, in ns."""
 
     step: Time
-    """A step to the next cell, and the two ticks until it begins and until its end is noticed."""
+    """Time of a step to the next cell, and of the two ticks until it begins and until its end is noticed."""
     retry: Time
-    """Between two exchanges while robots are still driving."""
+    """Interval between two exchanges while robots are still driving."""
     poll_timeout: Time
     repair: Time
     inquiry: Time
@@ -101,7 +101,7 @@ class Timing(NamedTuple):
 
 
 def timing(parameters: TeamParameters, surroundings: Surroundings) -> Timing:
-    """Return the durations: a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached.
+    """Return the durations; a step from rest to rest takes d/v + v/a, or 2 sqrt(d/a) if v is never reached.
 
     Raise UserError if it takes longer than any run.
     """

@@ -17,7 +17,7 @@ from protocols.pseudonet.setup import Setup, View
 
 
 class Equality(Enum):
-    """What the messages of an exchange say about the team's knowledge."""
+    """What the messages of an exchange show of the team's knowledge."""
 
     EQUAL = auto()
     ROLL_WANTED = auto()
@@ -29,7 +29,7 @@ class Reconciliation:
 
     def __init__(self, setup: Setup, map_bytes: int) -> None:
         self.chunk = 0
-        """The piece of the map that comes next."""
+        """Number of the next piece of the map."""
         self._cells = sorted(setup.cells)
         self._bytes = map_bytes
         self._chunks = max(1, -(-len(self._cells) // (8 * map_bytes)))
@@ -48,7 +48,7 @@ class Reconciliation:
         return (word << 8 * size - len(cells)).to_bytes(size, "big")
 
     def take(self, view: View, messages: Mapping[Address, Message]) -> Equality:
-        """Take the messages of an exchange in which everybody stood still, and say what is to come next."""
+        """Process the messages of an exchange in which all robots stood still; return what is to come next."""
         kinds = {message.kind for message in messages.values()}
         if kinds == {Kind.ROLL}:
             self.chunk = 0

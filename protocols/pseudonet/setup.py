@@ -1,8 +1,8 @@
-"""What every robot of a Pseudonet team knows before it starts, and what it gathers while it covers the floor.
+"""What every robot of a Pseudonet team knows before it starts, and what it learns while it covers the floor.
 
-The paper's robots know the number of cells and the grid a priori (section IV.A); where the others are, what is covered
-and who is still in the team they learn from messages. ``Setup`` is the first, shared by all machines of a run
-because it never changes; ``View`` is the second, one a robot.
+The paper's robots know the number of cells and the grid a priori (section IV.A); the places of the others, the covered
+cells and the members of the team they learn from messages. ``Setup`` is the former, shared by all machines of a run
+because it never changes; ``View`` is the latter, one for each robot.
 """
 
 from collections import OrderedDict
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Setup:
-    """The grid and the team's size, with the distances to a cell computed once for all who ask."""
+    """The grid and the team's size; distances to a cell are computed once for all machines."""
 
     def __init__(self, grid: CoverageGrid, size: int, timing: Timing) -> None:
         self.grid = grid
@@ -67,7 +67,7 @@ class Setup:
         return plan
 
     def place(self, cell: Cell) -> tuple[int, int]:
-        """Return column and row of *cell*, as messages name it."""
+        """Return column and row of *cell*, as in messages."""
         row, column = divmod(cell, self.grid.nx)
         return column, row
 
@@ -86,16 +86,16 @@ class View:
     me: Address
     members: tuple[Address, ...] = ()
     cells: dict[Address, Cell] = field(default_factory=dict)
-    """Where each robot is, or will be when the step that was agreed on is done."""
+    """Cell of each robot, now or when the agreed step is done."""
     covered: set[Cell] = field(default_factory=set)
-    """What robots have reported to have covered."""
+    """Cells that robots have reported as covered."""
     obstacles: frozenset[Cell] = frozenset()
-    """What robots could not enter, though the plan has no wall there: somebody stands in it."""
+    """Cells that robots could not enter, though the plan has no wall there: a body stands in them."""
     omitted: set[Action] = field(default_factory=set)
-    """Actions that I have given up in this step, because others had the better claim."""
+    """Actions that this robot has given up in this step, because others had the better claim."""
 
     def target(self, robot: Address, action: Action) -> Cell:
-        """Return where *action* takes *robot*; -1 if it cannot be taken."""
+        """Return the cell to which *action* takes *robot*; -1 if it cannot be taken."""
         cell = self.cells[robot]
         return cell if action == Action.STAY else self.setup.steps[cell][action]
 
@@ -104,7 +104,7 @@ class View:
         return [self.cells[member] for member in self.members if member != self.me]
 
     def occupied(self) -> set[Cell]:
-        """Return the cells in which somebody else stands, robots of no team included."""
+        """Return the cells in which other robots stand, robots of no team included."""
         return set(self.others()) | self.obstacles
 
     def is_covered(self, cell: Cell) -> bool:
@@ -120,13 +120,13 @@ class View:
         return {cell for cell in left - self.obstacles if any(way[cell] >= 0 for way in ways)}
 
     def complete(self) -> bool:
-        """Return whether everything that can be covered is."""
+        """Return whether all cells that can be covered are covered."""
         if not self.obstacles:
-            return len(self.covered) == len(self.setup.cells)  # nobody ever stands on another cell
+            return len(self.covered) == len(self.setup.cells)  # no robot ever stands on another cell
         return not self.remaining()
 
     def nearest_uncovered(self, origin: Cell) -> Cell | None:
-        """Return the uncovered cell that is the fewest steps away from *origin*; the lowest number breaks ties."""
+        """Return the uncovered cell with the fewest steps from *origin*; the lowest number breaks ties."""
         away = self.setup.distances(origin, self.obstacles)
         cells = [cell for cell in self.remaining() if away[cell] >= 0]
         return min(cells, key=lambda cell: (int(away[cell]), cell)) if cells else None

@@ -1,4 +1,4 @@
-"""What cosim must know of Pseudonet: the entry point ``pseudonet`` names ``SPEC``."""
+"""The protocol Pseudonet as cosim needs it: the entry point ``pseudonet`` names ``SPEC``."""
 
 import math
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ from protocols.pseudonet.topology import MOST_MASTERS, piconets_needed
 from protocols.pseudonet.wide import ROBOTS
 
 TEAM_LIMIT = ROBOTS
-"""The 5-bit numbers of robots in the wide form of packets."""
+"""Size of a team whose robots have numbers of 5 bits in the wide form of packets."""
 COLUMN_LIMIT = 4096
-"""The 12-bit columns and rows of messages."""
+"""Number of columns, or rows, that 12 bits of a message can hold."""
 PLANNERS = {"boustrophedon": boustrophedon, "spanning_tree": spanning_tree}
 FREE_STEPS = 4
-"""Default step limit of the algorithms that need not end: so many times each robot's share of the cells."""
+"""Default step limit of the algorithms that need not end, in multiples of each robot's share of the cells."""
 
 METRICS = (
     Metric("coverage", "1", "share of the cells that living robots can reach around the dead that were entered"),
@@ -87,7 +87,7 @@ def _grid(
 def place(
     parameters: TeamParameters, surroundings: Surroundings, size: int, stream: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """Spread *size* robots over random cells of the largest part of the floor that hangs together (Fig. 10)."""
+    """Place *size* robots in random cells of the largest connected part of the floor (Fig. 10)."""
     grid = _grid(parameters, surroundings, ())
     cells = np.flatnonzero(grid.reachable)
     if len(cells) < size:
@@ -96,7 +96,7 @@ def place(
 
 
 def prepare(parameters: TeamParameters, surroundings: Surroundings) -> Setup:
-    """Lay the grid over the floor; raise UserError where a robot stands in no free cell, or two in one."""
+    """Lay the grid over the floor; raise UserError if a robot stands in no free cell, or two in one."""
     grid = _grid(parameters, surroundings, surroundings.starts_m)
     taken: dict[int, int] = {}
     for robot, (x_m, y_m) in enumerate(surroundings.starts_m):
@@ -128,7 +128,7 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
 
 
 def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
-    """Return a robot's copy of the coverage algorithm that *parameters* name."""
+    """Return one robot's instance of the coverage algorithm that *parameters* name."""
     if parameters.algorithm in PLANNERS:
         return Planned(PLANNERS[parameters.algorithm])
     if parameters.algorithm == "random_walk":
@@ -137,20 +137,20 @@ def algorithm(parameters: Parameters, stream: np.random.Generator) -> Algorithm:
 
 
 def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
-    """Return what the machines have counted."""
-    rooms = [machine.application for machine in machines]
-    counters = [room.counters for room in rooms]
+    """Return the metrics of all machines, but for the referee's."""
+    applications = [machine.application for machine in machines]
+    counters = [each.counters for each in applications]
     led = sum(record.led for record in counters)
     setups = [record.setup for record in counters if record.setup is not None]
     resumed = sum(record.resumed for record in counters)
-    finished = [room for room in rooms if room.finished] or rooms
+    finished = [each for each in applications if each.finished] or applications
     sums = {
-        f"messages_{kind.name.lower()}": float(sum(room.messaging.sent[kind] for room in rooms))
+        f"messages_{kind.name.lower()}": float(sum(each.messaging.sent[kind] for each in applications))
         for kind in MESSAGE_KINDS
     }
     return sums | {
-        "cells": float(len(rooms[0].coordination.view.setup.cells)),
-        "steps": float(max(room.steps for room in rooms)),
+        "cells": float(len(applications[0].coordination.view.setup.cells)),
+        "steps": float(max(each.steps for each in applications)),
         "exchanges": float(max(record.exchanges for record in counters)),
         "exchange_s": to_seconds(sum(record.exchange_time for record in counters)) / led if led else math.nan,
         "radio_wait_s": to_seconds(sum(record.radio_wait for record in counters)),
@@ -159,7 +159,7 @@ def measure(machines: Sequence[Pseudonet]) -> dict[str, float]:
         "teams_lost": float(sum(record.breaks for record in counters)),
         "inquiry_s": to_seconds(sum(machine.bluetooth.inquiry_time for machine in machines)),
         "page_s": to_seconds(sum(machine.bluetooth.page_time for machine in machines)),
-        "robots_dropped": float(len(machines) - max(len(room.broadcast.members) for room in finished)),
+        "robots_dropped": float(len(machines) - max(len(each.broadcast.members) for each in finished)),
     }
 
 

@@ -1,17 +1,17 @@
-"""The shapes of scatternets: who is master of whom, and who bridges, for a coordinator that knows all robots.
+"""The topologies of scatternets: masters, slaves and bridges, for a coordinator that knows all robots.
 
 After BTCP (Salonidis, Bhagwat, Tassiulas, LaMaire, "Distributed topology construction of Bluetooth personal area
 networks", IEEE INFOCOM 2001): a coordinator that knows all nodes assigns the roles. BTCP joins every pair of piconets
 by a bridge of its own; with piconets of eight that leaves little room for others, so three sparser shapes are offered:
 
 - ``ring``: at least three piconets, in each of which the master of the one before is a slave, so that each master is a
-  slave in one other piconet, as paper 003 (section VI) wants it;
+  slave in one other piconet, as paper 003 (section VI) requires;
 - ``tree``: each master but the root's is a slave in the piconet of its parent;
 - ``bridged``: a chain of piconets, two neighbours of which share a slave.
 
 A device is in one piconet at a time. Piconets are coloured so that two which share a device differ; each has its part
-of a period, in which all its members are there: so a broadcast reaches them all. Trees, chains and even rings need two
-colours, odd rings three.
+of a period, in which all its members are present: so a broadcast reaches them all. Trees, chains and even rings need
+two colours, odd rings three.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from cosim.machine import Address
 
 Topology: TypeAlias = Literal["ring", "tree", "bridged"]
 MOST_MASTERS: Final = 8
-"""The coordinator tells the other masters while they are its slaves, of which it can have seven."""
+"""Largest number of piconets: the other masters are the coordinator's slaves while it informs them, seven at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class Directory:
     """
 
     piconets: tuple[Piconet | None, ...]
-    """None where a piconet is missing."""
+    """Piconets by number; None where one is missing."""
 
     @cached_property
     def names(self) -> dict[Address, int]:
-        """The name of each robot."""
+        """Name of each robot."""
         names: dict[Address, int] = {}
         for number, piconet in enumerate(self.piconets):
             for place, slave in enumerate(piconet.slaves if piconet else (), 1):
@@ -55,7 +55,7 @@ class Directory:
 
     @cached_property
     def robots(self) -> dict[int, Address]:
-        """The robot of each name."""
+        """Robot of each name."""
         return {name: robot for robot, name in self.names.items()}
 
     @cached_property
@@ -64,7 +64,7 @@ class Directory:
         return tuple(sorted(self.names))
 
     def is_plain(self, robot: Address) -> bool:
-        """Return whether *robot* is a slave in one piconet and nothing else: nobody depends on it."""
+        """Return whether *robot* is a slave in one piconet only, so that no other robot depends on it."""
         piconets = [piconet for piconet in self.piconets if piconet]
         slave_in = sum(robot in piconet.slaves for piconet in piconets)
         return slave_in == 1 and all(piconet.master != robot for piconet in piconets)
@@ -80,7 +80,7 @@ class Directory:
 
 
 def piconets_needed(size: int, topology: Topology, most: int) -> int:
-    """Return how many piconets of at most *most* devices a team of *size* needs."""
+    """Return the number of piconets of at most *most* devices that a team of *size* needs."""
     if size <= most:
         return 1
     if topology == "ring":
@@ -90,12 +90,12 @@ def piconets_needed(size: int, topology: Topology, most: int) -> int:
 
 
 def parent(number: int, most: int) -> int:
-    """Return in whose piconet of a tree the master of piconet *number* > 0 is a slave."""
+    """Return the number of the piconet of a tree in which the master of piconet *number* > 0 is a slave."""
     return (number - 1) // (most - 1)
 
 
 def colours(topology: Topology, count: int) -> int:
-    """Return how many colours *count* piconets need."""
+    """Return the number of colours that *count* piconets need."""
     if count == 1:
         return 1
     return 3 if topology == "ring" and count % 2 else 2
@@ -114,7 +114,7 @@ def colour(topology: Topology, number: int, count: int, most: int) -> int:
 
 
 def design(masters: Sequence[Address], others: Sequence[Address], topology: Topology, most: int) -> list[Piconet]:
-    """Return the piconets of *masters*, the root's first, with *others* as slaves; who finds no room is left out.
+    """Return the piconets of *masters*, the root's first, with *others* as slaves; robots without a place are left out.
 
     Masters and bridges come last among the slaves: they are the busiest while a scatternet is formed. With fewer than
     three masters a ring is a tree.

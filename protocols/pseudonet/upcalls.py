@@ -1,4 +1,4 @@
-"""What the broadcast room tells the application room, in a single piconet and in a scatternet alike."""
+"""Upcalls of the broadcast layer to the application, in a single piconet and in a scatternet alike."""
 
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -7,7 +7,7 @@ from cosim.machine import Address
 from protocols.pseudonet.messages import Message
 
 EXCHANGES: Final = 256
-"""Exchanges are numbered modulo this."""
+"""Modulus of the numbers of exchanges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class Exchanged:
 
     messages: dict[Address, Message]
     roll_call: bool
-    """It was the first one of this team."""
+    """True if it was the first exchange of this team."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,21 +33,21 @@ class MessageWanted:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """An answer to this robot alone has come in."""
+    """An answer to this robot alone was received."""
 
     message: Message
 
 
 @dataclass(frozen=True, slots=True)
 class Garbage:
-    """Bytes came in that are no packet."""
+    """Bytes were received that are no packet."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """The team has fallen apart, or goes on without this robot; *dead* are those who are known to be gone."""
+    """The team has broken up, or goes on without this robot; the robots *dead* are known to be gone."""
 
     dead: tuple[Address, ...] = ()
 

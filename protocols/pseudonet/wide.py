@@ -1,8 +1,8 @@
 """Packets of teams beyond eight robots: the source grows from 3 bits to piconet number + 3 bits.
 
 The first byte is the source's name: the number of its piconet (5 bits) and its place there (3 bits, 0 for the master).
-Type, kind and exchange follow, then what the narrow form carries; addressees are names too. Who has which name is told
-by the roll call, one synchronisation packet for each piconet. Four more kinds of synchronisation packets form a
+Type, kind and exchange follow, then the fields of the narrow form; addressees are names too. The roll call, one
+synchronisation packet for each piconet, announces the names. Four more kinds of synchronisation packets form a
 scatternet and dissolve it; in these robots go by their numbers, as names are not given yet. All but map messages fit a
 DM1 packet (17 bytes).
 """
@@ -32,11 +32,11 @@ from protocols.pseudonet.messages import (
 from protocols.pseudonet.topology import Directory, Piconet
 
 ROBOTS: Final = 32
-"""As many robots have a number that these packets can carry."""
+"""Number of robots whose numbers these packets can carry."""
 
 
 class Order(IntEnum):
-    """What a synchronisation packet is for, in the place of the message kind."""
+    """The purpose of a synchronisation packet, in the place of the message kind."""
 
     ASSIGNMENT = 0
     REPORT = 1
@@ -47,31 +47,31 @@ class Order(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """Tells a new slave which piconet it has come into, how many there are, and where hops are drawn from."""
+    """From a master to a new slave: its piconet, the number of piconets, and the source of the hops."""
 
     piconet: int
     piconets: int
     root: Address
-    """The coordinator, whose clock divides the time."""
+    """Coordinator, whose clock divides the time."""
     formation: int
-    """Which of the coordinator's attempts this is, mod 256."""
+    """Number of the coordinator's attempt, mod 256."""
     hop_address: int = 0
     hop_clock: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """Tells a designated master of one of its slaves, with what a page needs (BTCP: its FHS information)."""
+    """From the coordinator to a designated master: one of its slaves, with what a page needs (BTCP: its FHS)."""
 
     piconet: int
-    """The number of the piconet that the receiver is to make."""
+    """Number of the piconet that the receiver is to form."""
     piconets: int
     root: Address
     formation: int
     count: int
-    """How many slaves it is to have."""
+    """Number of slaves that it is to have."""
     place: int
-    """Which of them this is, from 1."""
+    """Place of this one among them, from 1."""
     slave: Address
     clock_offset: int
     """Ticks from the receiver's clock to the slave's, mod 2**28."""
@@ -79,11 +79,11 @@ class Assignment:
 
 @dataclass(frozen=True, slots=True)
 class Census:
-    """Who is in one piconet: a report to the root, or the root's roll call."""
+    """The members of one piconet: a report to the root, or the root's roll call."""
 
     roll_call: bool
     number: int
-    """Of the report (a later one replaces it) or of the roll call, mod 256."""
+    """Number of the report (a later one replaces it) or of the roll call, mod 256."""
     exchange: int
     piconet: int
     piconets: int
@@ -94,7 +94,7 @@ class Census:
 
 @dataclass(frozen=True, slots=True)
 class Dissolution:
-    """The scatternet has lost something that it cannot do without: everybody leaves, and it is formed anew."""
+    """The scatternet has lost a robot on which others depend: all robots leave, and it is formed again."""
 
     dead: tuple[Address, ...]
 
@@ -123,7 +123,7 @@ _ORDERS[Order.ROLL] = _ORDERS[Order.REPORT]
 
 
 def encode(packet: WidePacket, directory: Directory) -> bytes:
-    """Return the bytes of *packet*; raise :exc:`WireError` for a value without room, or a robot without a name."""
+    """Return the bytes of *packet*; raise :exc:`WireError` for a value that does not fit, or a robot without a name."""
     match packet:
         case Message():
             addressee = 0 if packet.addressee is None else _name(packet.addressee, directory)

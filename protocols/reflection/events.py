@@ -1,6 +1,8 @@
-"""What a machine of goal reflection reports: its goals, whose promises it follows, its troubles, and bad bytes."""
+"""What a machine of goal reflection reports: events, as rows of the trace, and counters, for the metrics."""
 
 from dataclasses import dataclass, field
+
+from cosim.units import Time
 
 _NUMBER = {"meaning": "which of the robot's goals, from 1"}
 _REASON = {"meaning": "what is wrong, or why it ended"}
@@ -23,7 +25,7 @@ class GoalReached:
 
 @dataclass(frozen=True, slots=True)
 class GoalGivenUp:
-    """A robot does without a goal."""
+    """A robot gives up a goal."""
 
     number: int = field(metadata=_NUMBER)
     reason: str = field(metadata=_REASON)
@@ -31,7 +33,7 @@ class GoalGivenUp:
 
 @dataclass(frozen=True, slots=True)
 class PromiseTaken:
-    """A robot follows another robot's promise of a way to its goal from now on."""
+    """A robot begins to follow another robot's promise of a way to its goal."""
 
     helper: int = field(metadata=_HELPER)
     way_m: float = field(metadata={"unit": "m", "meaning": "length of the way to the goal that was promised"})
@@ -46,7 +48,7 @@ class GhostReached:
 
 @dataclass(frozen=True, slots=True)
 class PromiseForgotten:
-    """A robot does not follow a promise any more, without having come to where its helper was."""
+    """A robot no longer follows a promise, without having come to where its helper was."""
 
     helper: int = field(metadata=_HELPER)
     reason: str = field(metadata=_REASON)
@@ -62,21 +64,21 @@ class TroubleChanged:
 
 @dataclass(frozen=True, slots=True)
 class MadeWay:
-    """A robot has begun to step aside for one that it stood in the way of."""
+    """A robot has begun to yield to one that it stood in the way of."""
 
     seeker: int = field(metadata={"meaning": "the robot that way is made for"})
 
 
 @dataclass(frozen=True, slots=True)
 class Displaced:
-    """A robot is farther from where it was a tick ago than it can drive: somebody has moved it."""
+    """A robot is farther from where it was a tick ago than it can drive: it was moved."""
 
     distance_m: float = field(metadata={"unit": "m", "meaning": "how far"})
 
 
 @dataclass(frozen=True, slots=True)
 class BadBytes:
-    """Bytes came in that are no frame."""
+    """A robot received bytes that are no frame."""
 
     reason: str = field(metadata=_REASON)
 
@@ -93,3 +95,45 @@ EVENTS = (
     Displaced,
     BadBytes,
 )
+
+
+class Counters:
+    """Counts of one robot, from the start on."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        """Frames sent."""
+        self.payload_bytes = 0
+        self.advice = 0
+        """Promises for an own goal received from robots in sight."""
+        self.unseen_advice = 0
+        """Promises for an own goal received from robots that were not, or no longer, in sight."""
+        self.outdated = 0
+        """Advice about a goal that the robot no longer has."""
+        self.late = 0
+        """Advice older than ``stale_s``."""
+        self.stale = 0
+        """Advice that is outdated or late."""
+        self.promises = 0
+        """Promises that were taken."""
+        self.ghosts = 0
+        """Ghosts that were reached without sight of the goal."""
+        self.reached = 0
+        """Goals that were reached, as the robot knows."""
+        self.given_up = 0
+        """Goals that were given up."""
+        self.troubles = 0
+        """Times that the robot got into trouble."""
+        self.reflected = 0
+        """Goals for which a promise was taken."""
+        self.waited: Time = 0
+        """Total time from setting these goals until the first promise was taken."""
+        self.steps = [0, 0, 0, 0]
+        """Motion steps by what they headed for, see ``seeking.Target``."""
+
+    def count_advice(self, outdated: bool, late: bool) -> None:
+        """Count a promise for an own goal."""
+        self.advice += 1
+        self.outdated += outdated
+        self.late += late
+        self.stale += outdated or late

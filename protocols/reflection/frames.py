@@ -1,15 +1,15 @@
-"""The one message of goal reflection: what a robot tells everybody who can hear it (paper 000, sections 3.1, 3.2, 5).
+"""The one message of goal reflection, which a robot broadcasts to all in reach (paper 000, sections 3.1, 3.2, 5).
 
 Big-endian: a header, the bearings of the robots that the sender sees, its goal terms (rules 1 and 2), its promises
 (rules 3 and 4), and a CRC-16 (see ``protocols.wire``). A team of M makes at most M - 1 bearings, M terms, M promises.
 
-A goal's place is told relative to the sender's position along the axes of the sender's frame, as in the paper, where
-the frame is centred on the robot. Numbers on the wire are IEEE single floats: a length of 64 to 128 m is rounded by at
-most 3.8 um, an angle by at most 0.12 urad, which moves a point that is 10 m away by 1.2 um.
+A goal's place is relative to the sender's position along the axes of the sender's frame, as in the paper, where the
+frame is centred on the robot. Numbers on the wire are IEEE single floats: a length of 64 to 128 m is rounded by at most
+3.8 um, an angle by at most 0.12 urad, which moves a point that is 10 m away by 1.2 um.
 
 The paper's messages arrive in the instant in which they are sent. Ours do not, so a frame bears the time of its
 observation, and a promise the time at which its goal was seen, both in ms since the start, mod 2**32. The clocks of the
-team are taken to be set alike.
+team are assumed to be synchronous.
 """
 
 from collections.abc import Iterable, Sequence
@@ -33,26 +33,26 @@ MAGIC: Final = 0x52
 IN_TROUBLE: Final = 1
 OBJECTS: Final = 2
 FAR_M: Final = 1e6
-"""Nothing on the wire is farther away than this."""
+"""Greatest distance on the wire."""
 HEADER: Final = Struct(">BBIBBB")
 BEARING: Final = Struct(">Bf")
 TERM: Final = Struct(">BIff")
 PLEDGE: Final = Struct(">BIfI")
 CLOCK_MS: Final = 1 << 32
-"""Stamps count modulo this."""
+"""Modulus of stamps."""
 REMEMBERED: Final = 256
-"""Frames whose meaning is remembered."""
+"""Number of decoded frames that are remembered."""
 
 
 class Frame(NamedTuple):
-    """What a frame says."""
+    """The content of a frame."""
 
     in_trouble: bool
     """The state bit Tr."""
     objects: bool
-    """Goals are objects, which are known by their owner and number: the places in the terms mean nothing."""
+    """True if goals are objects, known by their owner and number: the places in the terms mean nothing."""
     stamp_ms: int
-    """When the sender observed what it tells, ms since the start, mod 2**32."""
+    """When the sender made the observation, ms since the start, mod 2**32."""
     bearings: Sequence[Bearing]
     terms: Sequence[GoalTerm]
     pledges: Sequence[Pledge]
@@ -67,7 +67,7 @@ def _layout(bearings: int, terms: int, pledges: int) -> Struct:
 
 
 def encode(frame: Frame) -> bytes:
-    """Return the bytes of *frame*; numbers have to fit (addresses below 256, lengths up to FAR_M)."""
+    """Return the bytes of *frame*; numbers must fit (addresses below 256, lengths up to FAR_M)."""
     flags = (IN_TROUBLE if frame.in_trouble else 0) | (OBJECTS if frame.objects else 0)
     _, _, stamp_ms, bearings, terms, pledges = frame
     flat = chain.from_iterable(chain(bearings, terms, pledges))
@@ -82,10 +82,8 @@ def pack(flags: int, stamp_ms: int, bearings: int, terms: int, pledges: int, fla
 
 @lru_cache(maxsize=REMEMBERED)
 def decode(data: bytes) -> Frame:
-    """Return what *data* says; raise :exc:`WireError` for anything that ``encode`` would not have made.
-
-    The last frames are remembered: a broadcast is decoded once for all that hear it.
-    """
+    """Return the frame that *data* holds; raise :exc:`WireError` for anything that ``encode`` would not have made."""
+    # The last frames are remembered: a broadcast is decoded once for all its receivers.
     if len(data) < HEADER.size + CRC_BYTES or data[0] != MAGIC:
         raise WireError("not a frame of goal reflection")
     _, flags, stamp_ms, seen, known, pledged = HEADER.unpack_from(data)
@@ -104,7 +102,7 @@ def decode(data: bytes) -> Frame:
 
 
 def _plausible(bearings: Sequence[Bearing], terms: Sequence[GoalTerm], pledges: Sequence[Pledge]) -> bool:
-    """Return whether all numbers are such as ``encode`` takes; a NaN is not."""
+    """Return whether ``encode`` takes all numbers; it takes no NaN."""
     for _, angle in bearings:
         if not -4.0 <= angle <= 4.0:
             return False

@@ -1,4 +1,4 @@
-"""What a scenario can say about goal reflection, in the world's frame: ``spec`` turns places into own frames."""
+"""Parameters of goal reflection, with places in the world's frame: ``spec`` turns them into the robots' own frames."""
 
 from typing import Annotated, Literal
 
@@ -7,15 +7,16 @@ from pydantic import Field
 from cosim.navigation.steering import AvoidPastParameters, PotentialFieldParameters
 from cosim.settings import Count, Metres, Period, Seconds, Settings
 from protocols.reflection.promises import Renewal
-from protocols.reflection.trouble import ProgressMeasure, TroubleRule
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Place = tuple[Coordinate, Coordinate]
 Algorithm = Literal["potential_field", "avoid_past", "visbug", "straight"]
+TroubleRule = Literal["reaches", "equals"]
+ProgressMeasure = Literal["window", "nearest", "step", "motion"]
 
 
 class Parameters(Settings):
-    """Parameters of goal reflection: who looks for what, how, and what the robots tell each other."""
+    """Parameters of goal reflection: which robots look for what, how, and what they send each other."""
 
     algorithm: Algorithm = Field(
         default="potential_field",
@@ -28,12 +29,12 @@ class Parameters(Settings):
     )
     goals: Literal["place", "object"] = Field(
         default="place",
-        description='"object": nobody knows where a goal is until it is seen, so A is random motion',
+        description='"object": no robot knows where a goal is until it is seen, so A is random motion',
     )
-    share_goals: bool = Field(default=True, description="robots tell each other goals, and what they can promise")
+    share_goals: bool = Field(default=True, description="robots send each other goals, and what they can promise")
     share_states: bool | None = Field(
         default=None,
-        description="robots tell each other whether they are in trouble, and follow one that is not; by default only "
+        description="robots report whether they are in trouble, and then follow one that is not; by default only "
         "with the potential field, as in the paper",
     )
 
@@ -58,10 +59,10 @@ class Parameters(Settings):
     )
     patrol: Literal["shuttle", "cycle"] = Field(default="shuttle", description="there and back, or round and round")
 
-    epsilon_m: Metres = Field(default=0.3, gt=0, description="a goal is reached by who is nearer to it than this")
-    give_up_s: Seconds = Field(default=600.0, gt=0, description="time after which a robot does without a goal")
+    epsilon_m: Metres = Field(default=0.3, gt=0, description="distance below which a goal is reached")
+    give_up_s: Seconds = Field(default=600.0, gt=0, description="time after which a robot gives up a goal")
     promise_life_s: Seconds = Field(
-        default=120.0, gt=0, description="a promise is forgotten when nobody has seen its goal for so long"
+        default=120.0, gt=0, description="a promise is forgotten when no robot has seen its goal for so long"
     )
     renewal: Renewal = Field(
         default="stored",
@@ -69,7 +70,7 @@ class Parameters(Settings):
         'when it was taken ("stored", as in the paper), only one "shorter" than it is from here, or "any"',
     )
     patience_s: Seconds = Field(
-        default=3.0, gt=0, description="time without progress after which a robot heads for a place straight no more"
+        default=3.0, gt=0, description="time without progress after which a robot no longer heads straight for a place"
     )
     detour_s: Seconds = Field(
         default=5.0, gt=0, description="time for which it then leaves a goal in sight to the algorithm A"
@@ -81,7 +82,7 @@ class Parameters(Settings):
         default="reaches", description='in trouble from Pr >= Cr on, or as printed, when Pr "equals" Cr'
     )
     trouble_memory: Literal["goal", "run"] = Field(
-        default="goal", description="Pr and Nt begin anew with each goal, or never"
+        default="goal", description="Pr and Nt begin again with each goal, or never"
     )
     progress: ProgressMeasure = Field(default="window", description="what counts as progress, see trouble.Progress")
     progress_window: Count = Field(default=10, gt=0, description="motion steps that are looked back on")
@@ -91,10 +92,10 @@ class Parameters(Settings):
 
     links: bool = Field(
         default=False,
-        description="look for the robots in sight by radio, and talk over links: what Bluetooth needs",
+        description="look for the robots in sight by radio, and send over links: what Bluetooth needs",
     )
     inquiry_s: Seconds = Field(default=5.12, gt=0, description="longest inquiry on meeting a robot, if links are used")
-    page_s: Seconds = Field(default=6.0, gt=0, description="time after which the host waits for the device no more")
+    page_s: Seconds = Field(default=6.0, gt=0, description="time after which the host no longer waits for the device")
     period_s: Period | None = Field(default=None, gt=0, description="time between two frames; by default a tick")
     stale_s: Seconds = Field(
         default=0.5, gt=0, description="advice that is older on arrival than this is counted as stale"
@@ -102,5 +103,5 @@ class Parameters(Settings):
 
     @property
     def states_shared(self) -> bool:
-        """Whether robots share their states."""
+        """True if robots share their states."""
         return self.algorithm == "potential_field" if self.share_states is None else self.share_states

@@ -1,117 +1,34 @@
-"""What a robot without goals does: it stands, keeps a post or patrols its way points, and makes way for seekers."""
+"""What a robot without goals does: it keeps a post or patrols its way points."""
 
 import math
 from collections.abc import Mapping, Sequence
 
-from cosim.machine import Address, Event
+from cosim.machine import Address
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import S, Time
-from protocols.reflection.events import MadeWay
-from protocols.reflection.goals import GoalBook
-from protocols.reflection.promises import Ways
 from protocols.reflection.setup import Point
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.yielding import NEAR_CONTACTS, in_the_way, step_aside
 
-SLACK_M = 0.1
-"""How much more room than a touch a robot gives that makes way."""
-MAKING_WAY = 5 * S
-"""So long a robot with goals makes way for another."""
 LOST_STALLS = 2
-"""A robot that has stalled on so many ways on end is lost."""
+"""Ways in a row on which a robot has stalled after which it is lost."""
 LOST = 5 * S
-"""So long at least the algorithm A leads it then, and twice as long each time until it comes to a way point."""
+"""Least time for which the algorithm A then leads it; doubled each time until it comes to a way point."""
+# The algorithm A stops a step before its goal.
 AT_STEPS = 1.5
-"""Nearer than so many steps a lost robot is at its way point: the algorithm A stops a step before it."""
+"""Distance at which a lost robot is at its way point, in motion steps."""
+# Avoid Past mostly finds out of a room within five minutes.
 MOST_DOUBLINGS = 6
-"""Avoid Past finds out of a room within five minutes, mostly."""
-
-
-class Courtesy:
-    """Making way for the robots that a way was promised to."""
-
-    def __init__(self, book: GoalBook, ways: Ways, radius_m: float, hold: Time, events: list[Event]) -> None:
-        self._book = book
-        self._ways = ways
-        self._radius_m = radius_m
-        self._room_m = 2.0 * radius_m + SLACK_M
-        self._hold = hold
-        self._events = events
-        self._until: Time | None = None
-        self._aside: Point = (0.0, 0.0)
-
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, or to stay, out of somebody's way; None if the robot may do what it likes."""
-        here = observation.x_m, observation.y_m
-        ways = self._ways.of
-        for seeker, place in sightings.items():
-            way = ways[seeker]
-            if way is None or not self._book.identifiers[seeker]:
-                continue
-            line_end = way.x_m, way.y_m
-            if in_the_way(here, place, line_end, self._room_m):
-                if self._until is None:
-                    self._events.append(MadeWay(seeker))
-                self._until = now + self._hold
-                self._aside = step_aside(here, place, line_end, observation.ranges_m, self._radius_m, self._room_m)
-                break
-        if self._until is None:
-            return None
-        if now >= self._until:
-            self._until = None
-            return None
-        return self._aside
-
-
-class Standoff:
-    """What ends it when two robots with goals want to pass the same door: who has the higher number makes way.
-
-    It takes the other one to want to go where it stands itself, and on. Both would else try again and again.
-    """
-
-    def __init__(self, me: Address, radius_m: float, patience: Time) -> None:
-        self._me = me
-        self._radius_m = radius_m
-        self._room_m = 2.0 * radius_m + SLACK_M
-        self._patience = patience
-        self._since: Time | None = None
-        self._at: Point = (0.0, 0.0)
-        self._until: Time = 0
-        self._peer: Address = me
-
-    def aside(self, observation: Observation, sightings: Mapping[Address, Point], now: Time) -> Point | None:
-        """Return where to go, out of somebody's way; None if the robot may do what it likes."""
-        here = observation.x_m, observation.y_m
-        if now < self._until:
-            return self._away(observation, here, sightings[self._peer]) if self._peer in sightings else None
-        peer = self._opponent(here, sightings)
-        if peer is None:
-            self._since = None
-        elif self._since is None or math.dist(here, self._at) > self._room_m:
-            self._since, self._at = now, here
-        elif now - self._since > self._patience:
-            self._since, self._until, self._peer = None, now + MAKING_WAY, peer
-        return None
-
-    def _opponent(self, here: Point, sightings: Mapping[Address, Point]) -> Address | None:
-        for peer, place in sightings.items():
-            if peer < self._me and math.dist(here, place) < NEAR_CONTACTS * self._room_m:
-                return peer
-        return None
-
-    def _away(self, observation: Observation, here: Point, peer_m: Point) -> Point:
-        beyond = 3.0 * here[0] - 2.0 * peer_m[0], 3.0 * here[1] - 2.0 * peer_m[1]
-        return step_aside(here, peer_m, beyond, observation.ranges_m, self._radius_m, self._room_m)
+"""Greatest number of doublings."""
 
 
 class Patrol:
-    """A round of way points, there and back or round and round; a single one is a post.
+    """A patrol of way points, there and back or round and round; a single one is a post.
 
-    A way leads straight from each to the next. A robot that leaves it to make way lays a thread of places, each in
-    sight of the one before, and goes back along it. One that comes nowhere any more (it was carried away, say) is
-    lost: it takes to the algorithm A until it sees a way point again. It may see one past a jamb that its body does not
-    pass, so each time that it is lost again A leads it for longer.
+    A way leads straight from each to the next. A robot that leaves it to yield lays a thread of places, each in sight
+    of the one before, and goes back along it. A robot that makes no progress any more (as it was carried away, for
+    example) is lost: the algorithm A leads it until it sees a way point again. It may see one past a jamb that its body
+    does not pass, so A leads it for longer each time that it is lost again.
     """
 
     def __init__(
@@ -130,24 +47,24 @@ class Patrol:
         self._last: Point | None = None
 
     def places(self) -> list[Point]:
-        """Return the places whose visibility ``look`` wants to know.
+        """Return the places whose visibility ``look`` needs to know.
 
-        The end of the thread and what comes before it; all way points, if the robot is lost.
+        They are the end of the thread and what comes before it, or all way points, if the robot is lost.
         """
         return list(self.points_m) if self.lost else self._thread[-1:-3:-1]
 
     @property
     def off_its_way(self) -> bool:
-        """There is a thread that leads back, or the robot is lost."""
+        """True if there is a thread that leads back, or the robot is lost."""
         return bool(self._thread) or self._stalls >= LOST_STALLS
 
     @property
     def lost(self) -> bool:
-        """The robot has come nowhere for a while, and looks for its way points."""
+        """True if the robot has made no progress for a while, and looks for its way points."""
         return self._stalls >= LOST_STALLS
 
     def look(self, visible: Sequence[bool], here: Point) -> None:
-        """Shorten the thread if more of it is in sight, lay it on if its end is not; *visible* answers ``places``."""
+        """Shorten the thread if more of it is in sight, extend it if its end is not; *visible* answers ``places``."""
         if visible:
             if self.lost:
                 self._in_sight = next((at for at, seen in enumerate(visible) if seen), None)
@@ -158,12 +75,12 @@ class Patrol:
         self._last = here
 
     def left(self, here: Point) -> None:
-        """Note that the robot leaves its way at *here*, or is off it already."""
+        """Note that the robot leaves its way at *here*, or has already left it."""
         if not self._thread and not self.lost:
             self._thread.append(here)
 
     def displaced(self, now: Time) -> None:
-        """Begin anew from where somebody has put the robot."""
+        """Begin again from where the robot was moved to."""
         self._thread.clear()
         self._last = None
         self._stalls = LOST_STALLS
@@ -202,7 +119,7 @@ class Patrol:
         return self._thread[-1] if self._thread else self.points_m[self._at]
 
     def _stall(self, distance_m: float, now: Time) -> None:
-        """Leave out what cannot be come nearer to."""
+        """Leave out a place that cannot be approached."""
         self._straight.begin(now)
         if self._thread or distance_m > self._step_m:
             self._stalls += 1

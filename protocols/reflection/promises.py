@@ -1,29 +1,29 @@
 """Ways to goals: what a robot can promise, and what it has been promised (paper 000, sections 3.2, 4.2 and 4.3).
 
 For each owner a robot remembers at most one way to the owner's goal: a place, and the length of the way from that place
-on. All that the paper tells apart is such a way:
+on. All cases that the paper distinguishes are such ways:
 
-- who sees the goal has the goal itself as the place, and nothing is left from there: D = dist(R, G);
-- who loses sight of it has, as its own *ghost*, the last place from which it was seen (section 4.3, Fig. 8), and once
-  that is out of sight too, the last place from which that was seen, and so on;
-- who is promised a way of D by a robot has the place of that robot at that time (section 4.2, Fig. 7), where a ghost
-  remains when the robot leaves: D' = dist(R, ghost) + D.
+- a robot that sees the goal has the goal itself as the place, and nothing is left from there: D = dist(R, G);
+- a robot that loses sight of it has, as its own *ghost*, the last place from which it was seen (section 4.3, Fig. 8),
+  and once that is out of sight too, the last place from which that was seen, and so on;
+- a robot that is promised a way of D by another has the place of the other at that time (section 4.2, Fig. 7), where a
+  ghost remains when the other leaves: D' = dist(R, ghost) + D.
 
-The present length, dist(R, place) + rest, is what is told to others and what another promise has to beat; only shorter
-ones count, also those of the same robot. Every length is that of a polyline from the robot to the goal, so by the
-triangle inequality it never falls below the straight line (to the goal's place as it was when it was seen).
+The present length, dist(R, place) + rest, is sent to others, and another promise has to beat it; only shorter promises
+count, also from the same robot. Every length is that of a polyline from the robot to the goal, so by the triangle
+inequality it never falls below the straight line (to the goal's place as it was when it was seen).
 
-A seeker that has reached a ghost and does not see its goal, or cannot come there, has found the promise *useless*: it
-does not follow it any more. What it listens to then is the parameter ``renewal``, three readings of section 4.2:
+A seeker that has reached a ghost and does not see its goal, or cannot get there, has found the promise *useless*, and
+no longer follows it. The parameter ``renewal`` chooses which promises count then, by three readings of section 4.2:
 
-- ``stored``, the paper's letter: "R1 stores in its memory D11(t1) = dist(R1(t1), R2(t1)) + D12(t1)", and compares with
-  this number, which nothing but another goal takes back. So only promises count that are shorter than the useless one
-  was when it was taken; each one taken is shorter than all before it, and a goal sees finitely many;
-- ``shorter``: the way by the useless place stays the one to beat, its length computed anew wherever the robot is. Who
-  walks away from that place listens to ever longer promises, and may be called back for as long as helpers pass;
+- ``stored``, the literal one: "R1 stores in its memory D11(t1) = dist(R1(t1), R2(t1)) + D12(t1)", and compares with
+  this number, which only another goal resets. So only promises count that are shorter than the useless one was when it
+  was taken; each promise taken is shorter than all before it, and there are finitely many for a goal;
+- ``shorter``: the way by the useless place stays the one to beat, its length computed again wherever the robot is. A
+  robot that walks away from that place accepts ever longer promises, and may be called back as long as helpers pass;
 - ``any``: everything counts again.
 
-While a promise is followed it is, in all three, what is left of its way that another has to beat.
+While a promise is followed, what is left of its way is what another has to beat, in all three.
 """
 
 import math
@@ -38,7 +38,7 @@ Point = tuple[float, float]
 Renewal = Literal["stored", "shorter", "any"]
 
 GAIN_M: Final = 1e-3
-"""A way counts as shorter from a millimetre on: the wire's rounding is no news."""
+"""Least difference by which a way counts as shorter: more than the wire's rounding."""
 
 
 class Way:
@@ -51,15 +51,15 @@ class Way:
         self.y_m = y_m
         self.rest_m = rest_m
         self.seen = seen
-        """When somebody saw the goal last, at the other end of the way; it is handed on as it is."""
+        """When a robot saw the goal last, at the other end of the way; passed on unchanged."""
         self.via = via
-        """Who promised it; oneself, if one has seen the goal."""
+        """The robot that promised it; this robot itself, if it has seen the goal."""
         self.direct = direct
-        """The goal is in sight, and the place is the goal's."""
+        """True if the goal is in sight, and the place is the goal's."""
         self.used_up = False
-        """The promise was found useless, and is kept as one that others have to beat."""
+        """True if the promise was found useless, and is kept as one that others have to beat."""
         self.promised_m = math.inf
-        """The length of the way, from where the robot was when it was promised."""
+        """Length of the way, from where the robot was when it was promised."""
 
     def length(self, x_m: float, y_m: float) -> float:
         """Return the length of the way from (x, y) on, metres."""
@@ -67,21 +67,23 @@ class Way:
 
 
 class Ways:
-    """One robot's ways to everybody's goals, at most one for each."""
+    """One robot's ways to the goals of all robots, at most one for each."""
 
-    def __init__(self, me: Address, team: int, life: Time | None) -> None:
-        """Forget ways whose goal was not seen by anybody for *life* ns, if that is not None."""
-        self.me = me
-        self.of: list[Way | None] = [None] * team
+    def __init__(self, book: GoalBook, life: Time | None) -> None:
+        """Know the goals of *book*; forget ways whose goal no robot has seen for *life* ns, if that is not None."""
+        self.book = book
+        self.me = book.me
+        self.of: list[Way | None] = [None] * book.team
         self.bound_m = math.inf
-        """Only shorter promises count for the own goal."""
+        """Length that promises for the own goal have to beat."""
         self._life = life
         self._last: Point | None = None
 
-    def points(self, book: GoalBook) -> list[Point]:
-        """Return the places whose visibility ``look`` wants to know, in its order."""
+    def points(self) -> list[Point]:
+        """Return the places whose visibility ``look`` needs to know, in its order."""
         points: list[Point] = []
-        xs, ys, ways = book.x_m, book.y_m, self.of
+        book, ways = self.book, self.of
+        xs, ys = book.x_m, book.y_m
         for owner in book.known:
             points.append((xs[owner], ys[owner]))
             way = ways[owner]
@@ -89,21 +91,21 @@ class Ways:
                 points.append((way.x_m, way.y_m))
         return points
 
-    def look(self, book: GoalBook, visible: Sequence[bool], x_m: float, y_m: float, now: Time) -> None:
+    def look(self, visible: Sequence[bool], x_m: float, y_m: float, now: Time) -> None:
         """Note what is in sight from (x, y): *visible* answers all ``points``."""
         at, ways = 0, self.of
-        for owner in book.known:
+        for owner in self.book.known:
             way = ways[owner]
             ghost = 0 if way is None or way.direct or owner == self.me else 1  # its answer follows the goal's
             if visible[at]:
-                self._seen(owner, way, book, now)
+                self._seen(owner, way, now)
             elif way is not None:
                 self._unseen(owner, way, visible[at + 1] if ghost else not way.direct, now)
             at += 1 + ghost
         self._last = x_m, y_m
 
     def offer(self, owner: Address, place_m: Point, rest_m: float, seen: Time, via: Address, here_m: Point) -> bool:
-        """Take the promise of *via*, seen at *place_m*, if its way is shorter from *here_m*; return whether it is."""
+        """Take the promise of *via*, seen at *place_m*, if its way from *here_m* is shorter; return whether it is."""
         x, y = here_m
         length = rest_m + math.hypot(place_m[0] - x, place_m[1] - y)
         way = self.of[owner]
@@ -122,7 +124,7 @@ class Ways:
         self.of[owner] = None
 
     def useless(self, way: Way, renewal: Renewal) -> None:
-        """Do not follow *way*, the promise for the own goal, any longer."""
+        """Stop following *way*, the promise for the own goal."""
         if renewal == "shorter":
             way.used_up = True
             return
@@ -131,24 +133,25 @@ class Ways:
             self.bound_m = way.promised_m
 
     def new_goal(self) -> None:
-        """Listen to all promises again: the own goal is another one."""
+        """Accept all promises again, as the own goal is another one."""
         self.of[self.me] = None
         self.bound_m = math.inf
 
     def displaced(self) -> None:
-        """Forget all that depends on the way that the robot has come: somebody has moved it."""
+        """Forget all that depends on the way that the robot has come, as it was moved."""
         self.of = [None] * len(self.of)
         self.bound_m = math.inf
         self._last = None
 
-    def _seen(self, owner: Address, way: Way | None, book: GoalBook, now: Time) -> None:
+    def _seen(self, owner: Address, way: Way | None, now: Time) -> None:
+        book = self.book
         if way is None or not way.direct:
             self.of[owner] = Way(book.x_m[owner], book.y_m[owner], 0.0, now, self.me, True)
         else:
             way.x_m, way.y_m, way.seen = book.x_m[owner], book.y_m[owner], now
 
     def _unseen(self, owner: Address, way: Way, ghost_visible: bool, now: Time) -> None:
-        """Go on with a goal that is not in sight: if its ghost is not either, the last place becomes the ghost."""
+        """Update the way to a goal out of sight: if its ghost is out of sight too, the last place becomes the ghost."""
         if self._life is not None and now - way.seen > self._life:
             self.of[owner] = None
         elif not ghost_visible and self._last is not None:

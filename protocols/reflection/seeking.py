@@ -1,8 +1,9 @@
 """Where a robot with goals of its own heads (paper 000, rule 5, and section 5, rule 3).
 
-The goal itself, straight, when it is in sight; else the place of the shortest promise; else, when in trouble, a robot
-that is not; else whatever the algorithm A says. A straight way that does not bring the robot on (a body is wider than a
-line of sight) is first rounded with a potential field, then left: a promise is used up, a goal in sight left to A.
+It heads straight for the goal itself when that is in sight; else for the place of the shortest promise; else, when it
+is in trouble, for a robot that is not; else wherever the algorithm A leads. If it makes no progress on a straight way
+(a body is wider than a line of sight), it first rounds what is in the way, then leaves the way: a promise is used up, a
+goal in sight left to A.
 """
 
 import math
@@ -14,9 +15,8 @@ from cosim.machine import Address, Event
 from cosim.navigation.steering import Navigator
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
-from protocols.reflection.counters import Counters
-from protocols.reflection.distress import Distress
 from protocols.reflection.events import (
+    Counters,
     GhostReached,
     GoalGivenUp,
     GoalReached,
@@ -24,25 +24,25 @@ from protocols.reflection.events import (
     PromiseForgotten,
     PromiseTaken,
 )
-from protocols.reflection.goals import GoalBook
+from protocols.reflection.guidance import LoopWalk
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.patrolling import Standoff
 from protocols.reflection.promises import Way, Ways
 from protocols.reflection.setup import Point, Setup
 from protocols.reflection.straight import AHEAD_STEPS, Straight
-from protocols.reflection.trouble import Trouble
-from protocols.reflection.walking import LoopWalk
+from protocols.reflection.trouble import HelpState, Trouble
+from protocols.reflection.yielding import Standoff
 
 FOLLOW_CONTACTS = 2.5
-"""Who follows a helper stays so far behind, in distances of two bodies that touch: the helper has to turn round."""
+"""Distance that a follower keeps from its helper, which has to turn round, in distances of two bodies that touch."""
+# A decimetre beside a ghost, a door may hide the goal.
 AT_M = 0.01
-"""Who is as near as that to a ghost is where its helper was; a decimetre beside it, a door may hide the goal."""
+"""Distance from a ghost at which a robot is where its helper was."""
 NOWHERE = (1e5, 1e5)
-"""What is told to a navigator that has to find a goal of which nobody knows where it is."""
+"""Goal for a navigator that has to find a goal whose place no robot knows."""
 
 
 class Target(IntEnum):
-    """What a robot heads for."""
+    """The kinds of places that a robot heads for."""
 
     GOAL = 0
     PROMISE = 1
@@ -63,7 +63,6 @@ class Seeker:
         self,
         parameters: Parameters,
         setup: Setup,
-        book: GoalBook,
         ways: Ways,
         navigator: Navigator,
         straight: Straight,
@@ -71,8 +70,8 @@ class Seeker:
         counters: Counters,
         start: Time,
     ) -> None:
-        """Take the first of the goals; *events* is where to report, *counters* where to count."""
-        self.me = book.me
+        """Begin with the first goal; report in *events* and *counters*."""
+        self.me = ways.me
         self.finished = False
         self.target = ALGORITHM
         self._parameters = parameters
@@ -81,14 +80,14 @@ class Seeker:
         self._goals_m = setup.tasks[self.me].goals_m
         self._objects = parameters.goals == "object"
         self._epsilon_m = parameters.epsilon_m
-        self._book = book
+        self._book = ways.book
         self._ways = ways
         self._navigator = navigator
         self._straight = straight
         self._events = events
         self._counters = counters
         self._states_shared = parameters.states_shared
-        self._distress = Distress(parameters, self._step_m, events, counters)
+        self._help = HelpState(parameters, self._step_m, events, counters)
         self._standoff = Standoff(self.me, setup.radius_m, from_seconds(parameters.patience_s))
         self._detour = from_seconds(parameters.detour_s)
         self._give_up = from_seconds(parameters.give_up_s)
@@ -104,18 +103,18 @@ class Seeker:
         self._detours = 0
         self._reflected = False
         self._left_until = start
-        """Until when a goal in sight is left to the algorithm A."""
+        """Time until which a goal in sight is left to the algorithm A."""
         self._next(start)
 
     @property
     def number(self) -> int:
-        """Which of its goals the robot has, from 1."""
+        """Number of the present goal, from 1."""
         return self._number
 
     @property
     def trouble(self) -> Trouble:
-        """Whether the robot is in trouble."""
-        return self._distress.trouble
+        """The robot's trouble."""
+        return self._help.trouble
 
     @property
     def goal_m(self) -> Point:
@@ -123,7 +122,7 @@ class Seeker:
         return self._goals_m[self._number - 1]
 
     def arrive(self, x_m: float, y_m: float, now: Time) -> None:
-        """Turn to the next goal if this one is reached or has taken too long; before anything else at a tick."""
+        """Turn to the next goal if this one is reached or has taken too long; to be called first at a tick."""
         if self.finished:
             return
         goal_x, goal_y = self._goals_m[self._number - 1]
@@ -135,20 +134,20 @@ class Seeker:
             self.give_up("time", now)
 
     def give_up(self, reason: str, now: Time) -> None:
-        """Do without the present goal."""
+        """Give up the present goal."""
         self._counters.given_up += 1
         self._events.append(GoalGivenUp(self._number, reason))
         self._next(now)
 
     def displaced(self, now: Time) -> None:
-        """Begin anew from where somebody has put the robot."""
+        """Begin again from where the robot was moved to."""
         self._followed = self._going = None
         self._navigator.restart()
-        self._distress.turn()
+        self._help.turn()
         self._straight.begin(now)
 
     def promised(self, now: Time) -> None:
-        """Take notice that the best way to the own goal is now a new promise."""
+        """Note that the best way to the own goal is now a new promise."""
         self._counters.promises += 1
         if not self._reflected:
             self._reflected = True
@@ -164,13 +163,13 @@ class Seeker:
     ) -> Point:
         """Return where to go from here, a place in the own frame; to be called once a tick."""
         here = observation.x_m, observation.y_m
-        aside = self._standoff.aside(observation, sightings, now) if sightings else None
+        aside = self._standoff.evade(observation, sightings, now) if sightings else None
         if aside is not None:
             self._counters.steps[ALGORITHM] += 1
             self._going = aside
             return aside
         way: Way | None
-        if self._followed is not None and self._straight.rounding:  # goes on, though it may see nothing from here
+        if self._followed is not None and self._straight.rounding:  # it goes on, though it may see nothing from here
             target, place, way = self.target, self._place, self._followed
         else:
             way = self._followable(here, now)
@@ -191,7 +190,7 @@ class Seeker:
                 self._leave(way, now)
         if self._states_shared and not self.finished:
             keeps_up = self.target is HELPER and math.dist(here, place) < self._follow_m
-            self._distress.judge(here, place, keeps_up)
+            self._help.judge(here, place, keeps_up)
         self._going = going
         return going
 
@@ -214,7 +213,7 @@ class Seeker:
             return
         self._book.set_own(self._number, *self.goal_m)
         self._navigator.restart()
-        self._distress.new_goal()
+        self._help.new_goal()
         self._left_until = now
         self._detours = 0
         self._events.append(GoalSet(self._number))
@@ -222,7 +221,7 @@ class Seeker:
     # ------------------------------------------------------------ what to head for
 
     def _followable(self, here: Point, now: Time) -> Way | None:
-        """Return the way that is to be followed straight now; note what has become of the one that was followed."""
+        """Return the way to follow straight now, if any; report how the way that was followed has ended."""
         way = self._ways.of[self.me]
         followed = self._followed
         if way is None:
@@ -234,7 +233,7 @@ class Seeker:
         if way.via == self.me:
             if now >= self._left_until and (way.direct or self.target is GOAL):
                 return way
-            if not way.direct:  # its own ghost: there is nothing to be learnt from where it has been
+            if not way.direct:  # its own ghost: it learns nothing where it has been
                 self._ways.forget(self.me)
             return None
         if math.hypot(way.x_m - here[0], way.y_m - here[1]) > AT_M:
@@ -251,17 +250,17 @@ class Seeker:
             if way.via != self.me:
                 return PROMISE, (way.x_m, way.y_m)
             return GOAL, (way.x_m, way.y_m) if way.direct else self._place
-        helper = self._distress.helper(here, sightings, states) if self._states_shared else None
+        helper = self._help.helper(here, sightings, states) if self._states_shared else None
         if helper is not None:
             return HELPER, helper
-        if self._objects:  # nobody knows where it is: random motion has no use for a place
+        if self._objects:  # no robot knows where it is: random motion has no use for a place
             return ALGORITHM, NOWHERE
         return ALGORITHM, self.goal_m
 
     def _turn_to(self, target: Target, way: Way | None, here: Point, now: Time) -> None:
         """Begin to head for something else than before."""
         followed = self._followed
-        self._distress.turn()
+        self._help.turn()
         if target is not self.target:
             self._straight.begin(now)
         if target is PROMISE and way is not None and (followed is None or followed.via != way.via):
@@ -270,7 +269,7 @@ class Seeker:
         self._followed = way
 
     def _leave(self, way: Way, now: Time) -> None:
-        """Do not try any longer to come straight to where *way* leads."""
+        """Stop trying to go straight to where *way* leads."""
         self._straight.begin(now)
         if way.via == self.me:
             self._left_until = now + (self._detour << self._detours)

@@ -5,27 +5,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.boundary import Boundary, boundary, inflated
 from cosim.machine import Address
-from cosim.protocol import Metric, ProtocolSpec, Surroundings
+from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.units import Time, to_seconds
 from protocols.reflection.events import EVENTS
 from protocols.reflection.guidance import algorithm, way_back
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.referee import TargetReferee
 from protocols.reflection.seeking import Target
-from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame
-from protocols.reflection.targets import targets
+from protocols.reflection.setup import Point, Pose, Setup, Task, into_frame, targets
 
 TEAM_LIMIT = 256
 """Addresses on the wire are single bytes."""
 WORLD: Pose = (0.0, 0.0, 0.0)
 LOOPS_SLACK_M = 0.002
-"""So much farther than they need VisBug keeps bodies from walls: rounding is not to make them touch."""
+"""Extra distance that VisBug keeps from walls, so that rounding does not make bodies touch."""
 ATTEMPTS = 10_000
-"""So many places are tried for a robot that has neither a room nor a patrol to start in."""
+"""Number of places that are tried for a robot that has neither a room nor a patrol to start in."""
 
 METRICS = (
     Metric("motion_steps", "1", "ticks until the last target was reached, or until the end, summed over explorers"),
@@ -58,7 +57,7 @@ METRICS = (
 
 
 def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Point]:
-    """Put each explorer in a room, each helper at its patrol's first free way point, others anywhere they fit."""
+    """Place each explorer in a room, each helper at its patrol's first free way point, others anywhere they fit."""
     parameters = located(parameters, surroundings)
     starts: list[Point] = []
     for robot in range(size):
@@ -99,7 +98,7 @@ def _free(
     raise UserError(f"team.starts: found no place for robot {len(taken)}; give places, rooms or patrols")
 
 
-def _distance_to_walls(walls_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]], point: Point) -> float:
+def _distance_to_walls(walls_m: Floats, point: Point) -> float:
     if not len(walls_m):
         return math.inf
     start, way = walls_m[:, :2], walls_m[:, 2:] - walls_m[:, :2]
@@ -116,7 +115,7 @@ def patrol_of(parameters: Parameters, robot: Address) -> tuple[Point, ...]:
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Draw the targets, and tell every robot its task in its own frame; raise UserError for a task that is none."""
+    """Return the setup: draw the targets, and put each robot's task into its frame; raise UserError for bad tasks."""
     parameters = located(parameters, surroundings)
     size = len(surroundings.starts_m)
     if parameters.explorers > size:
@@ -154,13 +153,59 @@ def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Ge
     return Reflection(parameters, setup, me, navigator, start)
 
 
+class TargetReferee(Referee):
+    """Observes where the explorers are, and never what machines believe.
+
+    The targets of an explorer count in their order, one a tick. A target that its machine gives up stays open here, and
+    so do all after it: such a run ends when the machines have finished.
+    """
+
+    def __init__(self, setup: Setup, epsilon_m: float) -> None:
+        self._targets_m = setup.targets_m
+        self._epsilon_m = epsilon_m
+        self._next = [0] * len(self._targets_m)
+        self._steps = [0] * len(self._targets_m)
+        self._open = [explorer for explorer, targets in enumerate(self._targets_m) if targets]
+        """Explorers that are alive and have targets left."""
+        self._begun = False
+
+    def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
+        """Count a motion step for every living explorer with open targets; return whether there is none."""
+        for explorer in self._open.copy():
+            self._steps[explorer] += self._begun
+            x, y = self._targets_m[explorer][self._next[explorer]]
+            if math.hypot(x_m.item(explorer) - x, y_m.item(explorer) - y) < self._epsilon_m:
+                self._reached(explorer)
+        self._begun = True
+        return not self._open and bool(self._targets_m)
+
+    def _reached(self, explorer: Address) -> None:
+        self._next[explorer] += 1
+        if self._next[explorer] == len(self._targets_m[explorer]):
+            self._open.remove(explorer)
+
+    def died(self, death: Death) -> None:
+        """Expect no more targets of a dead robot."""
+        if death.robot in self._open:
+            self._open.remove(death.robot)
+
+    def verdict(self, now: Time) -> dict[str, float]:
+        """Return motion steps and targets reached, all explorers together."""
+        steps, reached = sum(self._steps), sum(self._next)
+        return {
+            "motion_steps": float(steps),
+            "targets_reached": float(reached),
+            "steps_per_target": steps / reached if reached else math.nan,
+        }
+
+
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> TargetReferee:
     """Return the judge of the explorers."""
     return TargetReferee(setup, parameters.epsilon_m)
 
 
 def measure(machines: Sequence[Reflection]) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics that the machines have counted."""
     counters = [machine.counters for machine in machines]
     advice = sum(record.advice for record in counters)
     reflected = sum(record.reflected for record in counters)

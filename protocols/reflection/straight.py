@@ -1,8 +1,8 @@
 """Heading straight for a place in sight, and what to do when something is in the way after all.
 
-A line of sight has no width, a body has: it touches the jamb of a door, or another body, and stands. Then it steps
-aside, to the side on which it sees more room, 45 degrees off its line or 90; to the other side if both are blocked, and
-then half back. After a step that was free it tries its line again. What lies right ahead is passed on the right, so
+A line of sight has no width, but a body has: it touches the jamb of a door, or another body, and stands. Then it steps
+aside, to the side on which it sees more room, 45 or 90 degrees off its line; to the other side if both are blocked, and
+then half back. After a step that was free it tries its line again. It passes on the right what lies right ahead, so
 that two robots that meet pass each other. If all this brings the robot no nearer for a while, it is *stalled*.
 """
 
@@ -13,21 +13,22 @@ from cosim.units import Time
 from protocols.reflection.setup import Point
 
 AHEAD_STEPS = 10.0
-"""A direction is turned into a place so many steps ahead."""
+"""Distance of the place that stands for a direction, in motion steps."""
 ASIDE_STEPS = 2.0
-"""So many motion steps long is a step aside."""
+"""Length of a step aside, in motion steps."""
 ASIDE_TICKS = 20
-"""It takes no longer than this: a body that has to gather speed is slow."""
+"""Longest duration of a step aside: a body that has to gather speed is slow."""
+# A command acts a tick late.
 DEAF_TICKS = 3
-"""A command acts a tick late, so that a step aside is not known to be blocked before its third tick."""
+"""Ticks before which a step aside is not known to be blocked."""
 TRIES = tuple(math.radians(angle) for angle in (45.0, 90.0, -45.0, -90.0, 135.0, -135.0))
-"""How far off its line a robot steps aside, one after the other if they are blocked; negative is the other side."""
+"""Angles off its line at which a robot steps aside, tried in this order; negative is the other side."""
 CALM_STEPS = 20
-"""Who has touched nothing for so long chooses its side anew."""
+"""Steps without a touch after which a robot chooses its side again."""
 PROBES = (1.5, 3.0, 4.5, 6.0)
-"""So many radii ahead, at the edges of where the body would pass, it looks for what is in the way."""
+"""Distances ahead, in radii, at which it looks for obstacles at the edges of where the body would pass."""
 BODY_CONTACTS = 1.75
-"""A robot that is so near, in distances of two bodies that touch, may be what is in the way."""
+"""Distance within which another robot may be in the way, in distances of two bodies that touch."""
 
 
 class Straight:
@@ -51,15 +52,15 @@ class Straight:
 
     @property
     def rounding(self) -> bool:
-        """The robot is just going round something."""
+        """True if the robot is going round something."""
         return self._ticks > 0
 
     def stalled(self, now: Time) -> bool:
-        """Return whether the way has not become shorter for longer than one should wait."""
+        """Return whether the way has not become shorter for longer than the robot's patience."""
         return now - self._progress_at > self._patience
 
     def towards(self, place: Point, length_m: float, observation: Observation, now: Time) -> Point:
-        """Return where to go in order to come to *place*; *length_m* is the way that is left, there and beyond."""
+        """Return where to go in order to reach *place*; *length_m* is the way that is left, there and beyond."""
         if length_m < self._shortest_m - 0.25 * self._step_m:
             self._shortest_m = length_m
             self._progress_at = now
@@ -89,10 +90,8 @@ class Straight:
         return x + reach * math.cos(angle), y + reach * math.sin(angle)
 
     def _roomy_side(self, ahead: float, distance_m: float, observation: Observation) -> float:
-        """Return on which side of the line *ahead* less is in the way: 1 for the left, -1 for the right.
-
-        Scans have too few beams for the end of a wall, so the robot looks for places beside its line.
-        """
+        """Return the side of the line *ahead* on which less is in the way: 1 for the left, -1 for the right."""
+        # Scans have too few beams for the end of a wall, so the robot looks for places beside its line.
         x, y = observation.x_m, observation.y_m
         radius = self._radius_m
         cos, sin = math.cos(ahead), math.sin(ahead)

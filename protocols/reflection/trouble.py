@@ -1,19 +1,21 @@
-"""State sharing: when a robot is in trouble (paper 000, section 5).
+"""State sharing: when a robot is in trouble, and which robot helps it out (paper 000, section 5).
 
-A robot counts Pr up by Nt at each step that brings no progress towards its goal, and down by 1 at each that does. It is
-in trouble, Tr, from Pr = Cr on, until Pr = 0; then Nt, which begins at 1, grows by one, so that the next trouble comes
-sooner and lasts longer: Pr is bounded by Nt Cr.
+A robot counts Pr up by Nt at each step without progress towards its goal, and down by 1 at each step with progress. It
+is in trouble, Tr, from Pr = Cr on, until Pr = 0; then Nt, which begins at 1, grows by one, so that the next trouble
+comes sooner and lasts longer: Pr is bounded by Nt Cr.
 
 As printed the rule is inconsistent: steps of Nt can jump over Pr = Cr, and with the equality Tr would be set again on
-the way down, whenever Pr passes Cr. Ours sets Tr at Pr >= Cr; the printed one is the other choice.
+the way down, whenever Pr passes Cr. Ours sets Tr at Pr >= Cr; the printed rule is the other choice.
 """
 
 import math
 from collections import deque
-from typing import Literal
+from collections.abc import Mapping
 
-TroubleRule = Literal["reaches", "equals"]
-ProgressMeasure = Literal["window", "nearest", "step", "motion"]
+from cosim.machine import Address, Event
+from protocols.reflection.events import Counters, TroubleChanged
+from protocols.reflection.parameters import Parameters, ProgressMeasure, TroubleRule
+from protocols.reflection.setup import Point
 
 
 class Trouble:
@@ -23,7 +25,7 @@ class Trouble:
         self.limit = limit
         """Cr: motion steps without progress that make the first trouble."""
         self.active = False
-        """Tr."""
+        """True if the robot is in trouble, Tr."""
         self.level = 0
         """Pr, from 0 to Nt Cr."""
         self.weight = 1
@@ -46,14 +48,14 @@ class Trouble:
 
 
 class Progress:
-    """A measure of whether a motion step has brought a robot on: an open choice in the paper.
+    """A measure of whether a motion step has brought progress: an open choice in the paper.
 
-    - ``window``: it is nearer to its target than *window* steps ago, by *share* of what it could be;
-    - ``nearest``: it is nearer to its target than it ever was since it has it, by *share* of a step;
+    - ``window``: the robot is nearer to its target than *window* steps ago, by *share* of what it could be;
+    - ``nearest``: it is nearer to its target than ever since it has that target, by *share* of a step;
     - ``step``: it is nearer than before the last step, by *share* of a step;
-    - ``motion``: it has got away, *window* steps long, from where it was, by *share* of what it could have.
+    - ``motion``: it has moved away from where it was *window* steps ago, by *share* of what it could have.
 
-    As long as there are no *window* steps to look back on, as many as there are count.
+    As long as there are fewer than *window* steps to look back on, those count.
     """
 
     def __init__(self, measure: ProgressMeasure, window: int, share: float, step_m: float) -> None:
@@ -63,7 +65,7 @@ class Progress:
         self._nearest_m = math.inf
 
     def restart(self) -> None:
-        """Begin anew: the target is another one."""
+        """Begin again, as the target is another one."""
         self._past.clear()
         self._nearest_m = math.inf
 
@@ -87,3 +89,45 @@ class Progress:
                 return better
             case _:
                 return then - distance >= gain
+
+
+class HelpState:
+    """One seeker's trouble, and the robot that it follows out of it."""
+
+    def __init__(self, parameters: Parameters, step_m: float, events: list[Event], counters: Counters) -> None:
+        self._parameters = parameters
+        self._events = events
+        self._counters = counters
+        self._progress = Progress(parameters.progress, parameters.progress_window, parameters.progress_share, step_m)
+        self._helper: Address | None = None
+        self.trouble = Trouble(parameters.trouble_limit, parameters.trouble_rule)
+
+    def new_goal(self) -> None:
+        """Begin again with a new goal, as the parameters say."""
+        self._progress.restart()
+        if self._parameters.trouble_memory == "goal":
+            if self.trouble.active:
+                self._events.append(TroubleChanged(False, 1))
+            self.trouble = Trouble(self._parameters.trouble_limit, self._parameters.trouble_rule)
+
+    def turn(self) -> None:
+        """Judge progress from here on, as the robot heads for something else."""
+        self._progress.restart()
+
+    def helper(self, here: Point, sightings: Mapping[Address, Point], states: Mapping[Address, bool]) -> Point | None:
+        """Return where a robot in trouble sees one that is not: the same one as long as that is in sight."""
+        helper = self._helper
+        if not self.trouble.active:
+            helper = None
+        elif helper is None or helper not in sightings or states.get(helper) is not False:
+            helpers = [peer for peer in sightings if states.get(peer) is False]
+            helper = min(helpers, key=lambda peer: math.dist(sightings[peer], here), default=None)
+        self._helper = helper
+        return None if helper is None else sightings[helper]
+
+    def judge(self, here: Point, place: Point, keeps_up: bool) -> None:
+        """Count a motion step towards *place*; a robot that *keeps_up* with its helper makes progress."""
+        progress = self._progress.judge(*here, place) or keeps_up
+        if self.trouble.step(progress):
+            self._counters.troubles += self.trouble.active
+            self._events.append(TroubleChanged(self.trouble.active, self.trouble.weight))

@@ -351,7 +351,10 @@ def test_faults_that_no_radio_would_notice_are_refused() -> None:
         ({"team": {"groups": [{}, {"radios": [0, 2]}]}}, r"team\.groups\[1\]\.radios: .* radio 2, .* radios 0 to 1"),
         ({"team": {"radios": [1]}, "channel": {"kind": "ideal"}}, r"team\.radios: \[1\] names radio 1"),
         ({"channel": {"kind": "radios", "radios": []}}, r"channel\.radios: \[\]"),
-        ({"channel": {"kind": "radios", "radios": [TWO]}}, r"channel\.radios\[0\]\.kind: 'radios' is not one of"),
+        (
+            {"channel": {"kind": "radios", "radios": [TWO]}},
+            r"channel\.radios\[0\]\.kind: 'radios' is not a channel for one radio",
+        ),
         ({"channel": {"kind": "radios", "radios": [{**SHORT, "range_m": -1}]}}, r"channel\.radios\[0\]\.range_m: -1"),
         ({"faults": [off(0.1, None, 2)]}, r"faults\[0\]\.radio: 2 is none of the radios of robot 0: 0"),
         ({"faults": [off(0.1, None, 1)]}, r"faults\[0\]\.radio: 1 is none of the radios of robot 0: 0"),

@@ -1,32 +1,17 @@
-"""What the tests of the web share: everything is compiled before anybody waits for it, and there is one browser."""
-
-from collections.abc import Iterator
-from typing import Any
+"""What the tests of the web share: all is compiled before a test waits for it, and a session that stands still."""
 
 import pytest
 
 from cosim.scenario import Scenario
 from cosim.simulation import simulate
-from tests.web.browser import Browser, chromium, tab
+from tests.protocols.deployment.operator.page.consoles import Consoles, Still
 from tests.web.console import PLAIN
-from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, ready
-from tests.web.served import Served
 
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled() -> None:
     """Make a run, so that no test's run waits for numba."""
     simulate(Scenario.model_validate(PLAIN), 1)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
-
-
-# ---------------------------------------------------------------- the playbook page alone
 
 
 @pytest.fixture
@@ -37,26 +22,3 @@ def consoles() -> Consoles:
 @pytest.fixture
 def still(consoles: Consoles) -> Still:
     return Still(consoles)
-
-
-@pytest.fixture(scope="session")
-def server() -> Iterator[Served]:
-    made = Served(Still(Consoles()), page=PAGE)
-    yield made
-    made.stop()
-
-
-@pytest.fixture
-def served(server: Served, still: Still) -> Served:
-    """Return the server, which serves another session to each test."""
-    server.wait_for(0)
-    server.server.session = still
-    return server
-
-
-@pytest.fixture
-def page(browser: Browser, served: Served) -> Iterator[Any]:
-    """Open the page, which knows plays and team then."""
-    with tab(browser, served) as page:
-        ready(page)
-        yield page

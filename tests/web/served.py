@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from http.client import HTTPConnection, HTTPResponse
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -13,21 +14,24 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from cosim.web.guard import HOST
-from cosim.web.pages import VIEW
-from cosim.web.server import Server, config, listening
-from cosim.web.session import Session
+from cosim.web.server import PATIENCE_S, VIEW, Server, Session, config, listening
 
 
 class Served:
     """A server in a thread, at a free port."""
 
     def __init__(
-        self, session: Session, token: str | None = None, port: int = 0, page: str = VIEW, patience_s: float = 20.0
+        self,
+        session: Session,
+        token: str | None = None,
+        port: int = 0,
+        page: Path = VIEW,
+        patience_s: float = PATIENCE_S,
     ) -> None:
-        self.server = Server(session, page)
+        self.server = Server(session, page, patience_s)
         self.listener = listening(port)
         self.port = self.listener.getsockname()[1]
-        self.uvicorn = uvicorn.Server(config(self.server.app(self.port, token), patience_s))
+        self.uvicorn = uvicorn.Server(config(self.server.app(self.port, token)))
         self.thread = threading.Thread(target=lambda: asyncio.run(self.uvicorn.serve([self.listener])), daemon=True)
         self.thread.start()
 

@@ -13,7 +13,7 @@ from cosim.units import S
 from cosim.web.live import Live
 from cosim.web.recorded import Recorded
 from cosim.web.scenes import scene_of, write_scene
-from cosim.web.session import Session
+from cosim.web.server import Session
 from tests.web.browser import Browser, pixels, tab
 from tests.web.console import PLAIN
 from tests.web.served import Served, next_of

@@ -6,6 +6,7 @@ import sys
 import time
 import tomllib
 from fnmatch import fnmatch
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -14,13 +15,13 @@ import pytest
 import yaml
 from websockets.sync.client import connect
 
-from cosim.cli import main
+from cosim.cli import WEB_NEEDS, _pages, main
 from cosim.sweep import CLUSTER_NEEDS
-from cosim.web.pages import STATIC
-from cosim.web.starting import NEEDED
+from cosim.web.server import STATIC, Session
+from protocols.deployment.operator.page import PAGE as PLAYBOOK
 from tests.web.commanded import ROOT, Commanded, commanded
 from tests.web.console import PLAIN
-from tests.web.served import next_of, until_closed
+from tests.web.served import Served, next_of, until_closed
 
 
 @pytest.fixture
@@ -106,17 +107,79 @@ def test_what_is_not_installed_is_named_in_one_line(
         main(["view", "pseudonet_coverage"])
     told = capsys.readouterr()
     assert (ended.value.code, told.out) == (2, "")
-    assert told.err == "pages need what is not installed here: pip install 'uvicorn>=0.54'\n"
+    assert told.err == "pages need what is not installed here: pip install 'uvicorn>=0.52.1'\n"
 
 
 def test_what_is_needed_is_the_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert list(NEEDED) == extras["web"]
+    assert list(WEB_NEEDS) == extras["web"]
     assert list(CLUSTER_NEEDS) == extras["cluster"]
 
 
-def test_what_a_browser_loads_is_part_of_the_package():
-    packaged = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["cosim"]
-    for path in STATIC.rglob("*"):
-        name = path.relative_to(ROOT / "cosim").as_posix()
+@pytest.mark.parametrize("folder", [STATIC, PLAYBOOK.html.parent])
+def test_what_a_browser_loads_is_part_of_its_package(folder: Path):
+    package = folder.relative_to(ROOT).parts[0]
+    packaged = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"][package]
+    for path in folder.rglob("*"):
+        name = path.relative_to(ROOT / package).as_posix()
         assert path.is_dir() or any(fnmatch(name, pattern) for pattern in packaged), name
+
+
+# ---------------------------------------------------------------- pages of protocols of one's own
+
+OWN = """
+from dataclasses import replace
+from pathlib import Path
+from cosim.page import WebPage
+from tests.web.console import SPEC
+
+PAGE = WebPage("Talk to robots.", "Run SCENARIO and talk.", Path(__file__).parent / "talk" / "talk.html")
+SPEC = replace(SPEC, page=PAGE)
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Install a protocol with a page, a page that is missing, and what is no page; return a scenario of the first."""
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "talk").mkdir()
+    for name in ("talk.html", "talk.js"):
+        (tmp_path / "talk" / name).write_text(f"this is {name}")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "own", raising=False)
+    points = [("talk", "own:PAGE"), ("lost", "nowhere:PAGE"), ("odd", "own:SPEC")]
+    made = {name: EntryPoint(name, value, "cosim.pages") for name, value in points}
+    monkeypatch.setattr("cosim.cli._pages", lambda: _pages() | made)
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump(PLAIN | {"protocol": {"use": "own:SPEC", "parameters": {"patient": True}}}))
+    return path
+
+
+def test_installed_pages_are_commands_and_a_broken_one_hides_no_other(own: Path, cosim: Any):
+    ended = cosim("--help")
+    assert (ended.code, ended.err) == (0, "")
+    lines = [" ".join(line.split()) for line in ended.out.splitlines()]
+    commands = [line for line in lines[lines.index("Commands:") + 1 :] if line]
+    assert {"talk Talk to robots.", "playbook Call plays of a run from a page."} <= {*commands}
+    names = ["list", "lost", "odd", "pin", "playbook", "report", "run", "sweep", "talk", "validate", "view"]
+    assert [command.split()[0] for command in commands] == names
+    assert "Run SCENARIO and talk." in cosim("talk", "--help").out
+    assert cosim("lost", "--seed", "3") == (2, "", "lost: No module named 'nowhere'\n")
+    assert cosim("odd", str(own)) == (2, "", "odd: own:SPEC is no cosim.page.WebPage\n")
+
+
+@pytest.mark.parametrize("command", ["talk", "playbook"])
+def test_the_page_that_a_protocol_brings_is_shown_with_all_in_its_folder(
+    own: Path, command: str, cosim: Any, monkeypatch: pytest.MonkeyPatch
+):
+    told = []
+
+    def serve(session: Session, page: Path, *more: Any) -> None:
+        served = Served(session, page=page)
+        told.extend(served.get(path)[1] for path in ("/", "/page/talk.js"))
+        told.append(session.scene["attended"])
+        served.stop()
+
+    monkeypatch.setattr("cosim.web.server.serve", serve)
+    assert cosim(command, str(own), "--paused") == (0, "", "")
+    assert told == ["this is talk.html", "this is talk.js", True]

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from cosim.web.pages import VIEW
+from cosim.web.server import VIEW
+from tests.protocols.deployment.operator.page.consoles import Consoles, Still
+from tests.protocols.deployment.operator.page.hand import PAGE, choose, playing, ready, tailoring, until
 from tests.web.browser import LABELS, Browser, tab
-from tests.web.playbook_double import Consoles, Still
-from tests.web.playbook_hand import PAGE, choose, playing, ready, tailoring, until
 from tests.web.served import Served
 
 pytestmark = pytest.mark.slow

@@ -21,14 +21,15 @@ from cosim.channels.adhoc.phy import (
 )
 from cosim.channels.adhoc.reception import Limits
 from cosim.channels.adhoc.routing.choice import RoutingSettings
+from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, Settings, error_at
+from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, error_at
 from cosim.units import US, from_seconds
 
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
 
 
-class AdhocSettings(Settings):
+class AdhocSettings(ChannelSettings):
     """An 802.11 ad hoc network to the slot: the distributed coordination function, with routing if it is asked for."""
 
     kind: Literal["adhoc"] = "adhoc"

@@ -12,12 +12,13 @@ from cosim.channels.bluetooth.radio import Interference
 from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.channels.bluetooth.schedule import Scheduler
+from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
-from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, Settings, error_at
+from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, error_at
 from cosim.units import from_seconds
 
 
-class BluetoothSettings(Settings):
+class BluetoothSettings(ChannelSettings):
     """Bluetooth to the half-slot: inquiry, page, piconets and scatternets, polled by their masters."""
 
     kind: Literal["bluetooth"] = "bluetooth"

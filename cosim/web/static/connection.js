@@ -1,6 +1,6 @@
-// The WebSocket to the server that this page came from: it says when it is gone, and comes back when it is told to.
+// The WebSocket to the server that this page came from: it reports when it is lost, and reconnects on request.
 
-/** A connection that can be opened anew; messages are objects with a `say`. */
+/** A connection that can be opened again; messages are objects with a `say`. */
 export class Connection {
   /**
    * @param {{message: (message: object) => void, opened: () => void, lost: (why: string) => void}} told
@@ -11,12 +11,12 @@ export class Connection {
     window.addEventListener("pagehide", () => this.socket?.close());
   }
 
-  /** Whether something that is sent now has a chance to arrive. */
+  /** True if something that is sent now may arrive. */
   get open() {
     return this.socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Connect; an older connection is given up without a word. */
+  /** Connect; an older connection is closed without a report. */
   connect() {
     this.socket?.close();
     const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${location.search}`;
@@ -37,7 +37,7 @@ export class Connection {
     });
   }
 
-  /** Send a message; without a connection nothing happens, and false is returned. */
+  /** Send a message; return false, and do nothing, without a connection. */
   send(message) {
     if (!this.open) return false;
     this.socket.send(JSON.stringify(message));

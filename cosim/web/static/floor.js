@@ -9,15 +9,15 @@ const LEAST_RADIUS_PX = 6;
 const MARGIN_PX = 22;
 const LABEL_PX = 16;
 const DIGIT_PX = 7;
-const NEAR_PX = 14; // who clicks so near to something has clicked on it
-const ALONE_PX = 40; // who is farther from a robot hardly moves its label
+const NEAR_PX = 14; // a click as near to something as this is a click on it
+const ALONE_PX = 40; // robots farther away than this hardly move a robot's label
 
-/** Draws a run on a canvas; asks for nothing while nothing changes. */
+/** Draws a run on a canvas; requests no frame of the browser while nothing changes. */
 export class Floor {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {import("./run.js").Run} run
-   * @param {(robot: number | null) => void} picked told which robot has been clicked on
+   * @param {(robot: number | null) => void} picked is called with the robot that has been clicked on
    */
   constructor(canvas, run, picked = () => {}) {
     this.canvas = canvas;
@@ -25,7 +25,7 @@ export class Floor {
     this.picked = picked;
     this.selected = null;
     this.extras = []; // functions (pen, floor) that draw on top: routes of a plan, for example
-    this.labels = []; // where those of the robots are (px)
+    this.labels = []; // places of the robots' labels (px)
     this.asked = false;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -81,7 +81,7 @@ export class Floor {
     return [Math.min(x_max, Math.max(x_min, x)), Math.min(y_max, Math.max(y_min, y))];
   }
 
-  /** The robot that an event of the mouse is at, at most so far from what is drawn of it (px); null if there is none. */
+  /** The robot that an event of the mouse is at, at most some px from what is drawn of it; null if there is none. */
   robot_at(event, reach_px = NEAR_PX) {
     const robots = (this.run.now?.robots ?? []).map((place, robot) => ({ robot, far_px: this.far_px(event, place) }));
     const near = robots.filter(({ robot, far_px }) => far_px < Math.max(reach_px, this.radius(robot)));
@@ -89,8 +89,8 @@ export class Floor {
   }
 
   /**
-   * The place that an event of the mouse is at, of those that the floor names, or null: {place, point}, what it is
-   * called (its coordinates, if others have the same name) and where it is (m).
+   * The named place of the floor that an event of the mouse is at, or null: {place, point}, its name (its coordinates,
+   * if others have the same name) and where it is (m).
    */
   named_at(event) {
     const { places_m = {}, base_m = null } = this.run.scene ?? {};
@@ -154,7 +154,7 @@ export class Floor {
     for (const flight of run.flights) this.paint_flight(pen, flight, (wall_ms - flight.wall_ms) / FLIGHT_MS);
     this.paint_places(pen, run.scene);
     run.now?.robots.forEach((robot, number) => this.paint_robot(pen, number, robot));
-    run.now?.robots.forEach((_, number) => this.paint_label(pen, number)); // no robot hides the label of another
+    run.now?.robots.forEach((_, number) => this.paint_label(pen, number)); // after all robots, so that none hides the label of another
     pen.globalAlpha = 1;
     if (moving) this.draw();
   }
@@ -190,7 +190,7 @@ export class Floor {
     pen.lineWidth = 3;
     pen.font = "11px system-ui, sans-serif";
     pen.textAlign = "center";
-    const names = new Map(); // by their point, which may have several
+    const names = new Map(); // by point: one may have several names
     for (const [name, points] of Object.entries(scene.places_m)) {
       for (const point of points.slice(0, 40)) {
         const [x, y] = this.place(point);
@@ -207,7 +207,7 @@ export class Floor {
     }
   }
 
-  /** How far above a place its name stands (px): above what may be drawn around it, and the label of a robot there. */
+  /** Distance of a place's name above it (px): above what may be drawn around it, and the label of a robot there. */
   letter_px(point) {
     const [x, y] = this.place(point);
     const taken = this.labels.some(([label_x, label_y]) =>
@@ -220,7 +220,7 @@ export class Floor {
     pen.lineCap = "butt"; // the pieces must not overlap
     this.run.trails.forEach((trail, robot) => {
       pen.strokeStyle = this.colour(robot);
-      for (let from = 0; from < trail.length - 1; from += 40) { // in pieces, the older the fainter
+      for (let from = 0; from < trail.length - 1; from += 40) { // in pieces, of which older ones are fainter
         pen.globalAlpha = 0.12 + (0.4 * from) / trail.length;
         pen.beginPath();
         for (const [, x, y] of trail.slice(from, from + 41)) pen.lineTo(...this.place([x, y]));
@@ -335,7 +335,7 @@ export class Floor {
     return [x + right * (radius + 4 + DIGIT_PX * this.label(robot).length / 2), y + below * (radius + 9)];
   }
 
-  /** How large a robot is drawn, px. */
+  /** Radius of a drawn robot, px. */
   radius(robot) {
     return Math.max(LEAST_RADIUS_PX, (this.run.scene.radii_m[robot] ?? 0.2) * this.scale);
   }
@@ -344,11 +344,11 @@ export class Floor {
   free_side(robot) {
     const { robots } = this.run.now;
     const [own_x, own_y] = robots[robot];
-    let [right, down] = [1 / ALONE_PX, 1 / ALONE_PX]; // above are the names of places
+    let [right, down] = [1 / ALONE_PX, 1 / ALONE_PX]; // names of places are above
     for (const [x, y] of robots) {
       const [away_x, away_y] = [(own_x - x) * this.scale, (y - own_y) * this.scale];
       const far = Math.max(1, Math.hypot(away_x, away_y));
-      right += away_x / far ** 2; // the nearer, the more it counts
+      right += away_x / far ** 2; // near robots count more
       down += away_y / far ** 2;
     }
     const length = Math.hypot(right, down) || 1;
@@ -373,7 +373,7 @@ export class Floor {
   }
 }
 
-/** That of some things which is nearest by its `far_px`. */
+/** The nearest of some things by their `far_px`. */
 function nearest(things) {
   return things.reduce((best, each) => (best && best.far_px <= each.far_px ? best : each), null);
 }

@@ -1,11 +1,11 @@
-// What part of a floor is seen: all of it, or what somebody has magnified by wheel, pinch or keys, and drags about.
+// The visible part of a floor: all of it, or what the user has magnified by wheel, pinch or keys, and drags about.
 
 const MOST_ZOOM = 40;
-const DRAG_PX = 6; // who moves less has clicked
+const DRAG_PX = 6; // a shorter movement is a click
 const KEY_ZOOM = 1.4;
 const KEY_PX = 60;
 
-/** The zoom of a floor and the point in its middle, in the hands of whoever looks. */
+/** The zoom of a floor and the point in its middle, as the user chooses them. */
 export class Lens {
   /** @param {import("./floor.js").Floor} floor */
   constructor(floor) {
@@ -22,7 +22,7 @@ export class Lens {
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => this.up(event));
-    canvas.addEventListener("click", (event) => this.click(event), { capture: true }); // before all who take clicks
+    canvas.addEventListener("click", (event) => this.click(event), { capture: true }); // before all others that take clicks
   }
 
   /** Show the whole floor. */
@@ -44,7 +44,7 @@ export class Lens {
     this.show();
   }
 
-  /** Move what is seen by so many pixels; a floor that is seen as a whole stays. */
+  /** Move the visible part by some pixels; a floor that is visible as a whole stays. */
   pan(right, down) {
     if (this.zoom === 1) return;
     const [x, y] = this.floor.middle();
@@ -105,7 +105,7 @@ export class Lens {
 
   // ------------------------------------------------------------ keys
 
-  /** Take the keys that time does not: page up and down, arrows with shift, 0. */
+  /** Take the keys that the transport does not: page up and down, arrows with shift, 0. */
   key(event) {
     const box = this.floor.canvas.getBoundingClientRect();
     const at = [box.left + box.width / 2, box.top + box.height / 2];
@@ -130,7 +130,7 @@ function midpoint(points) {
   return [0, 1].map((axis) => points.reduce((sum, point) => sum + point[axis], 0) / points.length);
 }
 
-/** How far the first two of some points are apart. */
+/** Distance between the first two of some points. */
 function spread([[x, y], [other_x, other_y]]) {
   return Math.hypot(x - other_x, y - other_y);
 }

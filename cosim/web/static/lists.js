@@ -42,7 +42,7 @@ export class Robots {
   }
 }
 
-/** The list of events, the newest first, of which a text in them makes a choice. */
+/** The list of events, the newest first, filtered by a text in them. */
 export class Events {
   constructor(root, filter, floor, seek) {
     this.root = root;

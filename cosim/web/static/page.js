@@ -1,4 +1,4 @@
-// What every page has: a run on a floor, time in the hands of whoever looks, and a connection that may be lost.
+// What every page has: a run on a floor, controls of its time, and a connection that may be lost.
 
 import { Connection } from "./connection.js";
 import { Floor } from "./floor.js";
@@ -6,16 +6,16 @@ import { Run } from "./run.js";
 import { Transport } from "./transport.js";
 
 const FAULT_MS = 8000;
-const DESCRIBE_MS = 1000; // who listens to what the floor shows is to hear the end of it
+const DESCRIBE_MS = 1000; // interval of the descriptions, so that a screen reader gets to their end
 
 /** The element with an id. */
 export const find = (id) => document.getElementById(id);
 
-/** What the pages share; each adds its own to what is taken and shown. */
+/** What the pages share; each takes messages, and shows more, by functions of its own. */
 export class Page {
   /**
    * @param {{take: (message: object) => void, show: (now: object) => void, lost?: (why: string) => void}} own
-   *   take a message, show the latest moment, be told that the connection is lost
+   *   take a message, show the latest moment, note that the connection is lost
    */
   constructor({ take, show, lost = () => {} }) {
     this.show_own = show;
@@ -42,7 +42,7 @@ export class Page {
     );
   }
 
-  /** Show everything anew when the browser draws next. */
+  /** Show everything again when the browser draws next. */
   show_soon() {
     this.floor.draw();
     if (this.asked) return;
@@ -54,7 +54,7 @@ export class Page {
   }
 
   show(now) {
-    if (this.connection.open) this.show_state(now); // else what it was is all that is known
+    if (this.connection.open) this.show_state(now); // else the last known state stays
     this.transport.show(now);
     this.show_own(now);
     if (this.describing) return;
@@ -62,7 +62,7 @@ export class Page {
     this.describing = setTimeout(() => this.describe(), wait_ms);
   }
 
-  /** Say what the floor shows. */
+  /** Describe what the floor shows, for screen readers. */
   describe() {
     this.describing = 0;
     this.described_ms = performance.now();
@@ -85,7 +85,7 @@ export class Page {
     this.show_soon();
   }
 
-  /** Say what is wrong; what is about the connection stays until it is there again, all else for a while. */
+  /** Show what is wrong: a lost connection until it is there again, all else for a while. */
   trouble(why, gone = false) {
     const { open } = this.connection;
     clearTimeout(this.fault_timer);

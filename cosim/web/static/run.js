@@ -1,18 +1,18 @@
-// What a page knows of a run: the scene, the latest moment, and what has happened of late.
+// What a page knows of a run: the scene, the latest moment, and what has happened lately.
 
 const TRAIL_S = 120;
 const MOST_EVENTS = 400;
 const MOST_FRAMES = 400;
 const MARK_S = 60;
 
-/** The state of a run as the messages of a server tell it. */
+/** The state of a run by the messages of the server. */
 export class Run {
   constructor() {
     this.scene = null;
     this.forget();
   }
 
-  /** Forget everything but the scene: time has jumped. */
+  /** Forget everything but the scene, since time has jumped. */
   forget() {
     this.now = null;
     this.trails = [];
@@ -78,7 +78,7 @@ export class Run {
     if (/(Ended|Reached|Arrived)$/.test(name)) this.marks.delete(`goal ${robot}`);
   }
 
-  /** The marks that are still to be seen: goals until another comes, all else for a while. */
+  /** The marks that are still visible: goals until the next one, all others for a while. */
   seen_marks() {
     const now_s = this.now?.time_s ?? 0;
     for (const [place, mark] of this.marks) {
@@ -97,7 +97,7 @@ export class Run {
     }
   }
 
-  /** Let go of frames and links that have faded at `wall_ms`; return whether any are left. */
+  /** Drop frames and links that have faded at `wall_ms`; return whether any are left. */
   fade(wall_ms, flight_ms, link_ms) {
     this.flights = this.flights.filter((flight) => wall_ms - flight.wall_ms < flight_ms);
     for (const [pair, at_ms] of this.links) if (wall_ms - at_ms > link_ms) this.links.delete(pair);

@@ -1,9 +1,9 @@
-// Time in the hands of whoever looks: play, pause, step, speed and, in a recorded run, the way back.
+// The controls of time: play, pause, step, speed and, in a recorded run, the way back.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100];
 const SEEK_MS = 60;
 
-/** The row of buttons below the floor, and the same by the keyboard. */
+/** The row of buttons below the floor, and their keys. */
 export class Transport {
   /**
    * @param {HTMLElement} root an empty element
@@ -45,7 +45,7 @@ export class Transport {
   begin(scene) {
     this.live = scene.live;
     this.duration_s = scene.duration_s;
-    this.endless = Boolean(scene.attended); // it lasts as long as somebody wants something
+    this.endless = Boolean(scene.attended); // it lasts as long as its operator wants
     this.slider.hidden = this.endless;
     this.slider.max = scene.duration_s;
     this.slider.disabled = this.start.disabled = this.end.disabled = this.back.disabled = scene.live;
@@ -54,7 +54,7 @@ export class Transport {
 
   /** Show where the run is. */
   show(now) {
-    if (now.state !== "busy") this.state = now.state; // else what it was will be told when it is no longer
+    if (now.state !== "busy") this.state = now.state; // else the next state follows when it is no longer busy
     const playing = this.state === "playing";
     draw_sign(this.play, playing ? "pause" : "play");
     this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
@@ -69,7 +69,7 @@ export class Transport {
     if (document.activeElement !== this.speed) this.speed.value = String(now.speed);
   }
 
-  /** Have the speed of the run be among those that can be chosen: it may have begun with one of its own. */
+  /** Add the speed of the run to those that can be chosen: it may have begun with another one. */
   offer(speed) {
     if (this.speeds.includes(speed)) return;
     this.speeds = [...SPEEDS, speed].sort((one, other) => one - other);
@@ -78,7 +78,7 @@ export class Transport {
     this.speed.value = value;
   }
 
-  /** Say how fast time passes really, if that is less than it should: a computer can do only so much. */
+  /** Show how fast time really passes, if the computer is too slow for the chosen speed. */
   reached(now) {
     const wall_s = performance.now() / 1000;
     if (now.state !== "playing" || now.speed !== this.since?.speed || now.time_s < this.since.time_s) {
@@ -95,7 +95,7 @@ export class Transport {
     this.send({ say: this.state === "playing" ? "pause" : "play" });
   }
 
-  /** Ask for another time, but not more often than the server need hear it. */
+  /** Seek another time, but not more often than SEEK_MS. */
   seek(time_s) {
     if (this.live) return;
     this.wanted_s = time_s;
@@ -120,7 +120,7 @@ export class Transport {
 
   key(event) {
     const field = event.target.closest?.("input, select, textarea, dialog");
-    const idle = field === this.slider && event.key === " "; // a slider makes nothing of it
+    const idle = field === this.slider && event.key === " "; // which does nothing on a slider
     if (event.ctrlKey || event.altKey || event.metaKey || (field && !idle)) return;
     if (event.key === " " && event.target.closest?.("button")) return;
     const acts = {
@@ -139,7 +139,7 @@ export class Transport {
   }
 }
 
-// What stands on the buttons, as paths in a square of 16: not every font has signs for it.
+// The symbols of the buttons, as paths in a square of 16, since not every font has them.
 const SIGNS = {
   start: "M3 3h2v10H3z M13 3v10L6 8z",
   back: "M11 3v10L4 8z M12.5 3H14v10h-1.5z",

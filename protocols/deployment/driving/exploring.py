@@ -1,15 +1,15 @@
-"""Exploring: one robot's part in the exploration protocol, inside of a deployment (paper 004, sections 2 and 6).
+"""Exploring: one robot's part in the exploration protocol, inside a deployment (paper 004, sections 2 and 6).
 
-The machine of :mod:`protocols.exploration` leads the robot while it is ordered to explore: it says which way, and DWA
-drives (:mod:`protocols.deployment.driving.exploring_mover`). What it tells others of its map goes as news of the
-courier, each piece as a topic of its own, so that it comes over whatever channel there is, and over links too; what is
-lost on the way is asked for again by the protocol itself. Who does not explore hears the pieces and asks for what it
-lacks, so that all come to have the map, also who boots again; and it looks about where it stands, since others do not
-see what is under it.
+The machine of :mod:`protocols.exploration` leads the robot while it is ordered to explore: it chooses the heading, and
+DWA drives (:mod:`protocols.deployment.driving.exploring_mover`). Its pieces of the map are sent as status broadcasts of
+the transport, each piece as a topic of its own, so that they travel over whatever channel there is, and over links too;
+the protocol itself asks again for what was lost. Robots that do not explore receive the pieces and ask for what they
+lack, so that all get the map, also after booting again; and they look about where they stand, since others do not see
+the floor under them.
 
-*How long it takes at least.* A robot that has driven s metres has seen nothing that is farther than s + r from where it
-set out, r being how far scans reach, by any way that light can take. So the farthest place of the floor wants
-(distance - r) / speed; and as who drives one metre sees at most 2 r m2 more, the area beyond r wants
+*A lower bound of the time.* A robot that has driven s metres has seen nothing farther than s + r from where it set out,
+by any way that light can take, where r is the range of its scans. So the farthest place of the floor needs
+(distance - r) / speed. A robot that drives one metre sees at most 2 r m2 more, so the area beyond r needs
 area / (2 r * the sum of the speeds). The longer of the two is a true bound for a team that shares all it sees at once.
 """
 
@@ -19,9 +19,7 @@ from typing import Final, NamedTuple
 
 from cosim.arrays import Floats
 from cosim.errors import UserError
-from cosim.geometry.marking import CERTAIN, DOUBTFUL
-from cosim.machine import Address, Drive, Event, Outgoing, Reception
-from cosim.navigation.schemas import beam_directions
+from cosim.machine import Address, Event, Outgoing, Reception
 from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.units import S, Time, from_seconds
@@ -30,73 +28,61 @@ from protocols.deployment.driving.learned import LearnedFloor, MapLearned
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Place, Plan
-from protocols.exploration import spec as exploration
-from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
-from protocols.exploration.explorer import Explorer, Leader
+from protocols.exploration.events import EVENTS as EXPLORATION_EVENTS
+from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.rivals import Rival
-from protocols.exploration.setup import Setup
-from protocols.exploration.steering import Steering
-from protocols.exploration.targets import Targets
-from protocols.exploration.terrain import Terrain
-from protocols.mapping.belief import Belief
-from protocols.mapping.sharing import Sharing
+from protocols.exploration.setup import Setup, prepare
 from protocols.motion.floor import Floor
 from protocols.wire import BadBytes
 
 FIRST_TOPIC: Final = 1
-"""Of news about maps; before it are those of deployments."""
+"""First topic of pieces of maps; those before it belong to deployments."""
 TOPICS: Final = 100
-"""So many pieces may wait for the radio at a time; a later one takes the place of the one so many before it."""
+"""Number of pieces that may wait for the radio; a later one takes the place of the one as many before it."""
 _ELSEWHERE_M: Final = 0.1
-"""Who has not moved farther stands where it stood."""
+"""Movement within which a robot counts as standing."""
 _STANDS: Final = S
-"""Who has stood for so long looks about, if it does not explore."""
+"""Time after which a standing robot looks about, if it does not explore."""
+# A robot that yields goes at most 3 m ahead of the one that asked, and both bodies, and looks about there.
 _ASIDE_M: Final = 5.0
-"""Who is asked to step aside goes at most so far ahead of who asked (3 m ahead, and both bodies), and looks about."""
+"""Distance from an explorer at which others may see for it."""
 _ROOM_CELLS: Final = 0.5 + math.sqrt(2.0)
-"""An explorer finds its way where so much room is left beside its body: the slack of its plans, and a wall's cell."""
+"""Room beside its body that an explorer needs for a way: the slack of its plans, and a wall's cell."""
+# The protocol demands that frontiers attract from farther than scans reach.
 _BEYOND: Final = 1.25
-"""Frontiers attract from so many times as far as scans reach, if a scenario says no more: the protocol wants more."""
+"""Least reach of the frontiers' attraction, as a multiple of the range of scans."""
 
-EVENTS: Final = (
-    Stalled,
-    PathLaid,
-    PathLeft,
-    FrontierGivenUp,
-    Explored,
-    MapLearned,
-)
-"""What exploring adds to the trace."""
+EVENTS: Final = (*EXPLORATION_EVENTS, MapLearned)
+"""Events that exploring adds to the trace."""
 
 
 class Ground(NamedTuple):
-    """What all who explore know beforehand; or why nobody can."""
+    """What all explorers know beforehand, or why no robot can explore."""
 
     parameters: Parameters
     known: Setup | None
+    """The explorers' setup; None if no robot can explore."""
     why_not: str = ""
+    """Why no robot can explore; empty if robots can."""
 
 
 def ground_of(parameters: ExploringParameters, surroundings: Surroundings) -> Ground:
-    """Return what explorers know of a floor: its extent, and how far scans reach."""
+    """Return what explorers know of a floor: its extent and the range of scans."""
     own, range_m = parameters.protocol, surroundings.scan_range_m
     if not (surroundings.beams > 0 and math.isfinite(range_m)):
         return Ground(own, None, "nobody can explore: the robots have no range scanners")
     schemas = own.schemas.model_copy(update={"frontier_m": max(own.schemas.frontier_m, _BEYOND * range_m)})
     fitted = own.model_copy(update={"schemas": schemas})
     try:
-        return Ground(fitted, exploration.prepare(fitted, surroundings))
+        return Ground(fitted, prepare(fitted, surroundings))
     except UserError as error:
         return Ground(fitted, None, f"nobody can explore: {error}")
 
 
 def explorable(found: Plan | Refusal, ground: Ground, crew: Crew) -> Plan | Refusal:
-    """Return what the planner has found, but a refusal of a plan to explore with robots that cannot.
+    """Return what the planner has found, or a refusal if it is a plan to explore with robots that cannot.
 
-    A sonar's few beams show walls too far from each other: what is between them would be taken for free.
+    A sonar has few beams: what is between the walls that they show would be taken for free.
     """
     if isinstance(found, Refusal):
         return found
@@ -114,7 +100,7 @@ def explorable(found: Plan | Refusal, ground: Ground, crew: Crew) -> Plan | Refu
 
 
 class Outlook:
-    """How long it takes to explore a floor of which nobody has seen anything yet."""
+    """How long it takes to explore a floor of which no robot has seen anything yet."""
 
     def __init__(
         self,
@@ -124,10 +110,9 @@ class Outlook:
         named_m: Mapping[str, Sequence[Place]],
         least_share: float,
     ) -> None:
-        """Take the planner's *floor*; *least_share* of its ways is the least that they may be in truth.
+        """Measure on the planner's *floor*; the true length of its ways is at least *least_share* of theirs.
 
-        On a floor that is to be learned only places with names, *named_m*, are known to be there; its extent may be
-        empty.
+        On a floor that is to be learned only places with names, *named_m*, are known to exist; its extent may be empty.
         """
         self._own, self._ground, self._floor, self._share = parameters, ground, floor, least_share
         learned = isinstance(floor, LearnedFloor)
@@ -135,7 +120,7 @@ class Outlook:
         self._asked: dict[tuple[float, tuple[Place, ...], tuple[Place, ...]], Floats] = {}
 
     def least_s(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place]) -> float:
-        """Return the time (s) that *explorers* take at least, if all robots are at *places_m* then; 0 if unknown."""
+        """Return the least time (s) that *explorers* take, with all robots at *places_m* at first; 0 if unknown."""
         known = self._ground.known
         if known is None:
             return 0.0
@@ -150,9 +135,9 @@ class Outlook:
         return float(min(least_s, self._own.most_s))
 
     def _away_m(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place], cell_m: float) -> Floats:
-        """Return how far at least each cell that all explorers can get to is from the nearest robot, shape (n,)."""
+        """Return the least distance of the nearest robot from each cell that all explorers can reach, shape (n,)."""
         radius_m = max(body.radius_m for body in explorers.values()) + _ROOM_CELLS * cell_m
-        radius_m -= self._floor.parameters.margin_m  # which the floor adds
+        radius_m -= self._floor.parameters.margin_m  # the floor adds it
         mine = tuple(places_m[robot] for robot in explorers)
         others = tuple(place for robot, place in places_m.items() if robot not in explorers)
         key = radius_m, mine, others
@@ -166,53 +151,8 @@ def scans(body: Body) -> bool:
     return body.sensor == "laser"
 
 
-class _Compass(Steering):
-    """Stands in for how an explorer drives: takes note of where it wants to go."""
-
-    def __init__(self) -> None:
-        self.wanted_rad: float | None = None
-        """The desired heading; None to stand."""
-
-    def drive(self, desired_rad: float, heading_rad: float, ranges_m: Floats) -> Drive:
-        """Note *desired_rad*."""
-        self.wanted_rad = desired_rad
-        return Drive(0.0, 0.0)
-
-
-class _Led(Explorer):
-    """An explorer that only says which way."""
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        known: Setup,
-        me: Address,
-        belief: Belief,
-        leader: Leader,
-        sharing: Sharing,
-        counters: Counters,
-        events: list[Event],
-    ) -> None:
-        super().__init__(parameters, known, me, belief, leader, sharing, counters, events)
-        self.sharing = sharing
-        self._steering = self._compass = _Compass()
-
-    def wish(self, observation: Observation, now: Time) -> float | None:
-        """Look, mark and tell; return which way it wants to go, rad; None to stand."""
-        self._compass.wanted_rad = None
-        self.observe(observation, now)
-        self.commands()
-        return self._compass.wanted_rad
-
-    def look_about(self, observation: Observation, beams: Floats, now: Time) -> None:
-        """Mark what is seen, without going anywhere."""
-        here = observation.x_m, observation.y_m
-        changed = self.belief.mark(here, observation.ranges_m, beams, self._bodies(observation, now))
-        self.sharing.changed(changed, self.belief.occupied(changed).tolist())
-
-
 class Exploring:
-    """One robot's part in it."""
+    """One robot's part in an exploration."""
 
     def __init__(
         self,
@@ -224,63 +164,65 @@ class Exploring:
         scans: bool,
         note: Callable[[Event], None],
     ) -> None:
-        """Tell of the map in pieces of so many *octets*. A *floor* that is learned becomes what is known of it.
+        """Share the map in frames of at most *octets*. A *floor* that is learned becomes what is known of it.
 
-        Who does not *scan*, without a laser scanner, only hears.
+        A robot that does not *scan*, without a laser scanner, only receives.
         """
         self.on = False
-        """Whether it leads the robot."""
+        """True if it leads the robot."""
         self.over: str | None = None
-        """Why the robot has explored enough, in words (empty: nothing is left to see); None while it has not."""
-        self._own, self._ground, self._me, self._octets = parameters, ground, me, octets
+        """Why the robot has explored enough, in words (empty: nothing is left to see); None before."""
+        self._own, self._ground, self._me = parameters, ground, me
+        sharing = ground.parameters.sharing
+        fitted = sharing.model_copy(update={"octets": min(sharing.octets, octets)})
+        self._parameters = ground.parameters.model_copy(update={"sharing": fitted})
         self._floor = floor if isinstance(floor, LearnedFloor) else None
         self._scans, self._note = scans, note
-        self._explorer: _Led | None = None
+        self._explorer: Explorer | None = None
         """Made when it is first needed."""
-        self._beams = beam_directions(0 if ground.known is None else ground.known.beams)
         self._since: Time = 0
         self._place_m: Place | None = None
-        """Where it stood when it looked about last, or may do so next."""
+        """Where it looked about last, or may do so next."""
         self._stood: Time | None = None
         """Since when it has stood there; None if it has looked about."""
         self._looked: Time | None = None
-        """When what was learned was looked at last."""
+        """When it last took over what was learned."""
         self._version = 0
         self._count = 0
         self._frames: list[tuple[int, bytes]] = []
 
     @property
     def why_not(self) -> str:
-        """Why nobody can explore; empty if robots can."""
+        """Why no robot can explore; empty if robots can."""
         return self._ground.why_not
 
     @property
     def begun(self) -> bool:
-        """Whether anybody has explored, as far as is known here."""
+        """True if any robot has explored, as far as this one knows."""
         return self._explorer is not None
 
     @property
     def speed_mps(self) -> float:
-        """How fast explorers go at most."""
+        """Greatest speed of explorers."""
         return self._own.protocol.steering.speed_mps
 
     # ------------------------------------------------------------ being led
 
     def begin(self, now: Time) -> None:
-        """Lead the robot from now on, or on. Raise LookupError where nobody can explore."""
+        """Lead the robot from now on. Raise LookupError where no robot can explore."""
         if not self.on:
             self.on, self._since = True, now
         self.over = None
         self._made(now)
 
     def halt(self) -> None:
-        """Lead it no more."""
+        """Stop leading the robot."""
         self.on = False
 
     def step(self, observation: Observation, now: Time) -> float | None:
-        """Look, mark and tell; return which way to go, rad; None to stand. It ends itself when nothing is left."""
+        """Mark what is seen and share it; return the heading to go, rad; None to stand. Stop when nothing is left."""
         explorer = self._made(now)
-        wish_rad = explorer.wish(observation, now)
+        wish_rad = explorer.wish(observation, now).heading_rad
         self._collect()
         if explorer.finished or now - self._since >= from_seconds(self._own.most_s):
             self._end("" if explorer.finished else f"stopped after {self._own.most_s:g} s", now)
@@ -289,7 +231,7 @@ class Exploring:
         return wish_rad
 
     def listen(self, observation: Observation, now: Time) -> None:
-        """Tell others what is known, and ask for what is lacking, once anybody has explored at all."""
+        """Send others what is known, and ask for what is lacking, once any robot has explored."""
         if self._explorer is None or self.on:
             return
         here = observation.x_m, observation.y_m
@@ -297,15 +239,15 @@ class Exploring:
             self._place_m, self._stood = here, now
         elif self._scans and self._stood is not None and now - self._stood >= _STANDS:
             self._stood = None  # it looks once from each place
-            self._explorer.look_about(observation, self._beams, now)
-        self._explorer.sharing.tick(*here, now, observation.sightings)
+            self._explorer.look_about(observation, now)
+        self._explorer.share(observation, now)
         self._collect()
         self._renew(now)
 
-    # ------------------------------------------------------------ what is told
+    # ------------------------------------------------------------ messages
 
     def receive(self, source: Address, payload: bytes, now: Time) -> None:
-        """Take what another tells of its map."""
+        """Take a piece of another robot's map, or a summary."""
         if self._ground.known is None:
             self._note(BadBytes(source, len(payload)))
             return
@@ -313,12 +255,12 @@ class Exploring:
         self._collect()
 
     def frames(self) -> list[tuple[int, bytes]]:
-        """Drain what is to be told to all: topics and payloads."""
+        """Drain what is to be broadcast: topics and payloads."""
         frames, self._frames = self._frames, []
         return frames
 
     def _collect(self) -> None:
-        """Take over what the explorer wants to say, and what has happened to it."""
+        """Take over the explorer's messages and events."""
         assert self._explorer is not None
         for sent in self._explorer.outbox():
             assert isinstance(sent, Outgoing)
@@ -330,7 +272,7 @@ class Exploring:
     # ------------------------------------------------------------ what is learned
 
     def _renew(self, now: Time) -> None:
-        """Look at what was learned, if that was a while ago; clocks may have been set back."""
+        """Take over what was learned, if the last time was a while ago; clocks may have been set back."""
         if self._looked is None or not 0 <= now - self._looked < from_seconds(self._own.renew_s):
             self._learn(now)
 
@@ -342,7 +284,7 @@ class Exploring:
             self._floor.learn(belief.evidence, belief.frame.origin_m, belief.frame.cell_m)
 
     def _end(self, why: str, now: Time) -> None:
-        """Have explored enough."""
+        """End exploring, and report what was learned."""
         self.on, self.over = False, why
         self._learn(now)
         assert self._explorer is not None
@@ -351,41 +293,10 @@ class Exploring:
 
     # ------------------------------------------------------------ making it
 
-    def _made(self, now: Time) -> _Led:
+    def _made(self, now: Time) -> Explorer:
         if self._explorer is None:
             known = self._ground.known
             if known is None:
                 raise LookupError(self._ground.why_not)
-            self._explorer = _led(self._ground.parameters, known, self._me, self._octets, now)
+            self._explorer = Explorer(self._parameters, known, self._me, None, now)
         return self._explorer
-
-
-def _led(parameters: Parameters, known: Setup, me: Address, octets: int, now: Time) -> _Led:
-    """Return an explorer with a map of its own, which begins *now* to tell of it in frames of *octets* at most."""
-    own, weights = parameters.sharing, DOUBTFUL if parameters.counted else CERTAIN
-    counters, events = Counters(), list[Event]()
-    cells, period = known.frame.nx * known.frame.ny, from_seconds(own.period_s)
-    most = min(own.octets, octets)
-    sharing = Sharing(me, known.size, cells, period, most, own.again, counters, now, not parameters.counted)
-    belief = Belief(known.frame, weights, known.range_m)
-    leader = _leader(parameters, known, me, belief, sharing, counters, events)
-    return _Led(parameters, known, me, belief, leader, sharing, counters, events)
-
-
-def _leader(
-    parameters: Parameters,
-    known: Setup,
-    me: Address,
-    belief: Belief,
-    sharing: Sharing,
-    counters: Counters,
-    events: list[Event],
-) -> Leader:
-    """Return what decides where a robot goes that has its own map."""
-    terrain, radius_m = Terrain(belief, parameters.escape), known.radii_m[me]
-    if parameters.algorithm == "schemas":
-        return Behaviour(parameters, terrain, counters, events, radius_m, known.range_m, known.tick)
-    rivals = parameters.rivals
-    targets = Targets(parameters.algorithm, rivals, terrain, known.radii_m, known.range_m, sharing.places_m)
-    plan, patience = (max(1, round(from_seconds(span) / known.tick)) for span in (rivals.plan_s, rivals.patience_s))
-    return Rival(targets, counters, events, me, plan, patience)

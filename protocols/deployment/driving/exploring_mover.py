@@ -1,7 +1,7 @@
-"""A mover that explores, too: while a robot is ordered to, the exploration protocol says which way, and DWA drives.
+"""A mover that also explores: while a robot is ordered to, the exploration protocol sets the heading, and DWA drives.
 
-DWA goes by the scan alone then: the cells of a map that is being made are no walls to be kept off by a hair. So it does
-later on a floor that was learned: ways are planned by the map, and what is there is what the scanner sees.
+DWA uses the scan alone then: the cells of a map that is being made are too coarse to keep a close distance from. On a
+floor that was learned it does the same later: ways are planned by the map, and obstacles are what the scanner sees.
 """
 
 import math
@@ -15,8 +15,7 @@ from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.deployment.driving.exploring import Exploring
 from protocols.deployment.driving.learned import LearnedFloor
-from protocols.deployment.driving.mover import State
-from protocols.deployment.driving.pace import PacedMover
+from protocols.deployment.driving.mover import Mover, State
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Wheel
@@ -25,23 +24,21 @@ from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Track
 
 AHEAD_M: Final = 1.0
-"""So far ahead, in the direction in which it is led, a robot aims."""
-
-
+"""Distance of the aim, in the direction in which a robot is led."""
 BEYOND_M: Final = 3.0
-"""So far in that direction leads the way of which it tells who is to step aside."""
+"""Length of the way, in that direction, that a yield request names."""
 PROGRESS_M: Final = 0.1
-"""Who has moved by so much gets on."""
+"""Movement that counts as progress."""
 HELD_S: Final = 3.0
-"""s; who has not got on for so long has not only turned round."""
+"""Time without progress after which a robot counts as held, s: it has not only turned round."""
 BACK_S: Final = 4.0
-"""s; for so long it goes back from who is nearest."""
+"""Time for which it then goes back from the nearest robot, s."""
 BESIDE_M: Final = 0.03
-"""The margin to what is scanned is wider by so much: the end of a wall may be between two beams."""
+"""Extra margin to what is scanned: the end of a wall may be between two beams."""
 
 
-class ExploringMover(PacedMover):
-    """Drives as any mover does, or explores; whatever else it is told ends that."""
+class ExploringMover(Mover):
+    """Drives as any mover does, or explores; any other order ends exploring."""
 
     def __init__(
         self,
@@ -54,16 +51,16 @@ class ExploringMover(PacedMover):
         parameters: DrivingParameters,
         tick: Time,
     ) -> None:
-        """Take what explores, and what a mover takes."""
+        """Drive as a mover with these arguments does, or as *exploring* leads."""
         self._exploring, self._tick = exploring, tick
         self._wish_rad: float | None = None
-        """Which way it is led; None to stand."""
+        """Heading in which it is led; None to stand."""
         self._at_m: Place = (math.inf, math.inf)
-        """Where it has got on last."""
+        """Where it made progress last."""
         self._held_for: Time = 0
-        """How long it would have gone on since, but has not."""
+        """Time since then in which it would have gone on, but has not."""
         self._back_until: Time = 0
-        """When it ends, or has ended, to go back from who is nearest."""
+        """End of the time in which it goes back from the nearest robot."""
         super().__init__(floor, me, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         wary = parameters.model_copy(update={"margin_m": parameters.margin_m + BESIDE_M})
         bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
@@ -81,7 +78,7 @@ class ExploringMover(PacedMover):
 
     @property
     def explored(self) -> tuple[Result, str] | None:
-        """How exploring has ended, and why; None while it goes on."""
+        """Result of exploring, and why it ended; None while it goes on."""
         if self._exploring.why_not:
             return Result.FAILED, self._exploring.why_not
         return None if self._exploring.over is None else (Result.DONE, self._exploring.over)
@@ -104,7 +101,7 @@ class ExploringMover(PacedMover):
 
     @property
     def wants_m(self) -> Place | None:
-        """Where it would go now, if nobody stood in its way: as it explores, the way in which it is led."""
+        """Place where it would go if no robot stood in its way; as it explores, ahead in the heading that it is led."""
         if not self._exploring.on:
             return super().wants_m
         return None if self._wish_rad is None else self._ahead(self._wish_rad, BEYOND_M)
@@ -114,13 +111,13 @@ class ExploringMover(PacedMover):
         return x + far_m * math.cos(heading_rad), y + far_m * math.sin(heading_rad)
 
     def _close(self) -> list[Track]:
-        """Return those so near that they may be in the way, the nearest first."""
+        """Return the robots so near that they may be in the way, the nearest first."""
         here, reach_m = self._led.here, self._radius_m + 4.0 * self._own.clear_m
         tracks = self._traffic.tracks(here)
         return [track for track in tracks if math.dist(here, track.place_m) <= reach_m + track.radius_m]
 
     def _look_who_is_in_the_way(self, wish_rad: float | None) -> None:
-        """Note who has nothing to do and stands so near that it does not get on, though it would."""
+        """Note which idle robot stands so near that this one is held."""
         here, self._wish_rad, self.blocked_by = self._led.here, wish_rad, None
         if math.dist(here, self._at_m) > PROGRESS_M:
             self._at_m, self._held_for = here, 0
@@ -131,9 +128,9 @@ class ExploringMover(PacedMover):
             self.blocked_by = next(idle, None)
 
     def _heading(self, wish_rad: float, now: Time) -> float:
-        """Return the way in which it is led; if it is held for too long, for a while away from who is nearest.
+        """Return the heading in which it is led, or away from the nearest robot for a while if it is held for too long.
 
-        Who was asked to step aside may be shut in by those who wait for that.
+        A robot that was asked to yield may be shut in by those that wait for it.
         """
         if self._held_for >= from_seconds(self._own.patience_s):
             self._held_for, self._back_until = 0, now + from_seconds(BACK_S)

@@ -9,9 +9,9 @@ from protocols.exploration.parameters import Parameters
 
 
 class ProtocolParameters(Parameters):
-    """The exploration protocol's, with other defaults: maps are told, and of coordination the paper's own references.
+    """Parameters of the exploration protocol with other defaults: maps are sent, and frontiers chosen by utilities.
 
-    Paper 004 leaves exploring to its references [5] and [19], which choose frontiers by utilities.
+    Paper 004 leaves exploring to its references [5] and [19], which choose frontiers so.
     """
 
     algorithm: Literal["schemas", "nearest", "utility", "assignment"] = Field(
@@ -24,7 +24,7 @@ class ProtocolParameters(Parameters):
 
 
 class ExploringParameters(Settings):
-    """How robots explore when they are ordered to, and what they make of what they have seen."""
+    """How robots explore when they are ordered to, and how they use what they have seen."""
 
     protocol: ProtocolParameters = Field(
         default=ProtocolParameters(),
@@ -32,7 +32,7 @@ class ExploringParameters(Settings):
     )
     most_s: Seconds = Field(default=3600.0, gt=0, description="s, after which a robot has explored enough in any case")
     renew_s: Seconds = Field(
-        default=5.0, gt=0, description="s from one look at what was learned to the next: ways are planned anew by it"
+        default=5.0, gt=0, description="s between looks at what was learned, by which ways are planned again"
     )
 
     @model_validator(mode="after")

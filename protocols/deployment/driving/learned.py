@@ -1,11 +1,11 @@
 """A floor that robots have learned by exploring it: nothing is known of it at first (paper 004, section 6).
 
-"Equipped with such an occupancy grid map" planner and movers do as with a given one: what was seen to be occupied is
-wall, cell by cell, and nobody goes, nor is sent, where nothing was seen.
+"Equipped with such an occupancy grid map" planner and movers work as with a given one: what was seen to be occupied is
+wall, cell by cell, and no robot goes, or is sent, where nothing was seen.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
@@ -13,27 +13,26 @@ from cosim.arrays import Bools, Floats
 from cosim.geometry.segments import segment_grid
 from protocols.deployment.planning.planner import Refusal
 from protocols.deployment.tasks.plan import Place, Plan
+from protocols.mapping.belief import Evidence
 from protocols.motion.floor import Floor
 from protocols.motion.parameters import DrivingParameters
 
-Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
-
 EXPLORE: Final = "explore first: ways are only known where somebody has been looking"
-"""What would mend a play to places that the learned map does not hold."""
+"""Advice for a play to places that the learned map does not hold."""
 _OF_WAYS: Final = ("get to", "no way")
-"""What is said of places without a way."""
+"""Words in conflicts about places without a way."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapLearned:
-    """A robot has explored, and plans by what it has seen and was told."""
+    """A robot has explored, and plans by what it has seen and received."""
 
     empty: int = field(metadata={"meaning": "how many cells of its map are empty"})
     occupied: int = field(metadata={"meaning": "how many cells of its map are occupied"})
 
 
 class LearnedFloor(Floor):
-    """One robot's own."""
+    """The floor as one robot has learned it."""
 
     def __init__(self, bounds_m: tuple[float, float, float, float], parameters: DrivingParameters) -> None:
         """Know the extent x_min, y_min, x_max, y_max, and nothing else."""
@@ -43,7 +42,7 @@ class LearnedFloor(Floor):
         self._learned_m = 1.0
 
     def learn(self, evidence: Evidence, origin_m: Place, cell_m: float) -> None:
-        """Take a map for the floor from now on.
+        """Use a map as the floor from now on.
 
         *evidence*, shape (ny, nx), is below 0 where a cell is empty and above where it is occupied; cell (0, 0) has
         its lower left corner at *origin_m*.
@@ -78,14 +77,14 @@ def outlines(occupied: Bools, origin_m: Place, cell_m: float) -> Floats:
 
 
 def _runs(marked: Bools) -> list[tuple[int, int, int]]:
-    """Return the row, the first and the end of each run of marks in a row."""
+    """Return the row, the first column and the end of each run of marks."""
     changes = np.diff(np.pad(marked.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     starts, ends = np.argwhere(changes == 1), np.argwhere(changes == -1)
     return [(int(row), int(first), int(end)) for (row, first), (_, end) in zip(starts, ends, strict=True)]
 
 
 def explained(found: Plan | Refusal, floor: Floor) -> Plan | Refusal:
-    """Return what the planner has found; if that is that there is no way, on a floor to be learned, say what to do."""
+    """Return what the planner has found; add advice if it found no way on a floor that is to be learned."""
     if isinstance(found, Plan) or not isinstance(floor, LearnedFloor):
         return found
     if not any(text in conflict for conflict in found.conflicts for text in _OF_WAYS):

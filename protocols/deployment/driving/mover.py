@@ -14,6 +14,7 @@ from typing import Final, Literal, TypeAlias
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds, to_seconds
+from protocols.deployment.driving.twin import Twin
 from protocols.deployment.driving.yielding import Refuge, in_the_way, off_way_m, refuge
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Wheel
@@ -60,6 +61,8 @@ class Mover:
         self.blocked_by: Address | None = None  # who stands in its way, where no way leads round
         self.yielding_to: Address | None = None
         """For whom it is making way."""
+        self.twin: Twin | None = None
+        """What it would do without the others; None unless that is to be compared."""
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
         self._wheel = Wheel(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         seconds = to_seconds(tick)
@@ -77,12 +80,23 @@ class Mover:
         """Where it would go now, if nobody stood in its way."""
         return self.goal_m
 
+    @property
+    def under_way(self) -> bool:
+        """True if it drives to a place, or would if it could."""
+        return self.goal_m is not None and self.state in ("driving", "stuck")
+
+    def compare(self) -> None:
+        """Compute from now on, for the referee, what it would do without the others."""
+        self.twin = Twin(self._floor, self._radius_m, self._own.arrive_m)
+
     # ------------------------------------------------------------ what it is told
 
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
         """Drive to a place, past way points in their order; what it did before is given up."""
         self.goal_m, self._via = (float(place_m[0]), float(place_m[1])), [(float(x), float(y)) for x, y in via_m]
         self._begin("driving")
+        if self.twin is not None:
+            self.twin.restart()
 
     def halt(self) -> None:
         """Stop, and stay there."""
@@ -125,7 +139,12 @@ class Mover:
             aim = self._aim(now)
             if aim is not None:
                 way, turn = self._wheel.to(aim, observation, self._traffic)
-        return self._wheel.order(way, turn)
+        drive = self._wheel.order(way, turn)
+        if self.twin is not None:
+            goal = self._next_m if self.state in ("driving", "stuck") else None
+            bodies = [((other.x_m, other.y_m), other.radius_m) for other in others]
+            self.twin.look(self._wheel, goal, bodies, self._held, self.yielding_to is not None)
+        return drive
 
     @property
     def _here(self) -> Place:

@@ -20,12 +20,11 @@ from protocols.deployment.executing.progress import Progress
 from protocols.deployment.executing.recovery import lengths
 from protocols.deployment.executing.timetable import Breach
 from protocols.deployment.executing.tree import State
-from protocols.deployment.planning.parameters import ExecutiveParameters
-from protocols.deployment.tasks.crew import Crew
+from protocols.deployment.planning.augmenting import ExecutiveParameters
+from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.facts import Book, Fact, Heard, Record, Switched, Terminated, ended
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Place, Plan, Strategy
-from protocols.deployment.tasks.ways import Ways
 
 STRIDE: Final = 1000
 """By so much a successor's serial numbers begin above those it knows of: its predecessor may have used some more. And

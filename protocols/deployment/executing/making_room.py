@@ -11,15 +11,12 @@ from itertools import pairwise
 from typing import Final, TypeAlias
 
 from cosim.machine import Address
-from protocols.deployment.executing.progress import Progress
-from protocols.deployment.executing.progress_deploying import Deploying
+from protocols.deployment.executing.progress import Deploying, Progress
 from protocols.deployment.executing.tree import State
-from protocols.deployment.planning.augmenting import in_the_way
-from protocols.deployment.planning.parameters import ExecutiveParameters
-from protocols.deployment.tasks.crew import Crew
+from protocols.deployment.planning.augmenting import ExecutiveParameters, in_the_way
+from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.orders import Halt, Retreat, Whereabouts
 from protocols.deployment.tasks.plan import Go, Place
-from protocols.deployment.tasks.ways import Ways
 
 _CORNERS: Final = 16
 """So much of its way who steps aside is told of a robot that passes."""

@@ -13,9 +13,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from cosim.machine import Address
-from protocols.deployment.tasks.crew import Crew
+from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.plan import Go, Photo, Place, Staging, Task
-from protocols.deployment.tasks.ways import Ways
 
 Length: TypeAlias = Callable[[Address, Place, Place], float]
 """m, of a robot's route; inf: there is none."""

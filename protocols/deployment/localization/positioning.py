@@ -107,19 +107,16 @@ class Localised:
         parameters: PositioningParameters,
         known: KnownMap,
         sensor: Sensor,
-        scan_range_m: float,
         frame: Pose,
         radii_m: tuple[float, ...],
         tick: Time,
         stream: np.random.Generator,
         tell: Tell,
     ) -> None:
-        """Take how far the scanner reaches, the robot's own *frame* (its pose in the map's), and all bodies' radii."""
+        """Take the robot's own *frame* (its pose in the map's), and the radii of all bodies."""
         own, self._stream = parameters, stream
-        reach = {"range_m": min(sensor.range_m, scan_range_m)}
-        filter_ = own.filter.model_copy(update=reach)
         draws = Draws(int(stream.integers(2**62)), "mcl")
-        self._localizer = Localizer(known, sensor.directions, draws, filter_)
+        self._localizer = Localizer(known, sensor.directions, draws, own.filter)
         self._own, self._sensor, self._radii_m, self._tell = own, sensor, radii_m, tell
         self.shift = Shift(*frame)
         self._begun = False
@@ -167,7 +164,10 @@ def positioning_of(
         return Given(sensor, frame, stream)
     known = setup.charts.known(setup.floors[me].parameters.cell_m, body.radius_m)
     radii_m = tuple(each.radius_m for each in setup.crew.bodies)
-    return Localised(own, known, sensor, setup.scan_range_m, frame, radii_m, setup.tick, stream, tell)
+    # the filter expects no more than the robot's own sensor can see
+    reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}
+    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
+    return Localised(own, known, sensor, frame, radii_m, setup.tick, stream, tell)
 
 
 def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observation:

@@ -5,7 +5,7 @@ was succeeded is not even shown to it, and a new host's serials begin anew (:met
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from cosim.machine import Address, Drive, Event
@@ -13,18 +13,71 @@ from cosim.observation import Observation
 from cosim.units import Time, from_seconds
 from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring_mover import ExploringMover
+from protocols.deployment.driving.mover import Mover
 from protocols.deployment.member.aside import Aloof, Asking
 from protocols.deployment.member.camera import Camera
-from protocols.deployment.member.crowd import Crowd
 from protocols.deployment.member.others import Others
 from protocols.deployment.messages.messages import Aside
 from protocols.deployment.messages.status import FAST_MPS
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.setup import Setup
-from protocols.deployment.tasks.events import SteppedAside, TaskEnded, TaskStarted
+from protocols.deployment.tasks.events import Driving, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
+from protocols.motion.floor import Floor
 from protocols.motion.progress import Approach
+
+# ---------------------------------------------------------------- crowd
+# When a robot that only passes a place has come to it: as near as the bodies let it that stand there already.
+#
+# In a group stage all robots drive to one place, in leap-frog each passes all places that are held (paper 004, Fig. 3).
+# Nobody but who is to end up there needs the very place; without this those who pass would push each other off it.
+
+
+NEARER_M: Final = 0.1
+"""Who has come nearer by so much gets on."""
+
+
+class Crowd:
+    """Whether one robot stands in a crowd about the place that it is to pass."""
+
+    def __init__(
+        self, floor: Floor, radii_m: Sequence[float], radius_m: float, mover: Mover, patience_s: float
+    ) -> None:
+        self._floor, self._radii_m, self._radius_m, self._mover = floor, radii_m, radius_m, mover
+        self._patience = from_seconds(patience_s)
+        self._best_m = math.inf
+        self._since: Time = 0
+
+    def forget(self) -> None:
+        """Begin anew: there is another place to go to."""
+        self._best_m = math.inf
+
+    def near(self, order: Order | None, here: Place, others: Others) -> bool:
+        """Return whether it has come, but for the bodies that are nearer, to the place that it is ordered to pass."""
+        go = None if order is None else order.errand
+        return isinstance(go, Go) and not go.final and self._near(go.place_m, here, others)
+
+    def _near(self, place_m: Place, here: Place, others: Others) -> bool:
+        """Return whether the bodies that are nearer to a place would reach from there to it, one behind the other."""
+        off_m = math.dist(here, place_m)
+        nearer = [robot for robot, place in others.places_m.items() if math.dist(place, place_m) < off_m]
+        reach_m = self._radius_m + sum(2.0 * self._radii_m[robot] + 2.0 * NEARER_M for robot in nearer)
+        if not nearer or off_m > reach_m:
+            return False
+        way_m = self._floor.length_m(self._radius_m, here, place_m)
+        return way_m is not None and way_m <= reach_m
+
+    def come(self, go: Go, here: Place, others: Others, now: Time) -> bool:
+        """Return whether it has come to a place that it passes: near, and it comes no nearer."""
+        if go.final:
+            return False
+        off_m = math.dist(here, go.place_m)
+        if off_m < self._best_m - NEARER_M:
+            self._best_m, self._since = off_m, now
+        held = self._mover.blocked_by is not None or now - self._since >= self._patience
+        return held and self._near(go.place_m, here, others)
+
 
 STILL_M: Final = 1e-6
 """Who has moved less in a tick stands."""
@@ -226,11 +279,11 @@ class Member:
         return Drive(0.0, 0.0)
 
     def _note_drive(self) -> None:
-        """Write on the judge's board what drive it is at, and how fast it is."""
-        order = self._order
+        """Report to the referee what drive it is at, and how fast it is."""
+        order, mover = self._order, self._mover
         if not self._over and order is not None and isinstance(order.errand, Go):
-            waits = self._waits_since is not None
-            self._setup.board.drives(self.me, order.task, waits, None if waits else self._mover.pace_mps)
+            speeds_mps = None if mover.twin is None else mover.twin.speeds_mps
+            self._note(Driving(order.task, self._waits_since is not None, mover.under_way, speeds_mps))
 
     def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
         self._counters.asides += 1
@@ -268,7 +321,6 @@ class Member:
         self._over = True
         self._waits_since = None
         self._counters.failed += result is Result.FAILED
-        self._setup.board.ends(self.me)
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
         self._reports.append(
             Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
@@ -278,5 +330,3 @@ class Member:
         """Forget the order that it has; a later one has come, so nobody waits for its end."""
         self._waits_since = None
         self._aloof.forget()
-        if not self._over:
-            self._setup.board.ends(self.me)

@@ -24,8 +24,8 @@ from protocols.deployment.planning.play import (
     StrategyParameter,
 )
 from protocols.deployment.tasks.constraints import BASE, PlaceName, Quantity
+from protocols.deployment.tasks.crew import Ways
 from protocols.deployment.tasks.plan import Place, Strategy
-from protocols.deployment.tasks.ways import Ways
 
 STRATEGIES: Final[tuple[Strategy, ...]] = get_args(Strategy)
 _PLACE: Final[TypeAdapter[Place | str]] = TypeAdapter(PlaceName)

@@ -7,7 +7,7 @@ inconsistencies should be flagged as soon as possible". A mend that is offered h
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, Literal
@@ -19,11 +19,11 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.settings import Count, Settings
 from cosim.units import to_seconds
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.binding import Role, Site, near
 from protocols.deployment.planning.casting import Casting, cast, of_robot, picked
 from protocols.deployment.planning.mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planning.methods import expanded, expanded_to
-from protocols.deployment.planning.parameters import ExecutiveParameters
 from protocols.deployment.planning.play import MOST_ROBOTS
 from protocols.deployment.planning.playbook import Playbook
 from protocols.deployment.planning.roles import Shortage, assigned
@@ -39,7 +39,6 @@ from protocols.deployment.planning.routes import (
 )
 from protocols.deployment.planning.staging import Stager
 from protocols.deployment.planning.stn import Network, Point
-from protocols.deployment.planning.tailoring import deployed_by, led, revealed, timed_out
 from protocols.deployment.planning.timing import (
     LeastExploring,
     Span,
@@ -61,7 +60,7 @@ from protocols.deployment.planning.timing import (
     wanted_at_once,
 )
 from protocols.deployment.tasks.constraints import Constraint, PlaceName, between, quantities_of
-from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.tasks.crew import Body, Crew, Ways
 from protocols.deployment.tasks.plan import (
     Between,
     Deployment,
@@ -74,7 +73,66 @@ from protocols.deployment.tasks.plan import (
     Task,
     actors,
 )
-from protocols.deployment.tasks.ways import Ways
+
+# ---------------------------------------------------------------- tailoring
+# Plans are tailored: what a call adds to a play before it is executed (paper 004, section 4).
+
+
+def rewritten(task: Task, change: Callable[[Task], Task]) -> Task:
+    """Return *task* with *change* made to it and to all below it, the lowest first."""
+    if task.subtasks:
+        task = task.model_copy(update={"subtasks": tuple(rewritten(each, change) for each in task.subtasks)})
+    return change(task)
+
+
+def deployed_by(root: Task, strategy: Strategy | None, augmented: bool | None) -> Task:
+    """Return *root* with all deployments by that strategy, and augmented or not; None: as they are."""
+    update: dict[str, object] = {} if strategy is None else {"strategy": strategy}
+    update |= {} if augmented is None else {"augmented": augmented}
+
+    def change(task: Task) -> Task:
+        if update and isinstance(task.act, Deployment):
+            return task.model_copy(update={"act": task.act.model_copy(update=update)})
+        return task
+
+    return rewritten(root, change)
+
+
+def timed_out(root: Task, time_outs_s: Mapping[str, float]) -> Task:
+    """Return *root* with other time-outs, by the tasks' names."""
+
+    def change(task: Task) -> Task:
+        return task.model_copy(update={"time_out_s": time_outs_s[task.name]}) if task.name in time_outs_s else task
+
+    return rewritten(root, change) if time_outs_s else root
+
+
+def revealed(root: Task, names: Collection[str]) -> Task:
+    """Return *root* with those deployments expanded that have tasks of these *names*; raise UserError for no task."""
+
+    def change(task: Task) -> Task:
+        return expanded(task) if any(name.startswith(f"{task.name}/") for name in names) else task
+
+    root = rewritten(root, change)
+    known = {task.name for task in root.walk()}
+    for name in names:
+        if name and name not in known:
+            raise UserError(f"there is no task {name!r} in {root.name}{near(name, known)}")
+    return root
+
+
+def led(root: Task, via_m: Mapping[str, tuple[Place, ...]]) -> Task:
+    """Return *root* with waypoints for drives, by the tasks' names; raise UserError for what is no drive."""
+
+    def change(task: Task) -> Task:
+        if task.name not in via_m:
+            return task
+        if not isinstance(task.act, Go):
+            raise UserError(f"via: {task.name} is no drive of one robot, expected the name of one")
+        return task.model_copy(update={"act": task.act.model_copy(update={"via_m": via_m[task.name]})})
+
+    return rewritten(root, change) if via_m else root
+
 
 CALLER: Final = "the call"
 """Who asks for the constraints that a call adds."""

@@ -10,9 +10,8 @@ from protocols.deployment.planning.binding import Role
 from protocols.deployment.planning.casting import shown
 from protocols.deployment.planning.roles import Prices, unfit
 from protocols.deployment.planning.timing import Leg, drive_s
-from protocols.deployment.tasks.crew import Body
+from protocols.deployment.tasks.crew import Body, Ways
 from protocols.deployment.tasks.plan import Go, Place, Task
-from protocols.deployment.tasks.ways import Ways
 
 RINGS_M: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
 """So far away a place is looked for instead of one that nobody can stand at,"""

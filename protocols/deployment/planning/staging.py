@@ -10,11 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
 from cosim.machine import Address
-from protocols.deployment.planning.augmenting import Standing, in_line
-from protocols.deployment.planning.parameters import ExecutiveParameters
-from protocols.deployment.tasks.crew import Crew
+from protocols.deployment.planning.augmenting import ExecutiveParameters, Standing, in_line
+from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.plan import UNSTAGED, Go, Place, Staging, Task
-from protocols.deployment.tasks.ways import Ways
 
 Posts: TypeAlias = Mapping[Address, int]
 
@@ -22,37 +20,37 @@ NOWHERE: Final = -1
 """Instead of the number of a place: a robot has not reached any."""
 
 
-class Leg(NamedTuple):
+class StageLeg(NamedTuple):
     """One robot's way to one place (by its number) within a stage."""
 
     robot: Address
     place: int
 
 
-def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[Leg]]:
+def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[StageLeg]]:
     """Return the legs of the stages that are left: at once for group and wave, one after the other for leap-frog."""
     if strategy in UNSTAGED:
-        away = [Leg(robot, post) for robot, post in posts.items() if reached[robot] != post]
+        away = [StageLeg(robot, post) for robot, post in posts.items() if reached[robot] != post]
         return [away] if away else []
     stages = {"group": _group, "wave": _wave, "leap_frog": _leap_frog}[strategy]
     return list(stages(posts, reached))
 
 
-def _group(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
+def _group(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
     """Yield the stages in which all whose posts lie farther go on together.
 
     Who stands at a place already goes along as others come there: it may stand where one of them is to end up.
     """
-    back = [Leg(robot, post) for robot, post in posts.items() if reached[robot] > post]
+    back = [StageLeg(robot, post) for robot, post in posts.items() if reached[robot] > post]
     for place in sorted(posts.values()):
-        legs = [Leg(robot, place) for robot, post in posts.items() if reached[robot] <= place <= post]
+        legs = [StageLeg(robot, place) for robot, post in posts.items() if reached[robot] <= place <= post]
         legs = [leg for leg in legs if not reached[leg.robot] == place == posts[leg.robot]]
         legs += [leg for leg in back if leg.place == place]
         if any(reached[leg.robot] != place for leg in legs):
             yield sorted(legs, key=lambda leg: (posts[leg.robot], leg.robot))
 
 
-def _wave(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
+def _wave(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
     """Yield the stages in which every robot moves on by a place, as soon as that is left.
 
     Where nobody can (one stands at its post in the others' way, as after a leap-frog deployment), all whose posts are
@@ -61,7 +59,7 @@ def _wave(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
     stands = dict(reached)
     order = sorted(posts, key=lambda robot: -posts[robot])
     while any(stands[robot] != posts[robot] for robot in order):
-        legs = list[Leg]()
+        legs = list[StageLeg]()
         taken = {stands[robot] for robot in order if stands[robot] == posts[robot]}
         leaving = set[Address]()
         for robot in order:
@@ -70,7 +68,7 @@ def _wave(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
             there = post if here > post else here + 1
             held = {stands[each] for each in order if each != robot and each not in leaving}
             if there not in taken and there not in held:
-                legs.append(Leg(robot, there))
+                legs.append(StageLeg(robot, there))
                 taken.add(there)
                 leaving.add(robot)
         if not legs:
@@ -79,20 +77,20 @@ def _wave(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
         yield sorted(legs, key=lambda leg: leg.place)
 
 
-def _direct(posts: Posts, stands: Posts) -> list[Leg]:
+def _direct(posts: Posts, stands: Posts) -> list[StageLeg]:
     """Return the ways to empty posts; to all posts if none is empty."""
-    away = [Leg(robot, post) for robot, post in posts.items() if stands[robot] != post]
+    away = [StageLeg(robot, post) for robot, post in posts.items() if stands[robot] != post]
     held = set(stands.values())
     return [leg for leg in away if leg.place not in held] or away
 
 
-def _leap_frog(posts: Posts, reached: Posts) -> Iterator[list[Leg]]:
+def _leap_frog(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
     """Yield a stage for each robot that is not at its post: over all places before it, one after the other."""
     for robot, post in sorted(posts.items(), key=lambda item: item[1]):
         if reached[robot] > post:
-            yield [Leg(robot, post)]
+            yield [StageLeg(robot, post)]
         elif reached[robot] < post:
-            yield [Leg(robot, place) for place in range(reached[robot] + 1, post + 1)]
+            yield [StageLeg(robot, place) for place in range(reached[robot] + 1, post + 1)]
 
 
 class Stager(NamedTuple):
@@ -115,10 +113,10 @@ class Stager(NamedTuple):
     def directly(self, name: str, posts: Posts, robots: Sequence[Address]) -> Task:
         """Return a last stage in which *robots* drive to their posts, whatever lies between."""
         return self._replace(augmented=False)._stage(
-            f"{name}/stage-1", "stage-1", [Leg(robot, posts[robot]) for robot in robots], posts
+            f"{name}/stage-1", "stage-1", [StageLeg(robot, posts[robot]) for robot in robots], posts
         )
 
-    def _stage(self, name: str, label: str, legs: Sequence[Leg], posts: Posts) -> Task:
+    def _stage(self, name: str, label: str, legs: Sequence[StageLeg], posts: Posts) -> Task:
         goes = {
             f"robot-{leg.robot}-to-{leg.place + 1}": Go(
                 robot=leg.robot, place_m=self.places_m[leg.place], final=posts[leg.robot] == leg.place

@@ -1,6 +1,6 @@
 """Who is there: the robots' bodies and what they can do, and where base is, as planner and executive know them."""
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 from cosim.machine import Address
 from protocols.deployment.tasks.plan import Place
@@ -35,3 +35,20 @@ class Crew(NamedTuple):
     def has_camera(self, robot: Address) -> bool:
         """Return whether a robot can take pictures."""
         return self.bodies[robot].camera
+
+
+# ---------------------------------------------------------------- ways
+# What planner and executive ask of the known map.
+
+
+class Ways(Protocol):
+    """The navigation layer, as far as plans need it: "summary information in the form of constraints" (section 4)."""
+
+    def length_m(self, radius_m: float, a: Place, b: Place) -> float | None:
+        """Return the length of the way of a disc from *a* to *b*; None if there is none."""
+
+    def way(self, radius_m: float, a: Place, b: Place) -> list[Place] | None:
+        """Return the corners of that way, both ends included."""
+
+    def free(self, radius_m: float, at: Place) -> bool:
+        """Return whether a disc can stand at *at*."""

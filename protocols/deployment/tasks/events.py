@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from cosim.machine import Address, Unrecorded
+from protocols.deployment.tasks.plan import Place
 from protocols.wire import BadBytes
 
 _X_M = {"unit": "m", "meaning": "where it is"}
@@ -137,6 +139,31 @@ class Breached:
 
     plan: int = field(metadata=_PLAN)
     why: str = field(metadata={"meaning": "which constraint, in words"})
+
+
+@dataclass(frozen=True, slots=True)
+class PlanBegun(Unrecorded):
+    """The leader begins to execute a plan."""
+
+    number: int
+    robots: tuple[Address, ...]
+    """All that the plan makes use of."""
+    places_m: tuple[Place, ...]
+    """Where robots are to be in the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driving(Unrecorded):
+    """A robot is at an order to drive (a ``Go``), at one tick."""
+
+    task: str
+    """The order's task."""
+    waits: bool
+    """True if it waits for its turn, as the order says (a staggered start)."""
+    under_way: bool
+    """True if it drives, or would if it could."""
+    speeds_mps: tuple[float, float] | None
+    """How fast it goes, and would go without the others (:mod:`protocols.deployment.driving.twin`); None if unknown."""
 
 
 EVENTS = (

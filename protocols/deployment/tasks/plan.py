@@ -176,3 +176,17 @@ class Plan(Settings):
     def tasks(self) -> dict[str, Task]:
         """All tasks by their names, parents first."""
         return {task.name: task for task in self.root.walk()}
+
+
+def ends_m(root: Task) -> dict[Address, Place]:
+    """Return where each robot is to be when all of a task net is done: the last of its own places there.
+
+    Of a strategy that is expanded the subtasks count, not the act.
+    """
+    found: dict[Address, Place] = {}
+    for act in (task.act for task in root.walk() if task.leaf):
+        if isinstance(act, Go) and act.final:
+            found[act.robot] = act.place_m
+        elif isinstance(act, Deployment):
+            found |= dict(zip(act.robots, act.places_m, strict=True))
+    return found

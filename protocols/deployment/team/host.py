@@ -18,7 +18,7 @@ from protocols.deployment.setup import Setup
 from protocols.deployment.tasks import events, facts
 from protocols.deployment.tasks.facts import Fact, Record
 from protocols.deployment.tasks.orders import Report, Whereabouts
-from protocols.deployment.tasks.plan import Place, Plan
+from protocols.deployment.tasks.plan import Place, Plan, ends_m
 from protocols.deployment.team.dispatch import Dispatch, Mail
 from protocols.deployment.team.gossip import Gossip
 from protocols.deployment.team.meeting import Meeting
@@ -260,7 +260,7 @@ class Host:
         self._note(events.PlanTaken(plan.number, plan.play, len(plan.robots)))
         self.dispatch.gossip.clear()
         if self.leads:
-            self._setup.board.begins(plan, now)
+            self._note(events.PlanBegun(plan.number, plan.robots, tuple(ends_m(plan.root).values())))
         if self.leads or not self._central:
             self._run(play, now)
         early, self._early = self._early, []

@@ -16,8 +16,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple, TypeAlias
 
 from cosim.machine import Address
-from protocols.deployment.standing import ends_m
-from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Staging, Task
+from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Staging, Task, ends_m
 
 _ONCE = "/reunited"
 _AGAIN = "/reunited-again"

@@ -1,4 +1,4 @@
-"""What a coverage algorithm is to the coordination room: a choice among four steps and standing still."""
+"""The contract of coverage algorithms with the coordination layer: a choice among four steps and standing still."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,7 +15,7 @@ STEPS = (Action.NORTH, Action.EAST, Action.SOUTH, Action.WEST)
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """The outcome of evaluate_actions (Fig. 12): the chosen action, why others failed, and what to tell the team."""
+    """The outcome of evaluate_actions (Fig. 12): the chosen action, why others failed, and what to send to the team."""
 
     action: Action
     verdicts: Verdicts
@@ -23,7 +23,7 @@ class Evaluation:
     trail: tuple[Action, ...] = ()
 
     def __str__(self) -> str:
-        """Say what the trace of calls shows of an evaluation."""
+        """Return what the trace of calls shows of an evaluation."""
         failed = [f"{a.name.lower()}: {v.name.lower()}" for a, v in zip(STEPS, self.verdicts, strict=True) if v]
         return f"{self.action.name.lower()}{', as ' if failed else ''}{', '.join(failed)}"
 
@@ -32,16 +32,16 @@ class Algorithm(Protocol):
     """A coverage algorithm of one robot."""
 
     def enlist(self, view: View) -> None:
-        """Take notice of a new team: divide what is left among it, if the algorithm divides."""
+        """Process a new team: divide what is left among it, if the algorithm divides."""
 
     def evaluate(self, view: View) -> Evaluation:
-        """Choose the next action from what *view* tells, without those in ``view.omitted``."""
+        """Choose the next action by *view*, without those in ``view.omitted``."""
 
     def directed(self, target: Cell) -> None:
-        """Take the answer of a team member: the nearest uncovered cell that it knows."""
+        """Process the answer of a team member: the nearest uncovered cell that it knows."""
 
     def committed(self, action: Action, cell: Cell) -> None:
-        """Take notice that the team has agreed, and that *action* takes me to *cell*."""
+        """Process that the team has agreed, and that *action* takes this robot to *cell*."""
 
 
 def judge(view: View, avoid_covered: bool, keep_distance: bool) -> Verdicts:

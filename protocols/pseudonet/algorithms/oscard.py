@@ -3,7 +3,8 @@
 Readings of what the paper leaves open:
 - "Select action that doesn't reduce d_ij": among uncovered neighbours, one that does not bring the robot nearer to
   its nearest team member; several are drawn with equal chances ("some arbitrary decision mechanism").
-- "Else select an action with d_ij >= 2": if every uncovered neighbour is nearer to somebody, one that keeps two cells.
+- "Else select an action with d_ij >= 2": if every uncovered neighbour is nearer to another robot, one that keeps two
+  cells.
 - Trapped (no uncovered neighbour): the boundary rule of Fig. 10 chooses the direction, over covered cells. "Boundary
   along the X axis" is a wall north or south of the robot, "along the Y axis" one east or west.
 - "Extended": a robot that has been trapped for *patience* steps on end sends help; so does one that is surrounded, that
@@ -24,7 +25,7 @@ from protocols.pseudonet.setup import View
 
 
 class Oscard:
-    """One robot's memory: its history, how long it has been trapped, where it was directed, steps that are forced."""
+    """One robot's memory: its history, the steps it has been trapped for, where it was directed, and forced steps."""
 
     def __init__(self, stream: np.random.Generator, patience: int, history: int, revisits: int, k_forced: int) -> None:
         self._stream = stream
@@ -39,15 +40,15 @@ class Oscard:
         self._awaiting = False
 
     def enlist(self, view: View) -> None:
-        """Nothing is divided: every robot may cover every cell."""
+        """Divide nothing: every robot may cover every cell."""
 
     def directed(self, target: Cell) -> None:
-        """Go where the answer says."""
+        """Go to the cell that the answer names."""
         self._target = target
         self._awaiting = False
 
     def committed(self, action: Action, cell: Cell) -> None:
-        """Remember where I have been."""
+        """Remember the robot's cells."""
         if action == Action.STAY:
             return
         self._history.append(cell)
@@ -86,7 +87,7 @@ class Oscard:
         guided = self._guided(view, open_steps)
         if guided is not None:
             return Evaluation(guided, verdicts)
-        if self._awaiting:  # help or trap was sent, and nobody has answered
+        if self._awaiting:  # help or trap was sent, and no robot has answered
             self._awaiting = False
             direction = self._draw(open_steps)
             self._forced = None if direction is None else (direction, self._k_forced)
@@ -107,7 +108,7 @@ class Oscard:
         return Evaluation(Action.STAY, verdicts, kind, tuple(self._trail) if kind == Kind.TRAP else ())
 
     def _guided(self, view: View, open_steps: list[Action]) -> Action | None:
-        """Return the next step on the shortest way to where an answer has sent me, while that is still uncovered."""
+        """Return the next step on the shortest way to the cell that an answer named, while that is still uncovered."""
         if self._target is None:
             return None
         if view.is_covered(self._target):

@@ -5,15 +5,15 @@ next step and takes its own part of it; no two of them want the same cell. What 
 bodies are solid, and corridors are one cell wide.
 
 Robots decide in the order of their distance to their goals (the first uncovered cell of one's tour), then of their
-numbers; robots without a goal come last. A step may only lead into a cell in which nobody stands. Where all the next
-cells on the shortest ways are taken, those who stand there and have not decided yet are asked to clear them, in a chain
-that ends in an empty cell: so a dormant robot clears the passage that it stands in.
+numbers; robots without a goal come last. A step may only lead into an empty cell. Where all the next cells on the
+shortest ways are taken, the robots there that have not decided yet are asked to clear them, in a chain that ends in an
+empty cell: so a dormant robot clears the passage that it stands in.
 
 Why everything gets covered: let L be the robot that decides first. Its goal is uncovered, hence empty, and can be
-reached; so beyond whoever stands in L's way there is an empty cell, and the chain exists. It opens L's next cell after
-at most as many steps as the team has robots, and nobody takes that cell from L, who decides first. Thus the least
-distance of a robot to its goal falls again and again (another robot that decides first has a smaller one still), until
-a goal is covered: by L, or by a robot that was pushed onto it. The tours are finite.
+reached; so beyond the robots in L's way there is an empty cell, and the chain exists. It opens L's next cell after at
+most as many steps as the team has robots, and no other robot takes that cell from L, which decides first. Thus the
+least distance of a robot to its goal falls again and again (another robot that decides first has a smaller one still),
+until a goal is covered: by L, or by a robot that was pushed onto it. The tours are finite.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,8 +33,8 @@ Planner: TypeAlias = Callable[[CoverageGrid, Sequence[Cell], int], Sequence[Tour
 
 
 @dataclass(frozen=True, slots=True)
-class Errand:
-    """Where a robot goes next, and how far that is."""
+class Task:
+    """A robot's next goal, and the number of steps there."""
 
     robot: Address
     goal: Cell
@@ -51,7 +51,7 @@ class Planned:
         self._stopped = False
 
     def enlist(self, view: View) -> None:
-        """Divide what is left among the members, each connected part of the floor among those who can drive there."""
+        """Divide what is left among the members, each connected part of the floor among those that can drive there."""
         self._tours = {}
         left = view.remaining()
         for group in _groups(view):
@@ -70,8 +70,8 @@ class Planned:
         return assign(parts, starts, lambda cell: view.setup.distances(cell, view.obstacles))
 
     def evaluate(self, view: View) -> Evaluation:
-        """Take my part of the team's next step; stay if somebody has the better claim after all."""
-        action = Action.STAY if view.omitted else joint_step(view, self._errands(view)).get(view.me, Action.STAY)
+        """Take this robot's part of the team's next step; stay if another robot has the better claim after all."""
+        action = Action.STAY if view.omitted else joint_step(view, self._tasks(view)).get(view.me, Action.STAY)
         stop = action == Action.STAY and not self._stopped and self._goal(view, view.me) is None
         self._stopped = self._stopped or stop
         return Evaluation(action, judge(view, False, False), Kind.STOP if stop else Kind.STATE)
@@ -89,16 +89,16 @@ class Planned:
             index += 1
         return tour[index] if index < len(tour) else None
 
-    def _errands(self, view: View) -> list[Errand]:
-        errands = []
+    def _tasks(self, view: View) -> list[Task]:
+        tasks = []
         for robot in view.members:
             tour = self._tours.get(robot, ())
             while self._next.get(robot, 0) < len(tour) and tour[self._next[robot]] in view.covered:
                 self._next[robot] += 1
             goal = self._goal(view, robot)
             if goal is not None:
-                errands.append(Errand(robot, goal, _distance(view, robot, goal)))
-        return sorted(errands, key=lambda errand: (errand.distance, errand.robot))
+                tasks.append(Task(robot, goal, _distance(view, robot, goal)))
+        return sorted(tasks, key=lambda task: (task.distance, task.robot))
 
 
 def _distance(view: View, robot: Address, goal: Cell) -> int:
@@ -122,11 +122,11 @@ def _groups(view: View) -> list[list[Address]]:
     return groups
 
 
-def joint_step(view: View, errands: Sequence[Errand]) -> dict[Address, Action]:
-    """Return the next action of every robot that moves; *errands* in the order in which robots decide."""
+def joint_step(view: View, tasks: Sequence[Task]) -> dict[Address, Action]:
+    """Return the next action of every robot that moves; *tasks* in the order in which robots decide."""
     step = _JointStep(view)
-    for errand in errands:
-        step.decide(errand)
+    for task in tasks:
+        step.decide(task)
     return step.actions
 
 
@@ -140,27 +140,27 @@ class _JointStep:
         self._taken = set(self._standing) | view.obstacles
         self._decided: set[Address] = set()
 
-    def decide(self, errand: Errand) -> None:
-        if errand.robot in self._decided:
-            return  # it makes room for somebody
-        self._decided.add(errand.robot)
-        onward = self._onward(errand)
+    def decide(self, task: Task) -> None:
+        if task.robot in self._decided:
+            return  # it makes room for another robot
+        self._decided.add(task.robot)
+        onward = self._onward(task)
         for action, cell in onward:
             if cell not in self._taken:
-                self._move(errand.robot, action, cell)
+                self._move(task.robot, action, cell)
                 return
         for _, cell in onward:
-            if self._clear(cell, {self._view.cells[errand.robot]}):
+            if self._clear(cell, {self._view.cells[task.robot]}):
                 return
 
-    def _onward(self, errand: Errand) -> list[tuple[Action, Cell]]:
+    def _onward(self, task: Task) -> list[tuple[Action, Cell]]:
         """Return the steps that bring a robot nearer to its goal."""
-        here = self._view.cells[errand.robot]
+        here = self._view.cells[task.robot]
         steps = self._view.setup.steps[here]
-        if errand.distance == 1:
-            return [(action, errand.goal) for action in STEPS if steps[action] == errand.goal]
-        away = self._view.setup.distances(errand.goal, self._view.obstacles)
-        nearer = errand.distance - 1
+        if task.distance == 1:
+            return [(action, task.goal) for action in STEPS if steps[action] == task.goal]
+        away = self._view.setup.distances(task.goal, self._view.obstacles)
+        nearer = task.distance - 1
         return [(action, steps[action]) for action in STEPS if steps[action] >= 0 and away[steps[action]] == nearer]
 
     def _move(self, robot: Address, action: Action, cell: Cell) -> None:
@@ -168,7 +168,7 @@ class _JointStep:
         self._taken.add(cell)
 
     def _clear(self, cell: Cell, seen: set[Cell]) -> bool:
-        """Make whoever stands in *cell* leave it, or the next one in a chain leave; return whether that can be done."""
+        """Make the robot in *cell* leave it, or the next one in a chain; return whether that can be done."""
         robot = self._standing.get(cell)
         if robot is None or robot in self._decided:
             return False

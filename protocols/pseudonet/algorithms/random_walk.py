@@ -15,7 +15,7 @@ class RandomWalk:
         self._stream = stream
 
     def enlist(self, view: View) -> None:
-        """Nothing is divided."""
+        """Divide nothing."""
 
     def evaluate(self, view: View) -> Evaluation:
         """Draw one of the possible steps; stay where there is none."""
@@ -25,7 +25,7 @@ class RandomWalk:
         return Evaluation(action, verdicts)
 
     def directed(self, target: Cell) -> None:
-        """Go on walking at random: this robot never asked."""
+        """Go on walking at random: this robot never asks."""
 
     def committed(self, action: Action, cell: Cell) -> None:
         """Keep no memory."""

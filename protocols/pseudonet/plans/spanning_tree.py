@@ -31,8 +31,8 @@ Step: TypeAlias = tuple[Cell, Cell]
 def spanning_tree(grid: CoverageGrid, cells: npt.ArrayLike, team: int) -> tuple[Tour, ...]:
     """Return *team* tours of nearly equal cost that together hold each of *cells* exactly once.
 
-    The tours are the first visits of the closed walk around the whole reachable floor, so that what is left of it, in
-    whatever pieces, is covered in the order of the first plan. Raise LocalProtocolError if a cell is not reachable.
+    The tours are the first visits of the closed walk around the whole reachable floor, so that what is left of it is
+    covered in the order of the first plan. Raise LocalProtocolError if a cell is not reachable.
     """
     wanted = set(np.asarray(cells, np.int64).tolist())
     order = [cell for walk in closed_walks(grid) for cell in dict.fromkeys(walk) if cell in wanted]

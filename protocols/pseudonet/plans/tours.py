@@ -1,7 +1,7 @@
-"""Tours: the order in which cells are to be covered, its cost, its division among a team, and who drives which part.
+"""Tours: the order in which cells are to be covered, its cost, its division among a team, and their assignment.
 
 Two cells that follow each other in a tour need not be neighbours: the robot drives a shortest path between them, over
-cells that are free and reachable, covered or not. Steps are taken to work both ways.
+cells that are free and reachable, covered or not. Steps are assumed to work both ways.
 """
 
 from collections.abc import Callable, Sequence

@@ -77,7 +77,7 @@ class Watched:
             frozenset(robot for robot in robots if simulation.nodes[robot].alive),
             tuple(tuple(frozenset(part.in_reach(robot)) for robot in robots) for part in simulation.channel.parts),
             {each: (machines[each].membership.host, machines[each].membership.epoch) for each in searchers},
-            {host: {each: m.epoch for each, m in machines[host].team.roll.members.items()} for host in hosts},
+            {host: {each: m.epoch for each, m in machines[host].team.roster.members.items()} for host in hosts},
             {host: frozenset(machines[host].findings.targets) for host in hosts},
         )
         self.looks.append(look)

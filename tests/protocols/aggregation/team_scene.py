@@ -135,7 +135,7 @@ class Run:
         """Return in which hosts' lists each searcher is at the end, but for the *dead*."""
         hosts = [host for host in self.machines[: self.setup.hosts] if host.me not in dead]
         searchers = (robot for robot in range(self.setup.hosts, self.setup.size) if robot not in dead)
-        return {each: [host.me for host in hosts if each in host.team.roll.members] for each in searchers}
+        return {each: [host.me for host in hosts if each in host.team.roster.members] for each in searchers}
 
 
 def run(strategy: str = "mi", seed: int = 1, **options: Any) -> Run:
@@ -340,7 +340,7 @@ class Team:
 
     def members(self, host: int) -> set[int]:
         """Return whom a host lists."""
-        return set(self.machines[host].team.roll.members)
+        return set(self.machines[host].team.roster.members)
 
     def _made(self, robot: int, start: Time) -> Machine:
         stream = Streams(1)("machine", robot, start)

@@ -47,7 +47,7 @@ def shared_posts(team: Team) -> set[int]:
     twice: set[int] = set()
     for host in {0, 1} - team.down:
         machine, seen = team.machines[host], set[int]()
-        for member in machine.team.roll.members.values():
+        for member in machine.team.roster.members.values():
             left = set(member.left(machine.findings.visited))
             twice |= left & seen
             seen |= left

@@ -21,11 +21,11 @@ from protocols.aggregation.messages import (
     Join,
     Leave,
     Message,
-    News,
     Plan,
     Plans,
     Receipt,
     Report,
+    Status,
     Stop,
     Stopped,
 )
@@ -57,7 +57,7 @@ GOLDEN: list[tuple[Message, str]] = [
     ),
     (Plans((PLAN, STANDING)), f"41 02 06 02 {PLAN_BYTES} {STANDING_BYTES}"),
     (
-        News(FOUND, b"\x05\x80\x00", ((3, 258), (4, 1)), PLAN),
+        Status(FOUND, b"\x05\x80\x00", ((3, 258), (4, 1)), PLAN),
         f"41 03 06 02 {FOUND_BYTES} 0003 058000 02 03 0102 04 0001 {PLAN_BYTES}",
     ),
     (Hello(epoch=1, x_m=1.0, y_m=-2.0, assignment=258, plan=4), "41 04 06 0001 3f800000 c0000000 0102 0004"),
@@ -117,7 +117,7 @@ bitmaps = st.binary(max_size=6)
 messages: st.SearchStrategy[Any] = st.one_of(
     st.builds(Heartbeat, stamps, stamps, singles, singles, words, words, octets, words, flags, flags, flags, silent),
     st.builds(Plans, st.lists(plans, min_size=1, max_size=3).map(tuple)),
-    st.builds(News, findings, bitmaps, members, plans),
+    st.builds(Status, findings, bitmaps, members, plans),
     st.builds(Hello, words, singles, singles, words, words),
     st.builds(Report, words, words, findings, bitmaps),
     st.builds(Receipt, words),
@@ -143,7 +143,7 @@ def test_the_longest_lists_are_decoded() -> None:
     found = tuple(Finding(number, FAR_M, -FAR_M) for number in range(255))
     everybody = tuple((member, 65_535) for member in range(255))
     for message in (
-        News(found, bytes(65_535), everybody, longest),
+        Status(found, bytes(65_535), everybody, longest),
         Plans((longest,) * 255),
         Assign(0, 0, tuple(range(65_535))),
         Report(0, 0, found, bytes(65_535)),
@@ -226,9 +226,9 @@ COORDINATES = [
     ("Heartbeat", 15, -2.0),
     ("Plans", 16, 1.0),
     ("Plans", 28, 4.0),
-    ("News", 5, 1.0),
-    ("News", 18, 4.0),
-    ("News", 46, 1.0),
+    ("Status", 5, 1.0),
+    ("Status", 18, 4.0),
+    ("Status", 46, 1.0),
     ("Hello", 5, 1.0),
     ("Hello", 9, -2.0),
     ("Report", 9, 1.0),
@@ -236,7 +236,7 @@ COORDINATES = [
     ("Join", 5, 1.0),
     ("Join", 9, -2.0),
 ]
-SPEEDS = [("Plans", 11, 0.5), ("News", 41, 0.5)]
+SPEEDS = [("Plans", 11, 0.5), ("Status", 41, 0.5)]
 
 
 def with_single(kind: str, offset: int, is_now: float, value: float) -> bytes:
@@ -299,7 +299,7 @@ def test_unknown_flags_a_way_without_points_and_plans_without_a_plan_make_no_fra
         Report(0, 0, (Finding(0, 0.0, 2e6),), b""),
         Report(0, 0, FOUND * 128, b""),
         Report(0, 0, (), bytes(65_536)),
-        News((), b"", ((256, 0),), PLAN),
+        Status((), b"", ((256, 0),), PLAN),
         Assign(0, 0, (65_536,)),
         GOLDEN[0][0]._replace(silent=(256,)),  # type: ignore[call-arg]
         GOLDEN[0][0]._replace(y_m=math.nan),  # type: ignore[call-arg]

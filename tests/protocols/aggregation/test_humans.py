@@ -12,7 +12,7 @@ from cosim.units import MS, to_seconds
 from protocols.aggregation.events import HostFailed, TargetFound
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.messages import Plan, Plans
-from protocols.aggregation.touring import Legs
+from protocols.aggregation.touring import Motion
 from tests.protocols.aggregation.team_scene import TARGETS_M, WALLS_M, Alone, Point, prepared, run, scenario
 
 STARTS_M = [(9.5, 9.0), (10.5, 9.0), (9.5, 10.4), (10.0, 10.4), (10.5, 10.4)]
@@ -114,7 +114,7 @@ def test_posts_are_those_of_robots_if_people_see_as_far() -> None:
 def goals_of(monkeypatch: pytest.MonkeyPatch) -> list[Point]:
     """Return a list that the places will be in for which searchers head in order to meet a host."""
     goals: list[Point] = []
-    monkeypatch.setattr(Legs, "approach", lambda self, goal_m, observation: goals.append(goal_m))
+    monkeypatch.setattr(Motion, "approach", lambda self, goal_m, observation: goals.append(goal_m))
     return goals
 
 

@@ -119,7 +119,7 @@ def test_posts_and_targets_that_are_none_are_left_out() -> None:
     searcher.hears(0, Heartbeat(2, stamp(searcher.now), 9.5, 9.0, 0, 1, 0, 0, False, False, False, ()))
     searcher.hears(0, Assign(0, 1, (posts, posts + 5000)))
     searcher.passes(2.0)  # hosts have departed, and it would set out
-    assert searcher.machine.errand.value != "meet"  # it is in contact, and nothing is to be done
+    assert searcher.machine.state.value != "meet"  # it is in contact, and nothing is to be done
     assert set(searcher.orders) <= {STARTS_M[2]}
 
 

@@ -14,11 +14,11 @@ from protocols.aggregation.messages import (
     Hello,
     Join,
     Leave,
-    News,
     Plan,
     Plans,
     Receipt,
     Report,
+    Status,
     Stop,
     Stopped,
 )
@@ -54,7 +54,7 @@ def forsaken(**changes: Any) -> Alone:
     other = Plan(1, 1, stamp(0), 1.0, ((10.5, 9.0),))
     searcher.hears(0, Plans((plan, other)))
     searcher.passes(3.0 + 4.0 + 2.5)
-    assert searcher.machine.errand.value == "change"
+    assert searcher.machine.state.value == "change"
     return searcher
 
 
@@ -62,11 +62,11 @@ def test_a_searcher_that_hears_nothing_close_to_where_its_host_must_be_gives_it_
     searcher = Alone(2, STARTS_M, strategy="mi", targets=((9.5, 13.0),))
     searcher.hears(0, Plans((Plan(0, 1, 0, 1.0, ((9.5, 9.0),)),)))
     searcher.passes(2.6)
-    assert searcher.machine.errand.value == "meet"
+    assert searcher.machine.state.value == "meet"
     searcher.passes(3.8)
-    assert searcher.machine.errand.value == "meet"
+    assert searcher.machine.state.value == "meet"
     searcher.passes(0.4)
-    assert searcher.machine.errand.value == "change"
+    assert searcher.machine.state.value == "change"
 
 
 def test_it_asks_no_other_host_as_long_as_it_hears_its_own() -> None:
@@ -161,8 +161,8 @@ def leader(**changes: Any) -> Alone:
     return Alone(0, STARTS_M, **changes)
 
 
-def news(*members: tuple[int, int]) -> News:
-    return News((), b"", members, Plan(1, 1, 0, 1.0, ((10.5, 9.0),)))
+def news(*members: tuple[int, int]) -> Status:
+    return Status((), b"", members, Plan(1, 1, 0, 1.0, ((10.5, 9.0),)))
 
 
 def test_a_host_confirms_whom_it_takes_in_and_gives_it_work() -> None:

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from protocols.aggregation.pedestrian import Pedestrian
-from protocols.aggregation.walking import Walker, WalkingParameters
+from protocols.aggregation.parameters import WalkingParameters
+from protocols.aggregation.walking import Pedestrian, Walker
 from tests.protocols.aggregation.ground_scene import TICK, Stage, floor, ground_of, hall
 
 MAZE = [(4, 0, 4, 6), (8, 2, 8, 8), (12, 0, 12, 6)]

@@ -177,7 +177,7 @@ def leaving(plan: Plan, **changes: object) -> Alone:
     searcher = Alone(2, STARTS_M, strategy="mi", targets=(HIDDEN_M,), **changes)
     searcher.hears(0, Plans((plan,)))
     searcher.passes(3.0)
-    assert searcher.machine.errand.value == "meet"
+    assert searcher.machine.state.value == "meet"
     return searcher
 
 
@@ -245,9 +245,9 @@ def test_a_host_that_was_heard_a_moment_ago_has_not_failed() -> None:
     for number in range(8):
         searcher.hears(0, Heartbeat(number, stamp(searcher.now), 3.0, 3.0, 0, 1, 0, 0, False, False, False, ()))
         searcher.passes(3.5)
-        assert searcher.machine.errand.value == "meet"
+        assert searcher.machine.state.value == "meet"
     searcher.passes(6.0)
-    assert searcher.machine.errand.value == "change"
+    assert searcher.machine.state.value == "change"
 
 
 def test_findings_reach_the_host_as_they_were_seen() -> None:

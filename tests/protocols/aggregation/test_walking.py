@@ -9,8 +9,8 @@ import pytest
 from cosim.machine import GoTo
 from cosim.observation import Observation, Sighting
 from cosim.robots.motion import Carry
-from protocols.aggregation.walking import Walker, WalkingParameters
-from protocols.aggregation.walking_aside import in_the_way, retreat, way_round
+from protocols.aggregation.parameters import WalkingParameters
+from protocols.aggregation.walking import Walker, in_the_way, retreat, way_round
 from tests.oracles.campaign import soak_count
 from tests.protocols.aggregation.ground_scene import TICK, Stage, floor, ground_of, hall
 

@@ -156,7 +156,7 @@ def maker(wheels: bool = True, **changes: Any) -> Callable[[Address, Time], Mach
     own, known = setup(**changes)
 
     def make(me: Address, start: Time) -> Machine:
-        runner = Runner(own, known, me, start)
+        runner = Runner(own, known, me, start, np.random.default_rng(me))
         return OnWheels(runner, STARTS_M[me]) if wheels else runner  # type: ignore[return-value]
 
     return make

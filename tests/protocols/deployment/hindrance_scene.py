@@ -1,4 +1,4 @@
-"""Movers beside their doubles: what each order is short of, tick by tick, as a member would note it on the board."""
+"""Movers beside their twins: what each order is short of, tick by tick, as a member would report it."""
 
 import math
 from collections.abc import Sequence
@@ -7,27 +7,30 @@ from typing import Any
 from cosim.machine import Drive
 from cosim.observation import Observation
 from cosim.units import Time
-from protocols.deployment.driving.pace import PacedMover
-from protocols.deployment.interference import Shortfall
+from protocols.deployment.driving.mover import Mover
+from protocols.deployment.referee import Shortfall
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.traffic import Other
 from tests.protocols.deployment.driving_scene import TICK, Scene
 
 
-class Watched(PacedMover):
+class Watched(Mover):
     """A mover that notes after each tick what it was short of."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
+        self.compare()
         self.shortfall = Shortfall(TICK)
         self.orders: list[tuple[float, float]] = []
-        """The speed that its order leads to, and that of the double, at each tick under way."""
+        """The speed that its order leads to, and that of the twin, at each tick under way."""
 
     def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
         drive = super().step(observation, others, now)
-        if self.pace_mps is not None:
-            self.orders.append(self.pace_mps)
-            self.shortfall.note(*self.pace_mps)
+        assert self.twin is not None
+        if self.twin.speeds_mps is not None:
+            assert self.under_way
+            self.orders.append(self.twin.speeds_mps)
+            self.shortfall.note(*self.twin.speeds_mps)
         return drive
 
 

@@ -16,11 +16,10 @@ from cosim.machine import Address
 from cosim.units import MS, S, Time, from_seconds
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.executing.timetable import Breach
-from protocols.deployment.planning.parameters import ExecutiveParameters
-from protocols.deployment.tasks.crew import Body, Crew
+from protocols.deployment.planning.augmenting import ExecutiveParameters
+from protocols.deployment.tasks.crew import Body, Crew, Ways
 from protocols.deployment.tasks.orders import Order, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Go, Photo, Place, Plan
-from protocols.deployment.tasks.ways import Ways
 
 TICK = 100 * MS
 NEWS = 500 * MS

@@ -55,11 +55,12 @@ def localised(
     cell_m: float = 0.1,
     **own: Any,
 ) -> Localised:
+    sensor, parameters = sensor or Sensor(BEAMS), PositioningParameters.model_validate({"kind": "mcl", **own})
+    reach = {"range_m": min(sensor.range_m, RANGE_M)}
     return Localised(
-        PositioningParameters.model_validate({"kind": "mcl", **own}),
+        parameters.model_copy(update={"filter": parameters.filter.model_copy(update=reach)}),
         charts().known(cell_m, RADIUS_M),
-        sensor or Sensor(BEAMS),
-        RANGE_M,
+        sensor,
         frame,
         (RADIUS_M,) * 4,
         TICK,

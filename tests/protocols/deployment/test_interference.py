@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from cosim.robots.motion import approach
 from cosim.units import MS, S
-from protocols.deployment.interference import SLIGHT, STILL_MPS, Shortfall, shortfall
-from protocols.deployment.standing import Board, ends_m, stage_of
-from protocols.deployment.tasks.plan import Deployment, Go, Photo, Plan, Task
+from protocols.deployment.referee import SLIGHT, STILL_MPS, Log, Shortfall, shortfall, stage_of
+from protocols.deployment.tasks.events import Driving, PlanBegun, TaskEnded, TaskStarted
+from protocols.deployment.tasks.plan import Deployment, Go, Photo, Task, ends_m
 
 TICK = 100 * MS
 TICK_S = 0.1
@@ -50,7 +50,6 @@ def test_a_robot_held_up_for_seven_seconds_loses_seven() -> None:
         noted.note(0.0 if 50 <= tick < 120 else 0.6, 0.6)
     assert noted.lost_s == pytest.approx(7.0)
     assert noted.hindered_s == pytest.approx(7.0)
-    assert noted.under_way_s == pytest.approx(20.0)
 
 
 def test_behind_a_robot_of_a_third_of_its_speed_it_loses_two_thirds_of_the_time() -> None:
@@ -88,26 +87,37 @@ def test_a_start_after_a_stop_costs_v_over_2a_beside_the_stop() -> None:
     assert noted.lost_s == pytest.approx(5.0 + 0.6 / (2 * 0.5), abs=TICK_S)
 
 
-# ---------------------------------------------------------------- the board
+# ---------------------------------------------------------------- what robots report
 
 
-def test_the_board_adds_up_all_robots() -> None:
-    board = Board.of(3, TICK)
+def test_the_log_adds_up_all_robots() -> None:
+    log = Log(3, TICK)
     for _ in range(10):
-        board.drives(0, "a/b", False, (0.0, 0.5))
-        board.drives(2, "a/b", False, (0.25, 0.5))
-        board.drives(1, "a/b", True, None)
-    assert board.lost_s() == pytest.approx(1.5)
-    assert board.hindered_s() == pytest.approx(2.0)
-    assert board.waited_s() == pytest.approx(1.0)
+        log.note(0, Driving("a/b", False, True, (0.0, 0.5)), 0)
+        log.note(2, Driving("a/b", False, True, (0.25, 0.5)), 0)
+        log.note(1, Driving("a/b", True, False, None), 0)
+    assert log.lost_s() == pytest.approx(1.5)
+    assert log.hindered_s() == pytest.approx(2.0)
+    assert log.under_way_s() == pytest.approx(2.0)
+    assert log.waited_s() == pytest.approx(1.0)
 
 
-def test_a_drive_is_known_by_its_task_until_it_ends() -> None:
-    board = Board.of(2, TICK)
-    board.drives(1, "deploy/stage-1/robot-1", False, None)
-    assert list(board.driving()) == [(1, "deploy/stage-1/robot-1")]
-    board.ends(1)
-    assert list(board.driving()) == []
+def test_a_robot_that_has_arrived_is_not_under_way() -> None:
+    log = Log(1, TICK)
+    log.note(0, Driving("a/b", False, False, (0.0, 0.5)), 0)
+    assert log.lost_s() == log.under_way_s() == 0.0
+
+
+ENDS = [TaskEnded(1, 0, "t", "done", "", 0.0, 0.0), TaskStarted(1, 1, "photo", "photo", 0.0, 0.0, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize("event", ENDS, ids=["it ends", "another task begins"])
+def test_a_drive_is_known_by_its_task_until(event: object) -> None:
+    log = Log(2, TICK)
+    log.note(1, Driving("deploy/stage-1/robot-1", False, True, None), 0)
+    assert log.tasks == [None, "deploy/stage-1/robot-1"]
+    log.note(1, event, 0)  # type: ignore[arg-type]
+    assert log.tasks == [None, None]
 
 
 @pytest.mark.parametrize(
@@ -141,11 +151,10 @@ def test_what_an_expanded_strategy_says_counts_by_its_subtasks() -> None:
 
 
 def test_a_successor_that_begins_a_plan_again_changes_nothing() -> None:
-    board = Board.of(2, TICK)
-    plan = Plan(number=4, play="x", robots=(0,), root=Task(name="t", act=Go(robot=0, place_m=(1, 2))))
-    board.begins(plan, 2 * S)
-    board.begins(plan, 9 * S)
-    board.begins(plan.model_copy(update={"number": 5}), 9 * S)
-    assert [(each.number, each.at) for each in board.begun] == [(4, 2 * S), (5, 9 * S)]
-    assert board.begun[0].places_m == ((1, 2),)
-    assert not math.isnan(board.lost_s())
+    log = Log(2, TICK)
+    log.note(0, PlanBegun(4, (0,), ((1, 2),)), 2 * S)
+    log.note(1, PlanBegun(4, (0,), ((1, 2),)), 9 * S)
+    log.note(1, PlanBegun(5, (0,), ((1, 2),)), 9 * S)
+    assert [(each.plan.number, each.at) for each in log.begun] == [(4, 2 * S), (5, 9 * S)]
+    assert log.begun[0].plan.places_m == ((1, 2),)
+    assert not math.isnan(log.lost_s())

@@ -64,7 +64,7 @@ def goes_as_its_double(mover: Watched) -> None:
 )
 def test_a_robot_alone_in_a_run_loses_nothing(senses: dict[str, float], own: dict[str, Any]) -> None:
     """Also where its heading is corrected now and then, and its scanner meets what it takes for no wall."""
-    told = scenario(starts=STARTS_M[:1], calls=[call(places=[(9.0, 4.5)])], **own).model_dump()
+    told = scenario(starts=STARTS_M[:1], calls=[call(places=[(9.0, 4.5)])], interference=True, **own).model_dump()
     told["team"]["senses"] |= {"beams": 180, **senses}
     metrics = Simulation(Scenario.model_validate(told), 1).run().metrics
     assert metrics["deployed"] == 1.0

@@ -1,7 +1,6 @@
 """The judge of deployments sees who holds the places, who touches whom, and who moves in which stage."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,8 +9,8 @@ from cosim.protocol import Death, Surroundings
 from cosim.units import MS, S, Time
 from protocols.deployment.planning.methods import expanded
 from protocols.deployment.referee import HELD_M, MOST_STAGES, REFEREE_METRICS, TOUCH_M, DeploymentReferee
-from protocols.deployment.standing import Board
-from protocols.deployment.tasks.plan import Deployment, Place, Plan, Strategy, Task
+from protocols.deployment.tasks.events import Driving, PlanBegun, TaskEnded
+from protocols.deployment.tasks.plan import Deployment, Place, Plan, Strategy, Task, ends_m
 
 TICK = 100 * MS
 RADIUS_M = 0.25
@@ -20,15 +19,10 @@ POSTS: list[Place] = [(10.0, 5.0), (15.0, 5.0), (20.0, 5.0), (25.0, 5.0)]
 STARTS: list[Place] = [(2.0, 5.0), (2.0, 7.0), (2.0, 9.0), (2.0, 11.0)]
 
 
-class Known(NamedTuple):
-    board: Board
-
-
 class Scene:
     """A team whose bodies are put where a test wants them."""
 
-    def __init__(self, size: int = 2, radii_m: tuple[float, ...] = ()) -> None:
-        self.board = Board.of(size, TICK)
+    def __init__(self, size: int = 2, radii_m: tuple[float, ...] = (), interference: bool = True) -> None:
         self.places = [list(place) for place in STARTS[:size]]
         surroundings = Surroundings(
             starts_m=tuple(STARTS[:size]),
@@ -41,7 +35,7 @@ class Scene:
             forbidden=lambda points: np.zeros(len(points), np.bool_),
             radii_m=radii_m,
         )
-        self.referee = DeploymentReferee(None, Known(self.board), surroundings)
+        self.referee = DeploymentReferee(interference, surroundings)
         self.now: Time = 0
 
     def put(self, robot: int, x_m: float, y_m: float) -> None:
@@ -61,8 +55,17 @@ class Scene:
         act = Deployment(strategy=strategy, robots=tuple(range(size)), places_m=tuple(POSTS[:size]))
         root = expanded(Task(name="deploy", act=act))
         plan = Plan(number=number, play="deploy", robots=act.robots, root=root)
-        self.board.begins(plan, self.now)
+        self.begins(plan)
         return plan
+
+    def begins(self, plan: Plan) -> None:
+        self.referee.note(0, PlanBegun(plan.number, plan.robots, tuple(ends_m(plan.root).values())), self.now)
+
+    def drives(self, robot: int, task: str, waits: bool, speeds_mps: tuple[float, float] | None) -> None:
+        self.referee.note(robot, Driving(task, waits, not waits, speeds_mps), self.now)
+
+    def ends(self, robot: int) -> None:
+        self.referee.note(robot, TaskEnded(1, 0, "t", "done", "", *self.places[robot]), self.now)
 
     def metric(self, name: str) -> float:
         return self.referee.verdict(self.now)[name]
@@ -228,7 +231,7 @@ def test_both_the_time_and_the_end_are_those_of_the_last_plan() -> None:
     scene.put(1, 3.0, 3.0)
     scene.look(10)
     home = Deployment(strategy="group", robots=(0, 1), places_m=tuple(STARTS[:2]))
-    scene.board.begins(Plan(number=2, play="home", robots=(0, 1), root=Task(name="home", act=home)), scene.now)
+    scene.begins(Plan(number=2, play="home", robots=(0, 1), root=Task(name="home", act=home)))
     scene.look(30)
     assert scene.metric("deployed") == 0.0
     assert math.isnan(scene.metric("deployment_s"))
@@ -326,7 +329,7 @@ def run_stages(strategy: Strategy, size: int) -> Scene:
             for move in moves:
                 assert move.act is not None
                 assert move.act.act == "go"
-                scene.board.drives(move.act.robot, move.name, False, None)
+                scene.drives(move.act.robot, move.name, False, None)
             scene.look()
             for move in moves:
                 assert move.act is not None
@@ -336,7 +339,7 @@ def run_stages(strategy: Strategy, size: int) -> Scene:
             for move in moves:
                 assert move.act is not None
                 assert move.act.act == "go"
-                scene.board.ends(move.act.robot)
+                scene.ends(move.act.robot)
     scene.look(2)
     return scene
 
@@ -356,7 +359,7 @@ def test_the_number_of_moving_robots_is_that_of_the_strategy(strategy: Strategy,
 def test_who_steps_aside_or_is_pushed_does_not_move_in_the_stage() -> None:
     scene = Scene()
     scene.begin()
-    scene.board.drives(1, "deploy/stage-1/robot-1", False, None)
+    scene.drives(1, "deploy/stage-1/robot-1", False, None)
     scene.look()
     scene.put(0, 3.0, 3.0)
     scene.put(1, 2.0, 7.05)
@@ -367,13 +370,22 @@ def test_who_steps_aside_or_is_pushed_does_not_move_in_the_stage() -> None:
     assert scene.metric("moving_1") == 1
 
 
-def test_interference_is_what_the_board_says() -> None:
+def test_interference_is_what_the_robots_report() -> None:
     scene = Scene()
     for _ in range(20):
-        scene.board.drives(0, "a/b", False, (0.1, 0.4))
-    scene.board.drives(1, "a/b", True, None)
+        scene.drives(0, "a/b", False, (0.1, 0.4))
+    scene.drives(1, "a/b", True, None)
     assert scene.metric("interference_s") == pytest.approx(1.5)
     assert scene.metric("hindered_s") == pytest.approx(2.0)
     assert scene.metric("under_way_s") == pytest.approx(2.0)
     assert scene.metric("waited_s") == pytest.approx(0.1)
     assert scene.now < S
+
+
+def test_interference_that_was_not_asked_for_is_unknown() -> None:
+    scene = Scene(interference=False)
+    scene.drives(0, "a/b", False, None)
+    scene.drives(1, "a/b", True, None)
+    assert math.isnan(scene.metric("interference_s"))
+    assert math.isnan(scene.metric("hindered_s"))
+    assert scene.metric("under_way_s") == scene.metric("waited_s") == pytest.approx(0.1)

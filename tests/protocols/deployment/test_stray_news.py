@@ -1,5 +1,6 @@
 """News that nobody of the team can have meant: they are reported, and nothing begins because of them."""
 
+import numpy as np
 import pytest
 
 from cosim.machine import Outgoing, Reception
@@ -28,7 +29,7 @@ def topics_told(runner: Runner, topic: int, payload: bytes) -> set[int]:
 
 
 def machine() -> Runner:
-    return Runner(*setup(), 1, 0)
+    return Runner(*setup(), 1, 0, np.random.default_rng(0))
 
 
 PIECE = frames.encode(0, frames.Summary(1.0, 1.0, ()))

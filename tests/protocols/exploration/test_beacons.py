@@ -65,7 +65,7 @@ class Team:
         own = BeaconParameters.model_validate({"pattern": "visibility", "keep_m": 4.0, "near_m": 2.0, **changes})
         start = round(start_s * S)
         escape = Escape(EscapeParameters(), Terrain(self.belief, EscapeParameters()), 0.0, 2.5)
-        self.tethered = Tethered(own, self.stub, self.belief, me, size, escape, "octile", self.told, start, TICK)
+        self.tethered = Tethered(own, self.stub, me, size, escape, self.told, start, TICK)
 
     def lead(self, here: Point, seen: Mapping[int, Point], gained: bool = True) -> float | None:
         plain = observed(here, *seen.values())

@@ -9,10 +9,9 @@ import pytest
 from cosim.geometry.marking import CERTAIN
 from cosim.machine import Event
 from cosim.units import MS
-from protocols.exploration import settling
-from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
+from protocols.exploration import overlay
+from protocols.exploration.behaviour import Behaviour, Stalling
+from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid, PathLeft, Stalled
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief, Frame
@@ -270,7 +269,7 @@ def test_who_has_done_stays_so_when_the_map_changes_and_no_way_leads_anywhere_an
 def test_a_frontier_in_sight_where_paths_have_ended_is_given_up_by_all_who_share_the_map(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(settling, "LOOKS", 1)
+    monkeypatch.setattr(overlay, "LOOKS", 1)
     belief = drawn(CORRIDOR)
     led, other = Led(belief), Led(belief)
     led.lead(2, 2)
@@ -299,7 +298,7 @@ def test_a_frontier_that_was_looked_at_once_only_is_not_given_up() -> None:
 
 
 def test_a_frontier_that_another_robot_may_hide_is_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, "LOOKS", 1)
+    monkeypatch.setattr(overlay, "LOOKS", 1)
     led = Led(drawn(CORRIDOR))
     led.lead(2, 2)
     led.behaviour._overlay.note(np.array([30 * iy + 29 for iy in (1, 2, 3)], np.int32))
@@ -392,3 +391,58 @@ def test_what_else_attracts_is_added() -> None:
     led = Led(drawn(CORRIDOR), escape={"enabled": False})
     led.behaviour.pull = 0.0, -2.0
     assert led.lead(2, 2) == pytest.approx(-math.pi / 2)
+
+
+# ---------------------------------------------------------------- whether a robot takes itself to be caught
+
+
+def noted(stalling: Stalling, places: list[tuple[float, float]], gain: bool = True) -> list[bool]:
+    result = []
+    for place in places:
+        stalling.note(place, gain)
+        result.append(stalling.stalled)
+    return result
+
+
+def test_a_robot_that_stands_has_stalled_when_the_whole_period_is_over() -> None:
+    assert noted(Stalling(4, 0.6, math.inf), [(1.0, 2.0)] * 5) == [False, False, False, True, True]
+
+
+def test_the_longer_side_of_the_box_counts() -> None:
+    for turned in (False, True):
+        for length, stalled in ((0.59, True), (0.61, False)):
+            ends = [(0.0, 0.0), (0.1, length), (0.0, 0.3)]
+            places = [(y, x) for x, y in ends] if turned else ends
+            assert noted(Stalling(3, 0.6, math.inf), places)[-1] == stalled
+
+
+def test_a_circle_counts_as_its_box_not_as_its_way() -> None:
+    circle = [(0.2 * math.cos(k), 0.2 * math.sin(k)) for k in range(40)]
+    assert noted(Stalling(40, 0.6, math.inf), circle)[-1]
+    assert not noted(Stalling(40, 0.3, math.inf), circle)[-1]
+
+
+def test_only_the_last_period_counts() -> None:
+    went = [(float(k), 0.0) for k in range(5)]
+    assert noted(Stalling(3, 0.6, math.inf), [*went, went[-1], went[-1]]) == [False] * 6 + [True]
+
+
+def test_all_is_forgotten_at_a_new_beginning() -> None:
+    stalling = Stalling(3, 0.6, 4)
+    noted(stalling, [(0.0, 0.0)] * 3, gain=False)
+    assert stalling.stalled
+    stalling.begin()
+    assert noted(stalling, [(0.0, 0.0)] * 3, gain=False) == [False, False, True]
+    far = Stalling(99, 0.6, 4)
+    noted(far, [(0.0, 0.0)] * 4, gain=False)
+    far.begin()
+    assert noted(far, [(0.0, 0.0)] * 5, gain=False) == [False] * 4 + [True]
+
+
+def test_who_gains_nothing_for_long_has_stalled_however_far_it_goes() -> None:
+    went = [(float(k), 0.0) for k in range(9)]
+    stalling = Stalling(3, 0.6, 4)
+    assert noted(stalling, went[:4], gain=False) == [False] * 4
+    assert noted(stalling, went[4:5], gain=True) == [False]
+    assert noted(stalling, went[5:], gain=False) == [False] * 4
+    assert noted(stalling, [(9.0, 0.0)], gain=False) == [True]

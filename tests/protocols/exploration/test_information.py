@@ -12,8 +12,7 @@ from cosim.machine import Event
 from cosim.navigation.frontier_fields import sum_of_frontiers
 from cosim.units import MS
 from protocols.exploration.behaviour import Behaviour
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import PathLaid
+from protocols.exploration.events import Counters, PathLaid
 from protocols.exploration.information import Attraction, count_unknown, most_useful, sum_by_utility, utility
 from protocols.exploration.parameters import Parameters
 from protocols.exploration.terrain import Terrain

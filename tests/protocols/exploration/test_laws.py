@@ -19,7 +19,8 @@ from cosim.testing import LawError, check_machine
 from cosim.units import MS, S, Time
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.spec import SPEC, prepare
+from protocols.exploration.setup import prepare
+from protocols.exploration.spec import SPEC
 
 STARTS_M = ((0.6, 0.6), (1.4, 0.6), (0.6, 1.4))
 WALLS_M = np.array(

@@ -1,7 +1,7 @@
 """Teams in random offices see all that can be seen, touch nothing, and find out for themselves that they have.
 
-What can be seen is judged by a flood fill (``protocols.exploration.truth``): cells in line of sight within the range of
-the scanner, from the centre of a cell that some body can get to. What was seen is what true beams have passed, or what
+What can be seen is judged by a flood fill (``protocols.exploration.referee``): cells in line of sight within the range
+of the scanner, from the centre of a cell that some body can get to. What was seen is what true beams passed, or what
 a robot holds for empty: the referee looks at every other tick only. A cell through which a wall passes near its centre,
 or that has one on its edge, was seen if that wall was hit: such a hit makes it occupied for ever (``marking``). A cell
 with a wall in its very centre is not free.
@@ -26,7 +26,7 @@ from cosim.randomness import Streams
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.units import S
-from protocols.exploration.truth import coverable_cells
+from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
 from tests.oracles.campaign import soak_count
 
@@ -133,8 +133,8 @@ def wrongs(number: int, **parameters: Any) -> list[str]:
 
 def unnamed(explorer: Any) -> int:
     """Return how many frontiers are left in a robot's map that it has not given up, nor another on the same map."""
-    leader, belief = explorer._leader, explorer.belief
-    return int(np.count_nonzero(belief.frontier & ~belief.vain & ~leader._settling.named))
+    leader, belief = explorer.leader, explorer.belief
+    return int(np.count_nonzero(belief.frontier & ~belief.vain & ~leader._exclusions.named))
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S
-from protocols.exploration.counters import Counters
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.parameters import Parameters, PositioningParameters, SpeedControlParameters
 from protocols.exploration.positioning import (
@@ -29,7 +28,8 @@ from protocols.exploration.positioning import (
     Waiting,
     turned,
 )
-from protocols.exploration.spec import SPEC, prepare
+from protocols.exploration.setup import prepare
+from protocols.exploration.spec import SPEC
 from protocols.mapping.belief import Frame
 from tests.navigation.slam_scene import CELL_M, ORIGIN_M, RANGE_M, ROOM, SHAPE, TWO_ROOMS, course, scan
 
@@ -239,7 +239,9 @@ def told_of_the_floor(robots: int = 1, **changes: Any) -> tuple[Parameters, Any]
 def explorer_at(place_m: tuple[float, float], turned_rad: float, shares: list[float]) -> tuple[Explorer, Ahead]:
     parameters, setup = told_of_the_floor()
     leader, where = Ahead(), Elsewhere(place_m, turned_rad, shares)
-    return Explorer(parameters, setup, 0, setup.shared, leader, None, Counters(), [], where), leader
+    explorer = Explorer(parameters, setup, 0, None, 0)
+    explorer.leader, explorer.positioning = leader, where
+    return explorer, leader
 
 
 def test_the_map_is_marked_where_the_robot_takes_itself_to_be() -> None:
@@ -309,9 +311,9 @@ def test_who_may_err_counts_evidence() -> None:
     for evidence in ("certain", "counted"):
         _, setup = told_of_the_floor(false_returns=False, evidence=evidence)
         for range_m in (1.03, *[2.0] * 20):
-            setup.shared.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
+            setup.common.belief.mark((4.02, 4.03), np.array([range_m]), DIRECTIONS[:1], np.empty((0, 3)))
         row, column = divmod(setup.frame.cell_at((5.05, 4.03)), setup.frame.nx)
-        assert (setup.shared.evidence[row, column] < 0) == (evidence == "counted")
+        assert (setup.common.belief.evidence[row, column] < 0) == (evidence == "counted")
 
 
 def test_who_has_done_looks_no_more_until_it_goes_on() -> None:

@@ -13,9 +13,9 @@ from shapely.ops import substring
 from cosim.protocol import Death, Surroundings
 from cosim.units import MS, S
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.referee import LOOK_TICKS, SHARES, CoverageReferee, when_s
-from protocols.exploration.spec import SPEC, prepare
-from protocols.exploration.truth import coverable_cells, reachable_cells
+from protocols.exploration.referee import LOOK_TICKS, SHARES, CoverageReferee, coverable_cells, reachable_cells, when_s
+from protocols.exploration.setup import prepare
+from protocols.exploration.spec import SPEC
 from protocols.mapping.belief import Frame
 
 WIDE_M, HIGH_M = 2.4, 1.6

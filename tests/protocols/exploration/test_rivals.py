@@ -9,12 +9,10 @@ import pytest
 from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Event
-from protocols.exploration.choosing import by_assignment, by_utility
-from protocols.exploration.counters import Counters
-from protocols.exploration.events import Explored, FrontierGivenUp, PathLaid
+from protocols.exploration.events import Counters, Explored, FrontierGivenUp, PathLaid
 from protocols.exploration.parameters import EscapeParameters, RivalParameters
 from protocols.exploration.rivals import Rival
-from protocols.exploration.targets import Targets
+from protocols.exploration.targets import Targets, by_assignment, by_utility
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief
 from tests.protocols.exploration.hand_map import at, drawn, observed, renew

@@ -13,9 +13,10 @@ from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
 from cosim.protocol import Surroundings
 from cosim.units import MS
 from protocols.exploration import spec
-from protocols.exploration.counters import Counters
+from protocols.exploration.events import Counters
 from protocols.exploration.parameters import Parameters
-from protocols.exploration.spec import SPEC, place, prepare
+from protocols.exploration.setup import prepare
+from protocols.exploration.spec import SPEC, place
 
 
 @dataclass

@@ -7,10 +7,9 @@ import numpy as np
 
 from cosim.machine import BROADCAST, Address, Connected, LinkCommand, Lost, Outgoing, Page, PageFailed, Reception, Role
 from cosim.units import MS, S, Time
-from protocols.exploration.counters import Counters
 from protocols.mapping.frames import Message, Piece, decode
-from protocols.mapping.sharing import Sharing
-from protocols.transport.star import MASTER, Piconet
+from protocols.mapping.sharing import Sharing, SharingCounters, SharingParameters
+from protocols.transport.star import MASTER, LinkParameters
 
 CELLS = 400
 PERIOD: Time = S
@@ -41,14 +40,15 @@ class Team:
         self._linked: set[Address] = set()
         self._luck = np.random.default_rng(size)
         self._certain = certain
-        self.counters = [Counters() for _ in range(size)]
+        self.counters = [SharingCounters() for _ in range(size)]
         self.robots = [self._robot(me, size) for me in range(size)]
         self.maps = np.zeros((size, CELLS), np.int8)
 
     def _robot(self, me: Address, size: int) -> Sharing:
         certain, octets, again, links = self._settings
-        piconet = Piconet(me, size, 6 * S, S, 8 * S) if links else None
-        return Sharing(me, size, CELLS, PERIOD, octets, again, self.counters[me], self.now, certain, piconet)
+        own = LinkParameters(patience_s=6.0, page_s=1.0, page_most_s=8.0) if links else None
+        parameters = SharingParameters(octets=octets, again=again, links=own)
+        return Sharing(parameters, me, size, CELLS, self.counters[me], self.now, certain)
 
     def boot(self, me: Address) -> None:
         """Have a robot boot again: it has forgotten everything."""

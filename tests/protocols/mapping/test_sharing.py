@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cosim.machine import Address, Outgoing
 from cosim.scenario import build
@@ -12,6 +14,7 @@ from cosim.simulation import Simulation
 from cosim.units import S
 from protocols.mapping import sharing
 from protocols.mapping.frames import LEAST_OCTETS, Piece, Stream, Summary, encode
+from protocols.mapping.sharing import Ledger
 from tests.protocols.mapping.sharing_scene import CELLS, EMPTY, OCCUPIED, UNKNOWN, Team
 
 
@@ -306,7 +309,50 @@ def test_robots_that_explore_an_office_end_with_the_same_map(flaws: dict[str, fl
     assert outcome.metrics["coverage"] == 1.0
     assert (maps[0] != UNKNOWN).sum() > 1000
     assert all((each == maps[0]).all() for each in maps)
-    ledgers = [machine._sharing.ledger.counts for machine in machines]
+    ledgers = [machine.sharing.ledger.counts for machine in machines]
     assert len(ledgers[0]) == 3
     assert all(each == ledgers[0] for each in ledgers)
     assert any(machine.counters.pieces_again for machine in machines) == bool(flaws)
+
+
+# ---------------------------------------------------------------- the ledger of pieces
+
+OURS, REBORN = Stream(1, 0), Stream(1, 5000)
+
+
+def numbered(number: int, stream: Stream = OURS) -> Piece:
+    return Piece(stream, number, 0, np.empty(0, np.uint32))
+
+
+@given(st.lists(st.integers(0, 12), max_size=20))
+def test_counts_go_up_to_the_first_gap(numbers: list[int]) -> None:
+    ledger, seen = Ledger(), set[int]()
+    for number in numbers:
+        assert ledger.add(numbered(number)) == (number not in seen)
+        seen.add(number)
+        assert ledger.count(OURS) == min(set(range(14)) - seen)
+
+
+def test_what_lies_beyond_a_gap_is_not_told() -> None:
+    """Who asks has said how much it has without a gap; what is known beyond a gap counts once that is filled."""
+    ledger = Ledger()
+    for number in (0, 1, 3):
+        ledger.add(numbered(number))
+    assert [each.number for each in ledger.beyond(OURS, 0)] == [0, 1]
+    ledger.add(numbered(2))
+    assert [each.number for each in ledger.beyond(OURS, 1)] == [1, 2, 3]
+
+
+def test_nothing_is_beyond_what_is_not_known() -> None:
+    ledger = Ledger()
+    ledger.add(numbered(0))
+    assert ledger.beyond(OURS, 1) == ledger.beyond(OURS, 60_000) == ledger.beyond(REBORN, 0) == []
+    assert ledger.count(REBORN) == 0
+
+
+def test_lives_of_one_author_are_told_apart() -> None:
+    ledger = Ledger()
+    assert ledger.add(numbered(0))
+    assert ledger.add(numbered(0, REBORN))
+    assert ledger.counts == {OURS: 1, REBORN: 1}
+    assert ledger.beyond(REBORN, 0)[0].stream == REBORN

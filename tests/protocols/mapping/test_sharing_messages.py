@@ -10,12 +10,13 @@ from cosim.machine import Address, Command, Event, LinkCommand, LinkEvent, Machi
 from cosim.observation import Observation, Sighting
 from cosim.testing import check_machine
 from cosim.units import S, Time
-from protocols.exploration.counters import Counters
 from protocols.mapping.belief import Belief, Frame
 from protocols.mapping.frames import Entry, Message, Piece, Stream, Summary, encode
-from protocols.mapping.sharing import AWAY_PERIODS, QUIET_PERIODS, Sharing
+from protocols.mapping.sharing import AWAY_PERIODS, QUIET_PERIODS, Sharing, SharingCounters, SharingParameters
 from protocols.wire import BadBytes
 from tests.protocols.mapping.sharing_scene import CELLS, EMPTY, OCCUPIED, PERIOD, UNKNOWN, Team
+
+PARAMETERS = SharingParameters(octets=60)
 
 
 def last_entries(team: Team, me: Address) -> dict[Stream, Entry]:
@@ -25,7 +26,7 @@ def last_entries(team: Team, me: Address) -> dict[Stream, Entry]:
 
 
 def alone(me: Address = 0, size: int = 3, start: Time = 0) -> Sharing:
-    return Sharing(me, size, CELLS, PERIOD, 60, 4, Counters(), start)
+    return Sharing(PARAMETERS, me, size, CELLS, SharingCounters(), start)
 
 
 def hears(robot: Sharing, sender: Address, message: Message) -> int:
@@ -104,7 +105,7 @@ def test_pieces_in_whatever_order_and_however_often_make_the_same_map(certain: b
             frames.append(encode(author, Piece(Stream(author, 0), number, stamp, runs.astype(np.uint32))))
     found = []
     for _ in range(6):
-        robot = Sharing(2, 3, CELLS, PERIOD, 60, 4, Counters(), 0, certain)
+        robot = Sharing(PARAMETERS, 2, 3, CELLS, SharingCounters(), 0, certain)
         belief = Belief(Frame((0.0, 0.0), 0.1, 20, CELLS // 20), CERTAIN if certain else DOUBTFUL, 1.0)
         for k in [*stream.permutation(len(frames)), *stream.permutation(len(frames))]:
             told = robot.receive(frames[k], Reception(0, True), 0)
@@ -116,7 +117,7 @@ def test_pieces_in_whatever_order_and_however_often_make_the_same_map(certain: b
 
 
 def test_what_is_known_is_not_learnt_again() -> None:
-    robot, counters = alone(), Counters()
+    robot, counters = alone(), SharingCounters()
     robot._counters = counters
     data = encode(1, piece(1, 0))
     assert robot.receive(data, Reception(1, True), 0) is not None
@@ -215,7 +216,7 @@ class Teller:
     """A machine that sees a new cell at each tick and does nothing but share."""
 
     def __init__(self, me: Address, start: Time, certain: bool) -> None:
-        self._sharing = Sharing(me, 3, CELLS, PERIOD, 60, 4, Counters(), start, certain)
+        self._sharing = Sharing(PARAMETERS, me, 3, CELLS, SharingCounters(), start, certain)
         self._ticks = 0
         self.finished = False
 

@@ -31,12 +31,12 @@ from cosim.observation import Observation
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
+from protocols.pseudonet.application import PATIENCE_TICKS
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Packet, Reply, Sync, Verdict, decode, encode
 from protocols.pseudonet.parameters import Parameters, timing
 from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.spec import COLUMN_LIMIT, SPEC, measure
-from protocols.pseudonet.steering import PATIENCE_TICKS
 from tests.oracles.campaign import two_tiers
 
 ALGORITHMS = ("oscard", "random_walk", "boustrophedon", "spanning_tree")

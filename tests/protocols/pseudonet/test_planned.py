@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from protocols.pseudonet.algorithms.planned import Errand, Planned, joint_step
+from protocols.pseudonet.algorithms.planned import Planned, Task, joint_step
 from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
@@ -77,21 +77,21 @@ def test_a_robot_alone_covers_a_corridor_from_its_middle(planner: object) -> Non
 def test_a_dormant_robot_clears_the_corridor_that_it_stands_in() -> None:
     setup, cells = floor("x.ab...")
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]}, covered=[cells["x"] + 1])
-    errand = Errand(1, cells["x"], 3)  # robot 1 wants to go west, robot 0 has nothing to do
-    assert joint_step(view, [errand]) == {0: Action.WEST}
+    task = Task(1, cells["x"], 3)  # robot 1 wants to go west, robot 0 has nothing to do
+    assert joint_step(view, [task]) == {0: Action.WEST}
 
 
 def test_a_chain_of_dormant_robots_gives_way_from_its_far_end() -> None:
     setup, cells = floor("x.abcd")
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"], 3: cells["d"]})
-    assert joint_step(view, [Errand(3, cells["x"], 5)]) == {0: Action.WEST}
+    assert joint_step(view, [Task(3, cells["x"], 5)]) == {0: Action.WEST}
 
 
-def test_who_has_an_errand_nearer_to_its_goal_decides_first() -> None:
+def test_who_has_a_task_nearer_to_its_goal_decides_first() -> None:
     setup, cells = floor("aXbY..")
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
     # both want X; robot 1 has decided before it is asked to make room
-    step = joint_step(view, [Errand(1, cells["X"], 1), Errand(0, cells["Y"], 3)])
+    step = joint_step(view, [Task(1, cells["X"], 1), Task(0, cells["Y"], 3)])
     assert step == {1: Action.WEST}
 
 
@@ -103,7 +103,7 @@ def test_a_robot_steps_aside_into_a_niche() -> None:
         """
     )
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
-    step = joint_step(view, [Errand(0, cells["b"] + 2, 3)])
+    step = joint_step(view, [Task(0, cells["b"] + 2, 3)])
     assert step == {1: Action.NORTH}  # the first direction that is free; next time the way is
     assert cells["n"] == setup.steps[cells["b"]][Action.NORTH]
 
@@ -116,8 +116,8 @@ def test_a_robot_leads_nobody_into_a_cell_that_another_has_taken_in_the_same_ste
         """
     )
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"], 2: cells["c"]})
-    errands = [Errand(robot, cells["X"], 1) for robot in range(3)]
-    assert joint_step(view, errands) == {0: Action.EAST}
+    tasks = [Task(robot, cells["X"], 1) for robot in range(3)]
+    assert joint_step(view, tasks) == {0: Action.EAST}
 
 
 def test_a_robot_stays_where_it_is_once_it_has_lost_its_claim() -> None:
@@ -166,5 +166,5 @@ def test_who_makes_room_for_somebody_does_not_decide_again() -> None:
         """
     )
     view = view_of(setup, 0, {0: cells["a"], 1: cells["b"]})
-    step = joint_step(view, [Errand(1, cells["x"], 3), Errand(0, cells["Y"], 1)])
+    step = joint_step(view, [Task(1, cells["x"], 3), Task(0, cells["Y"], 1)])
     assert step == {0: Action.SOUTH}

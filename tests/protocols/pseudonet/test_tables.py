@@ -7,51 +7,51 @@ import pytest
 
 from cosim.errors import LocalProtocolError
 from cosim.machine import next_state
-from protocols.pseudonet import bluetooth, phases
-from protocols.pseudonet.bluetooth import Setup
-from protocols.pseudonet.phases import Phase
+from protocols.pseudonet import application, bluetooth
+from protocols.pseudonet.application import Phase
+from protocols.pseudonet.bluetooth import LinkState
 
 # what is missing in the tables can only happen if this program drives a machine wrongly
 MISUSE = {
-    phases: {
-        (Phase.INITIALISATION, phases.Input.EXCHANGED),
-        (Phase.INITIALISATION, phases.Input.DISAGREED),
-        (Phase.INITIALISATION, phases.Input.AGREED),
-        (Phase.INITIALISATION, phases.Input.DONE),
-        (Phase.STATE_EXCHANGE, phases.Input.DISAGREED),
-        (Phase.STATE_EXCHANGE, phases.Input.AGREED),
-        (Phase.STATE_EXCHANGE, phases.Input.DONE),
-        (Phase.DECISION, phases.Input.TEAM),
-        (Phase.DECISION, phases.Input.ARRIVED),
-        (Phase.DECISION, phases.Input.EXCHANGED),
-        (Phase.DECISION, phases.Input.BROKEN),
-        (Phase.TERMINATION, phases.Input.DISAGREED),
-        (Phase.TERMINATION, phases.Input.AGREED),
-        (Phase.TERMINATION, phases.Input.DONE),
+    application: {
+        (Phase.INITIALISATION, application.Input.EXCHANGED),
+        (Phase.INITIALISATION, application.Input.DISAGREED),
+        (Phase.INITIALISATION, application.Input.AGREED),
+        (Phase.INITIALISATION, application.Input.DONE),
+        (Phase.STATE_EXCHANGE, application.Input.DISAGREED),
+        (Phase.STATE_EXCHANGE, application.Input.AGREED),
+        (Phase.STATE_EXCHANGE, application.Input.DONE),
+        (Phase.DECISION, application.Input.TEAM),
+        (Phase.DECISION, application.Input.ARRIVED),
+        (Phase.DECISION, application.Input.EXCHANGED),
+        (Phase.DECISION, application.Input.BROKEN),
+        (Phase.TERMINATION, application.Input.DISAGREED),
+        (Phase.TERMINATION, application.Input.AGREED),
+        (Phase.TERMINATION, application.Input.DONE),
     },
     bluetooth: {
         pair
-        for pair in product(Setup, bluetooth.Input)
-        if pair[1] not in (bluetooth.Input.WAIT, bluetooth.Input.BREAK_UP, bluetooth.Input.PAGED)
+        for pair in product(LinkState, bluetooth.LinkInput)
+        if pair[1] not in (bluetooth.LinkInput.WAIT, bluetooth.LinkInput.BREAK_UP, bluetooth.LinkInput.PAGED)
         and pair
         not in {
-            (Setup.OFF, bluetooth.Input.INITIATE),
-            (Setup.SCANNING, bluetooth.Input.INITIATE),
-            (Setup.SCANNING, bluetooth.Input.ALONE),
-            (Setup.INQUIRING, bluetooth.Input.TOO_FEW),
-            (Setup.INQUIRING, bluetooth.Input.ENOUGH),
-            (Setup.INQUIRING, bluetooth.Input.ALONE),
-            (Setup.PAGING, bluetooth.Input.NEXT),
-            (Setup.PAGING, bluetooth.Input.ALL_PAGED),
-            (Setup.JOINED, bluetooth.Input.ASSIGNED),
+            (LinkState.OFF, bluetooth.LinkInput.INITIATE),
+            (LinkState.SCANNING, bluetooth.LinkInput.INITIATE),
+            (LinkState.SCANNING, bluetooth.LinkInput.ALONE),
+            (LinkState.INQUIRING, bluetooth.LinkInput.TOO_FEW),
+            (LinkState.INQUIRING, bluetooth.LinkInput.ENOUGH),
+            (LinkState.INQUIRING, bluetooth.LinkInput.ALONE),
+            (LinkState.PAGING, bluetooth.LinkInput.NEXT),
+            (LinkState.PAGING, bluetooth.LinkInput.ALL_PAGED),
+            (LinkState.JOINED, bluetooth.LinkInput.ASSIGNED),
         }
     },
 }
-CASES = [
-    (room, state, event)
-    for room, states in ((phases, Phase), (bluetooth, Setup))
-    for state, event in product(states, room.Input)
-]
+ROOMS = (
+    (application, Phase, application.Input),
+    (bluetooth, LinkState, bluetooth.LinkInput),
+)
+CASES = [(room, state, event) for room, states, inputs in ROOMS for state, event in product(states, inputs)]
 
 
 @pytest.mark.parametrize(("room", "state", "event"), CASES, ids=lambda value: getattr(value, "name", None))
@@ -65,9 +65,9 @@ def test_every_pair_leads_to_a_state_or_is_refused(room: Any, state: Any, event:
         assert following in type(state)
 
 
-@pytest.mark.parametrize("room", [phases, bluetooth])
+@pytest.mark.parametrize("room", [application, bluetooth])
 def test_every_state_can_be_reached(room: Any) -> None:
-    first = {phases: Phase.INITIALISATION, bluetooth: Setup.OFF}[room]
+    first = {application: Phase.INITIALISATION, bluetooth: LinkState.OFF}[room]
     reached = {first}
     for _ in room.TABLE:
         reached |= {following for (state, _), (_, following) in room.TABLE.items() if state in reached}
@@ -75,5 +75,5 @@ def test_every_state_can_be_reached(room: Any) -> None:
 
 
 def test_nothing_leads_out_of_termination() -> None:
-    leads_to = {following for (state, _), (_, following) in phases.TABLE.items() if state is Phase.TERMINATION}
+    leads_to = {following for (state, _), (_, following) in application.TABLE.items() if state is Phase.TERMINATION}
     assert leads_to == {Phase.TERMINATION}

@@ -15,7 +15,7 @@ def test_identifiers_of_the_paper() -> None:
     assert [handlings(identifier, 5) for identifier in (15, 14, 11)] == [0, 1, 4]
     book = GoalBook(0, 5)
     book.set_own(3, 1.0, 2.0)
-    assert book.told_as(0) == 15
+    assert book.sent_as(0) == 15
     assert book.number(0) == 3
 
 
@@ -25,7 +25,7 @@ def test_a_goal_is_passed_on_with_one_less_and_not_beyond_the_team() -> None:
     for identifier in (6, 5, 4):
         book = GoalBook(1, 3)
         book.consider(0, identifier, 0.0, 0.0)
-        told.append(book.told_as(0))
+        told.append(book.sent_as(0))
     assert told == [5, 4, 0]
 
 
@@ -84,8 +84,8 @@ def test_reports_stop_going_round_for_any_team_order_and_delay(team: int, meetin
             books[0].set_own(number, float(number), 0.0)
             continue
         book = books[sender]
-        if book.identifiers[0] and book.told_as(0):
-            sent.append((sender, book.told_as(0), book.x_m[0]))
+        if book.identifiers[0] and book.sent_as(0):
+            sent.append((sender, book.sent_as(0), book.x_m[0]))
         for author, identifier, place in sent[-1 - old :][:1]:
             if author != receiver:
                 books[receiver].consider(0, identifier, place, 0.0)
@@ -101,5 +101,5 @@ def test_along_a_line_of_robots_the_identifier_counts_the_hops(team: int) -> Non
     books = [GoalBook(robot, team) for robot in range(team)]
     books[0].set_own(4, 1.0, 1.0)
     for one, other in pairwise(books):
-        assert other.consider(0, one.told_as(0), 1.0, 1.0) is Verdict.NEW
+        assert other.consider(0, one.sent_as(0), 1.0, 1.0) is Verdict.NEW
     assert [handlings(book.identifiers[0], team) for book in books] == [0, *range(team - 1)]

@@ -15,24 +15,24 @@ GOAL = (10.0, 0.0)
 OWNER, ME = 0, 1
 
 
-def setting(life: int | None = None) -> tuple[GoalBook, Ways]:
+def setting(life: int | None = None) -> Ways:
     """A helper that knows the owner's goal and has no way to it yet."""
     book = GoalBook(ME, 4)
     book.consider(OWNER, 4, *GOAL)
-    return book, Ways(ME, 4, life)
+    return Ways(book, life)
 
 
-def look(book: GoalBook, ways: Ways, here: tuple[float, float], *visible: bool, now: int = 0) -> float | None:
+def look(ways: Ways, here: tuple[float, float], *visible: bool, now: int = 0) -> float | None:
     """Look from *here*; return the length of the way, if there is one."""
-    assert len(ways.points(book)) == len(visible)
-    ways.look(book, list(visible), *here, now)
+    assert len(ways.points()) == len(visible)
+    ways.look(list(visible), *here, now)
     way = ways.of[OWNER]
     return None if way is None else way.length(*here)
 
 
 def test_who_sees_the_goal_promises_the_straight_way() -> None:
-    book, ways = setting()
-    assert look(book, ways, (7.0, 4.0), True) == pytest.approx(5.0)
+    ways = setting()
+    assert look(ways, (7.0, 4.0), True) == pytest.approx(5.0)
     way = ways.of[OWNER]
     assert way is not None
     assert way.direct
@@ -40,22 +40,22 @@ def test_who_sees_the_goal_promises_the_straight_way() -> None:
 
 def test_the_own_ghost_is_the_last_place_from_which_the_goal_was_seen() -> None:
     """Fig. 8: R(t1) sees the goal at 3 m; then it goes 4 m, then round a second corner 2 m more."""
-    book, ways = setting()
-    look(book, ways, (7.0, 0.0), True)
-    assert look(book, ways, (7.0, 1.0), False) == pytest.approx(3.0 + 1.0)
-    assert look(book, ways, (7.0, 4.0), False, True) == pytest.approx(3.0 + 4.0)
+    ways = setting()
+    look(ways, (7.0, 0.0), True)
+    assert look(ways, (7.0, 1.0), False) == pytest.approx(3.0 + 1.0)
+    assert look(ways, (7.0, 4.0), False, True) == pytest.approx(3.0 + 4.0)
     way = ways.of[OWNER]
     assert way is not None
     assert (way.x_m, way.y_m, way.rest_m) == (7.0, 0.0, 3.0)
-    assert look(book, ways, (5.0, 4.0), False, False) == pytest.approx(3.0 + 4.0 + 2.0)
+    assert look(ways, (5.0, 4.0), False, False) == pytest.approx(3.0 + 4.0 + 2.0)
     assert (way.x_m, way.y_m) == (7.0, 4.0)
-    assert look(book, ways, (6.0, 3.0), False, True) == pytest.approx(7.0 + math.sqrt(2.0))
-    assert look(book, ways, (8.0, 0.0), True, False) == pytest.approx(2.0)  # sees it again
+    assert look(ways, (6.0, 3.0), False, True) == pytest.approx(7.0 + math.sqrt(2.0))
+    assert look(ways, (8.0, 0.0), True, False) == pytest.approx(2.0)  # sees it again
 
 
 def test_the_shortest_promise_wins_also_over_a_later_one_of_the_same_robot() -> None:
     """Fig. 7: what R2 promises when it has gone on, farther away from the goal, does not count."""
-    _, ways = setting()
+    ways = setting()
     here = (0.0, 0.0)
     assert ways.offer(OWNER, (3.0, 0.0), 6.0, 0, 2, here)
     assert not ways.offer(OWNER, (4.0, 0.0), 6.5, 0, 2, here)
@@ -69,20 +69,20 @@ def test_the_shortest_promise_wins_also_over_a_later_one_of_the_same_robot() -> 
 
 def test_what_is_left_of_a_way_is_what_another_has_to_beat() -> None:
     """A helper that comes towards the seeker, away from the goal, does not turn it back: the sum stays the same."""
-    book, ways = setting()
+    ways = setting()
     ways.offer(OWNER, (4.0, 0.0), 6.0, 0, 2, (0.0, 0.0))
-    look(book, ways, (1.0, 0.0), False, True)
+    look(ways, (1.0, 0.0), False, True)
     assert not ways.offer(OWNER, (3.0, 0.0), 7.0, 0, 2, (1.0, 0.0))
     assert ways.offer(OWNER, (3.0, 0.0), 6.9, 0, 2, (1.0, 0.0))
 
 
 def test_each_owner_s_ghost_is_looked_for_by_itself() -> None:
-    book, ways = setting()
-    book.consider(2, 4, 0.0, 10.0)
-    ways.look(book, [True, True], 0.0, 0.0, 0)
-    ways.look(book, [False, False], 1.0, 0.0, 0)
-    assert ways.points(book) == [GOAL, (0.0, 0.0), (0.0, 10.0), (0.0, 0.0)]
-    ways.look(book, [False, True, False, False], 2.0, 0.0, 0)
+    ways = setting()
+    ways.book.consider(2, 4, 0.0, 10.0)
+    ways.look([True, True], 0.0, 0.0, 0)
+    ways.look([False, False], 1.0, 0.0, 0)
+    assert ways.points() == [GOAL, (0.0, 0.0), (0.0, 10.0), (0.0, 0.0)]
+    ways.look([False, True, False, False], 2.0, 0.0, 0)
     first, second = ways.of[0], ways.of[2]
     assert first is not None
     assert second is not None
@@ -91,23 +91,23 @@ def test_each_owner_s_ghost_is_looked_for_by_itself() -> None:
 
 
 def test_no_promise_beats_a_goal_in_sight() -> None:
-    book, ways = setting()
-    look(book, ways, (0.0, 0.0), True)
+    ways = setting()
+    look(ways, (0.0, 0.0), True)
     assert not ways.offer(OWNER, (1.0, 0.0), 0.0, 0, 2, (0.0, 0.0))
 
 
 def test_a_promise_ages_from_when_the_goal_was_seen_and_not_from_when_it_was_told() -> None:
-    book, ways = setting(life=10 * S)
+    ways = setting(life=10 * S)
     ways.offer(OWNER, (3.0, 0.0), 6.0, 5 * S, 2, (0.0, 0.0))
-    assert look(book, ways, (0.0, 0.0), False, True, now=15 * S) is not None
-    assert look(book, ways, (0.0, 0.0), False, True, now=15 * S + 1) is None
+    assert look(ways, (0.0, 0.0), False, True, now=15 * S) is not None
+    assert look(ways, (0.0, 0.0), False, True, now=15 * S + 1) is None
 
 
 def test_a_robot_that_was_moved_forgets_its_ghosts() -> None:
-    book, ways = setting()
-    look(book, ways, (7.0, 0.0), True)
+    ways = setting()
+    look(ways, (7.0, 0.0), True)
     ways.displaced()
-    assert look(book, ways, (50.0, 50.0), False) is None
+    assert look(ways, (50.0, 50.0), False) is None
 
 
 walks = st.lists(
@@ -120,14 +120,14 @@ def test_a_ghost_s_distance_is_never_below_the_straight_line_nor_above_the_path(
     walk: list[tuple[float, float, bool, bool]],
 ) -> None:
     """Whatever is in sight when: the goal, the ghost, both, none."""
-    book, ways = setting()
+    ways = setting()
     path = math.inf
     before = None
     for x, y, goal_seen, ghost_seen in walk:
         here = (x, y)
-        visible = [goal_seen, ghost_seen][: len(ways.points(book))]
+        visible = [goal_seen, ghost_seen][: len(ways.points())]
         path = math.dist(here, GOAL) if goal_seen else path + (0.0 if before is None else math.dist(here, before))
-        length = look(book, ways, here, *visible)
+        length = look(ways, here, *visible)
         before = here
         if length is None:
             assert path == math.inf
@@ -148,11 +148,11 @@ def test_promises_do_not_go_in_circles_for_any_team_and_order_of_messages(
     robots, and each way is as long as the robots' distances along it.
     """
     goal, team = (0.0, -1.0), len(crowd)
-    everybody = [Ways(robot, team + 1, None) for robot in range(team)]
     books = [GoalBook(robot, team + 1) for robot in range(team)]
+    everybody = [Ways(book, None) for book in books]
     for robot, book in enumerate(books):
         book.consider(team, team + 1, *goal)
-        everybody[robot].look(book, [robot == 0], *crowd[robot], 0)
+        everybody[robot].look([robot == 0], *crowd[robot], 0)
     sent: list[tuple[int, float]] = []
     for sender, receiver, late in meetings:
         sender, receiver = sender % team, receiver % team
@@ -179,17 +179,17 @@ def test_promises_do_not_go_in_circles_for_any_team_and_order_of_messages(
 def test_robots_do_not_keep_an_old_promise_alive_among_each_other(meetings: list[tuple[int, int, int]]) -> None:
     """However often it is told again: once it has aged, nobody holds it."""
     life = 20 * S
-    everybody = [Ways(robot, 4, life) for robot in range(3)]
     books = [GoalBook(robot, 4) for robot in range(3)]
+    everybody = [Ways(book, life) for book in books]
     for robot, book in enumerate(books):
         book.consider(3, 4, *GOAL)
-        everybody[robot].look(book, [robot == 0], 0.0, float(robot), 0)
+        everybody[robot].look([robot == 0], 0.0, float(robot), 0)
     now = 0
     for sender, receiver, pause in meetings:
         now += pause * S // 10
         for robot in range(3):
             ways = everybody[robot]
-            ways.look(books[robot], [False] * len(ways.points(books[robot])), 0.0, float(robot), now)
+            ways.look([False] * len(ways.points()), 0.0, float(robot), now)
         way = everybody[sender].of[3]
         if way is not None and sender != receiver:
             here = (0.0, float(receiver))

@@ -16,10 +16,8 @@ from cosim.testing import check_machine
 from cosim.units import MS
 from protocols.reflection.machine import Reflection
 from protocols.reflection.parameters import Parameters
-from protocols.reflection.referee import TargetReferee
-from protocols.reflection.setup import into_frame
-from protocols.reflection.spec import METRICS, SPEC, place, prepare
-from protocols.reflection.targets import drawn
+from protocols.reflection.setup import drawn, into_frame
+from protocols.reflection.spec import METRICS, SPEC, TargetReferee, place, prepare
 
 ROOMS = ((2.0, 2.0), (8.0, 2.0), (2.0, 8.0), (8.0, 8.0))
 

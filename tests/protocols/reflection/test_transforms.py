@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from protocols.reflection.bearings import from_peer, turn_between
+from protocols.reflection.machine import from_peer, turn_between
 from protocols.reflection.setup import Pose, into_frame
 
 places = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))

@@ -27,9 +27,8 @@ from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S, Time
-from protocols.exploration.counters import Counters
 from protocols.mapping.frames import Summary, encode
-from protocols.mapping.sharing import Sharing
+from protocols.mapping.sharing import Sharing, SharingCounters, SharingParameters
 from protocols.transport.star import LinkParameters, Piconet, piconet_of
 from tests.protocols.exploration.test_laws import STARTS_M, maker
 from tests.protocols.mapping.sharing_scene import OCCUPIED, UNKNOWN, Team
@@ -203,8 +202,8 @@ def test_the_master_says_again_what_a_slave_has_said_if_there_are_others() -> No
 
 @pytest.mark.parametrize("near", ["seen", "heard near", "heard far", "nothing"])
 def test_who_shares_pages_those_soon_who_were_seen_or_heard_near_by(near: str) -> None:
-    piconet = master(2)
-    sharing = Sharing(0, 2, 400, S, 60, 4, Counters(), 0, piconet=piconet)
+    links = LinkParameters(patience_s=6.0, page_s=5.0, page_most_s=20.0)
+    sharing = Sharing(SharingParameters(octets=60, links=links), 0, 2, 400, SharingCounters(), 0)
     sharing.tick(0.0, 0.0, 0)
     assert Page(1) in sharing.drain()
     for away_m in {"heard near": (18.0, 9.0), "heard far": (9.0, 18.0)}.get(near, ()):
@@ -343,7 +342,7 @@ def test_robots_that_explore_over_bluetooth_end_with_the_same_map(range_m: float
     assert outcome.metrics["frames_dm3"] > 100
     assert (maps[0] != UNKNOWN).sum() > 1000
     assert all((each == maps[0]).all() for each in maps)
-    assert len(machines[0]._sharing.ledger.counts) == 3
+    assert len(machines[0].sharing.ledger.counts) == 3
 
 
 @pytest.mark.slow
@@ -352,6 +351,6 @@ def test_summaries_of_a_full_piconet_fit_its_packets() -> None:
     run = Simulation(build(roomy(8, {"kind": "bluetooth"}, 40.0), "test", Path()), 1)
     run.run()
     machines: list[Any] = run.machines
-    counts = [machine._sharing.ledger.counts.values() for machine in machines]
+    counts = [machine.sharing.ledger.counts.values() for machine in machines]
     assert [sum(count > 2 for count in each) for each in counts] == [8] * 8
-    assert machines[0]._sharing._piconet.linked == set(range(1, 8))
+    assert machines[0].sharing._piconet.linked == set(range(1, 8))

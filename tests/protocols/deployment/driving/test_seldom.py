@@ -6,7 +6,7 @@ import pytest
 
 from cosim.units import S
 from protocols.deployment.executing.executive import Executive
-from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.tasks.orders import Report, Result
 from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan, Task
 from tests.protocols.deployment.driving_scene import Scene, box, line

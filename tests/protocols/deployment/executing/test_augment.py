@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.executing.recovery import lengths, reassigned, substitute
-from protocols.deployment.planning.augmenting import Standing, along, in_line, in_the_way, off_m
+from protocols.deployment.planning.augmenting import ExecutiveParameters, Standing, along, in_line, in_the_way, off_m
 from protocols.deployment.planning.methods import stages
-from protocols.deployment.planning.parameters import ExecutiveParameters
 from protocols.deployment.planning.staging import NOWHERE, remaining
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.orders import Report, Result, Retreat, Whereabouts

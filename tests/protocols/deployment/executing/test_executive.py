@@ -6,7 +6,7 @@ import pytest
 
 from cosim.units import S
 from protocols.deployment.executing.executive import STRIDE, Executive
-from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Deployment, Explore, Go, Photo, Place, Plan, Task

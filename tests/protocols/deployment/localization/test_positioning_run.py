@@ -11,8 +11,8 @@ from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, Time
-from protocols.deployment.localization.runner import LocatedRunner
 from protocols.deployment.parameters import Parameters
+from protocols.deployment.runner import Runner
 from protocols.deployment.spec import prepare
 from tests.protocols.deployment.crew_scene import STARTS_M, OnWheels, call, rows, setup, surroundings
 from tests.protocols.deployment.driving_scene import box, line
@@ -94,7 +94,7 @@ def test_robots_that_localise_keep_the_laws() -> None:
     own, known = setup(calls=[call()], listen_s=0.2, news_s=0.3, sonars=[1], **MCL)
 
     def make(me: Address, start: Time) -> Any:
-        return OnWheels(LocatedRunner(own, known, me, start, np.random.default_rng(me)), STARTS_M[me])
+        return OnWheels(Runner(own, known, me, start, np.random.default_rng(me)), STARTS_M[me])
 
     check_machine(make, STARTS_M, 800 * MS)
 

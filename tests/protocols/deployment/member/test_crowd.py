@@ -4,9 +4,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from cosim.units import S
-from protocols.deployment.executing.progress_casting import Casting
+from protocols.deployment.executing.progress import Casting
 from protocols.deployment.executing.recovery import lengths, reassigned
-from protocols.deployment.member.crowd import Crowd
+from protocols.deployment.member.member import Crowd
 from protocols.deployment.tasks.crew import Crew
 from protocols.deployment.tasks.plan import Deployment, Go, Task
 from tests.protocols.deployment.play_scene import Plain, crew_of

@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -214,7 +215,7 @@ def test_another_robots_console_says_who_is_host() -> None:
 
 
 def runner() -> Runner:
-    machine = Runner(*setup(), 0, 0)
+    machine = Runner(*setup(), 0, 0, np.random.default_rng(0))
     machine.observe(Observation(*STARTS_M[0], 0.0, 0.0, True, False), 0)
     machine.outbox()
     return machine

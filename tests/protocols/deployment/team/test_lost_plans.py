@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cosim.machine import OPERATOR, Address, Outgoing, Reception
@@ -31,7 +32,7 @@ class Listener:
 
     def __init__(self, me: Address = 1, **parameters: Any) -> None:
         own, known = setup(**QUICK, **parameters)
-        self.runner = Runner(own, known, me, 0)
+        self.runner = Runner(own, known, me, 0, np.random.default_rng(me))
         self.now: Time = 0
         self.frames = 0
         self.finished: list[Time] = []

@@ -9,7 +9,7 @@ from cosim.units import S
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.member.others import Others
 from protocols.deployment.messages.messages import Told
-from protocols.deployment.planning.parameters import ExecutiveParameters
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.tasks.events import PlanTaken, RobotFound, RobotLost
 from protocols.deployment.tasks.facts import Heard, Record, Terminated
 from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts

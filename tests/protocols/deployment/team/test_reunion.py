@@ -10,9 +10,9 @@ from cosim.units import S
 from protocols.deployment.counters import Counters
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.executing.recovery import lengths, reassigned
+from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.methods import expanded_to, stages
-from protocols.deployment.planning.parameters import ExecutiveParameters
-from protocols.deployment.planning.staging import Leg, remaining
+from protocols.deployment.planning.staging import StageLeg, remaining
 from protocols.deployment.tasks.events import RobotFound, RobotLost
 from protocols.deployment.tasks.facts import Heard, Terminated
 from protocols.deployment.tasks.orders import Report, Result
@@ -90,7 +90,7 @@ def test_who_goes_directly_has_one_stage_and_only_if_it_is_not_there() -> None:
     assert stages(Deployment(strategy="direct", robots=(5, 3), places_m=LINE[:2])) == [
         [(5, LINE[0], True), (3, LINE[1], True)]
     ]
-    assert remaining("direct", {0: 1, 1: 0, 2: 2}, {0: 1, 1: -1, 2: 0}) == [[Leg(1, 0), Leg(2, 2)]]
+    assert remaining("direct", {0: 1, 1: 0, 2: 2}, {0: 1, 1: -1, 2: 0}) == [[StageLeg(1, 0), StageLeg(2, 2)]]
     assert remaining("direct", {0: 1}, {0: 1}) == []
 
 

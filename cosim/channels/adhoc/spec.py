@@ -1,0 +1,21 @@
+"""What cosim must know of 802.11 ad hoc networks: the entry point ``adhoc`` names ``SPEC``."""
+
+from typing import Final
+
+from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.base import Channel
+from cosim.channels.kinds import ChannelSite, ChannelSpec
+
+
+def _made(settings: AdhocSettings, site: ChannelSite) -> Channel:
+    from cosim.channels.adhoc.channel import AdhocChannel  # only a run needs the model
+
+    strengths = site.reaches_m if settings.propagation is None else site.powers_dbm
+    walls = site.walls, site.wall_loss_db
+    return AdhocChannel(settings, site.kernel, site.trace, site.size, site.streams, walls, strengths)
+
+
+SPEC: Final = ChannelSpec(
+    AdhocSettings, _made, lambda settings: "reach_m" if settings.propagation is None else "power_dbm"
+)
+"""The channel."""

@@ -1,0 +1,116 @@
+"""The kinds of channels: what cosim must know of a channel to run it, and where it is found by name.
+
+A channel is brought as a protocol is: by an entry point of the group ``cosim.channels``, or by ``module:name``, either
+of which leads to a :class:`ChannelSpec`. Only the one that a scenario names is loaded.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+
+from pydantic import BeforeValidator, SerializeAsAny, ValidationError
+from pydantic_core import InitErrorDetails
+
+from cosim.arrays import Floats
+from cosim.channels.base import Channel
+from cosim.geometry.segments import PackedWalls, SegmentGrid
+from cosim.installed import find_installed, installed_names
+from cosim.kernel import Kernel
+from cosim.randomness import Streams
+from cosim.settings import Settings, error_at
+from cosim.trace import Trace
+
+GROUP = "cosim.channels"
+"""The group of entry points."""
+Strength: TypeAlias = Literal["power_dbm", "reach_m"]
+"""A setting of a team by which robots' radios can be told to be stronger, or weaker, than the channel's."""
+
+
+class ChannelSettings(Settings):
+    """What a scenario can say about a channel: to be derived from, with a default for ``kind``."""
+
+    kind: str
+
+
+class ChannelSite(NamedTuple):
+    """What a channel is told of the run that it is part of."""
+
+    kernel: Kernel
+    trace: Trace
+    streams: Streams
+    size: int
+    """Number of robots."""
+    walls: SegmentGrid
+    wall_loss_db: Floats
+    """What each wall costs a signal, dB."""
+    packed: PackedWalls
+    """The walls, and the solid parts of the floor, as lines of sight meet them."""
+    carried: Sequence[Sequence[int]]
+    """The numbers of each robot's radios."""
+    powers_dbm: Sequence[float | None]
+    """Transmit power of each robot's radios; None where the channel decides."""
+    reaches_m: Sequence[float | None]
+    """How far each robot is heard; None where the channel decides."""
+    power_classes: Sequence[int | None]
+    """Power class of each robot's radio; None where the channel decides."""
+
+
+@dataclass(frozen=True)
+class ChannelSpec:
+    """What an entry point of the group ``cosim.channels`` names: all that cosim must know of a channel."""
+
+    settings: type[ChannelSettings]
+    """Model of the channel's settings in a scenario."""
+    make: Callable[[Any, ChannelSite], Channel]
+    """(settings, site) -> the channel of one run. Raise UserError for settings that do not fit the site."""
+    strength: Callable[[Any], Strength | None] = lambda settings: None
+    """(settings) -> the setting of a team that these make use of; None if they make use of neither."""
+
+
+def channel_kinds() -> list[str]:
+    """Return the names of the installed channels, sorted; load none of them."""
+    return installed_names(GROUP)
+
+
+def channel_spec(kind: str) -> ChannelSpec:
+    """Return the channel that *kind* names: an entry point of the group ``cosim.channels``, or ``module:name``.
+
+    Raise ValueError for a name that leads nowhere.
+    """
+    return find_installed(GROUP, kind, ChannelSpec, "channel")
+
+
+def channel_settings(value: Any) -> ChannelSettings:
+    """Return *value*, settings or plain data with a ``kind``, as the settings of that kind of channel.
+
+    Raise ValidationError, or ValueError, for what they are not.
+    """
+    if isinstance(value, ChannelSettings):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValidationError.from_exception_data(
+            "Settings", [InitErrorDetails(type="model_attributes_type", input=value)]
+        )
+    if "kind" not in value:
+        raise error_at(("kind",), {**value}, f"is missing, in {value!r}")
+    try:
+        spec = channel_spec(value["kind"])
+    except ValueError as error:
+        raise error_at(("kind",), value["kind"], str(error)) from None
+    return spec.settings.model_validate(value)
+
+
+AnyChannel: TypeAlias = Annotated[SerializeAsAny[ChannelSettings], BeforeValidator(channel_settings)]
+"""The settings of a channel of any kind, as a field of other settings."""
+
+
+def channel_models(value: Any) -> dict[tuple[str | int, ...], type[Settings]]:
+    """Return the models of the settings of the channel that *value*, plain data, describes, by their places in it."""
+    try:
+        models: dict[tuple[str | int, ...], type[Settings]] = {(): channel_spec(value["kind"]).settings}
+    except (TypeError, KeyError, ValueError, AttributeError):  # wrong in itself: the validation says so
+        return {}
+    inner = value.get("radios")
+    for radio, each in enumerate(inner if isinstance(inner, list | tuple) else ()):
+        models |= {("radios", radio, *place): model for place, model in channel_models(each).items()}
+    return models
