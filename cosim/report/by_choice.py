@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from cosim.errors import UserError
 from cosim.experiment import experiment_folders
 from cosim.report.claims import judge, published_claims
 from cosim.report.figures_module import load_figures
@@ -67,15 +68,26 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("results", type=Path)
     folder: Path = parser.parse_args(words).results
-    store = RunStore(folder)
-    runs = store.present()
-    source = Path(store.description().source).parent
-    experiment = source if source.is_dir() else experiment_folders().get(source.name)
-    found = verdicts(runs[runs["status"] == "done"], experiment)
+    try:
+        found = _judged(folder)
+    except UserError as error:
+        parser.exit(2, f"{error}\n")
     table = folder / "claims_by_choice.csv"
     found.to_csv(table)
     print(f"claims by choice\n\n{found.to_string()}\n")
     print(table, *draw_verdicts(found, folder), sep="\n")
+
+
+def _judged(folder: Path) -> pd.DataFrame:
+    """Return the verdicts on the results in *folder*; raise UserError for what is wrong with them."""
+    store = RunStore(folder)
+    runs = store.present()
+    source = Path(store.description().source).parent
+    if "choice" not in runs:
+        raise UserError(f"{folder}: the sweep has no axis choice")
+    return verdicts(
+        runs[runs["status"] == "done"], source if source.is_dir() else experiment_folders().get(source.name)
+    )
 
 
 if __name__ == "__main__":
