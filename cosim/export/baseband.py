@@ -4,7 +4,7 @@ Captured is, at the radio of its receiver, every frame whose header was received
 outcome is "received" or (a whole payload for which there was no room) "refused", or of which the payload alone was
 lost; such a one is marked as having a bad CRC. A frame that its receiver did not hear is in no capture. Times,
 channels, addresses, types and lengths are the run's; the bytes of payloads, which the table does not hold, are zeros.
-FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
+FLOW is 1, ARQN and SEQN are 0: the table does not have them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ LAP, reference LAP and UAP, packet header, flags."""
 _TRANSPORT: Final = 0x30
 """ACL transport at Basic Rate."""
 _ANY_TRANSPORT: Final = 0x00
-"""That of an ID, which could be anything."""
+"""Packet type of an ID, which could be anything."""
 
 # flags of the pseudo-header
 _PLAIN: Final = 0x0009  # de-whitened, not encrypted
@@ -47,7 +47,7 @@ _CRC_PASSED: Final = 0x0800
 _WHOLE: Final = (Heard.RECEIVED, Heard.REFUSED)
 """Outcomes of frames of which no bit was wrong."""
 INQUIRY: Final = -1
-"""Stands for the general inquiry access code, which belongs to no device."""
+"""Value for the general inquiry access code, which belongs to no device."""
 NO_LLID: Final = 0
 """The channel sends payloads as they are: they belong to no logical link, L2CAP or LMP."""
 _PAGE_LIMIT: Final = 48 * SLOT
@@ -124,7 +124,7 @@ def _zeros(kind: str, uap: int, length: int) -> bytes:
 
 
 def _contents(device: Identity, time: Time, called: int) -> bytes:
-    """Return what an FHS that *device* sends at *time* tells of it."""
+    """Return the fields of an FHS that *device* sends at *time*."""
     clock = device.clock.tick(time) >> 2 & (1 << 26) - 1
     fhs = Fhs(device.hop_address & 0xFFFFFF, device.hop_address >> 24, 0, 0, called, clock)
     return fhs.to_bytes()

@@ -1,6 +1,7 @@
-"""A router that knows where all are and who is on: what no router can do better.
+"""A router that knows where all stations are and which are on: no router can do better.
 
-For every payload, at every hop, it asks networkx for a shortest way among those who are on. It says nothing to others.
+For every payload, at every hop, it asks networkx for a shortest way among those that are on. It sends nothing of its
+own.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ TTL = 64
 
 
 def reach(places_m: Sequence[tuple[float, float]], range_m: float) -> "nx.Graph[Address]":
-    """Return who reaches whom: stations at *places_m*, by number."""
+    """Return which stations at *places_m* reach which, by number."""
     return nx.random_geometric_graph(len(places_m), range_m, pos=dict(enumerate(places_m)))
 
 
@@ -25,7 +26,7 @@ class Omniscient(Queues):
     """One robot's router."""
 
     def __init__(self, address: Address, graph: "nx.Graph[Address]") -> None:
-        """Read *graph*, all who are on and who reaches whom, anew for every payload."""
+        """Read *graph*, all stations that are on and reach each other, again for every payload."""
         super().__init__(address)
         self._graph = graph
         self._sent: dict[int, tuple[Datagram, int | None]] = {}
@@ -64,7 +65,7 @@ class Omniscient(Queues):
         return None
 
     def summary(self) -> dict[str, float]:
-        """Return that it has told nobody anything."""
+        """Return that it has sent nothing."""
         return {"control_octets": 0.0}
 
     def _route(self, datagram: Datagram, token: int | None) -> None:
