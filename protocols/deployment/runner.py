@@ -4,6 +4,7 @@ The rooms know nothing of each other but what passes here: what the courier brin
 the executive orders this robot goes to the member, and what the member has ended goes to all.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -27,10 +28,11 @@ from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.learned import floor_of
-from protocols.deployment.localization.positioning import positioning_of
+from protocols.deployment.localization.positioning import Given, Localised, Positioning
+from protocols.deployment.localization.scan import Sensor
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages import messages, status
-from protocols.deployment.messages.messages import Aside, Letter, Look, Picture
+from protocols.deployment.messages.messages import Letter, Look, Picture, YieldRequest
 from protocols.deployment.messages.status import News
 from protocols.deployment.operator.calls import Calls
 from protocols.deployment.operator.console import Console
@@ -67,7 +69,7 @@ class Runner(Drains):
         body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
-        self.positioning = positioning_of(parameters, setup, me, stream, note)
+        self.positioning = _positioning_of(parameters, setup, me, stream, note)
         self.courier = Courier(me, setup.size, parameters.carried, start)
         known = setup.ground, me, self.courier.news_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
@@ -222,8 +224,8 @@ class Runner(Drains):
 
     def _deliver(self, source: Address, letter: Letter, now: Time) -> None:
         match letter:
-            case Aside():
-                self.member.step_aside(letter, now)
+            case YieldRequest():
+                self.member.yield_to(letter, now)
             case Look(request=request):
                 self.member.camera.ask(source, request)
             case Picture():
@@ -281,3 +283,22 @@ class Runner(Drains):
             task=member.task,
             over=host.over,
         )
+
+
+def _positioning_of(
+    parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, note: Callable[[Event], None]
+) -> Positioning:
+    """Return what locates robot *me*; it draws from *stream*, if at all."""
+    own, ring = parameters.positioning, parameters.sonar
+    body, frame = setup.crew.bodies[me], setup.frames[me]
+    sensor = Sensor(setup.beams)
+    if body.sensor == "sonar":
+        sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
+    if own.kind == "given":
+        return Given(sensor, frame, stream)
+    known = setup.charts.known(setup.floors[me].parameters.cell_m, body.radius_m)
+    radii_m = tuple(each.radius_m for each in setup.crew.bodies)
+    # the filter expects no more than the robot's own sensor can see
+    reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}
+    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
+    return Localised(own, known, sensor, frame, radii_m, setup.tick, stream, note)

@@ -66,7 +66,7 @@ class Setup:
         return tuple(places[: self.size])
 
 
-def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
+def setup_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
     """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
     size = len(surroundings.starts_m)
     _check_robots(parameters, size)

@@ -16,7 +16,7 @@ from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
-from protocols.deployment.setup import Setup, knowledge_of
+from protocols.deployment.setup import Setup, setup_of
 from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
@@ -82,7 +82,7 @@ def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
         raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
     if parameters.positioning.kind == "mcl" and not surroundings.beams:
         raise UserError("protocol.parameters.positioning.kind: 'mcl' needs a range scanner")
-    return knowledge_of(parameters, surroundings)
+    return setup_of(parameters, surroundings)
 
 
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Runner:
