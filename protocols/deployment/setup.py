@@ -1,4 +1,4 @@
-"""What all robots of a deployment know beforehand: the floor, the team, the plays."""
+"""The setup of a deployment, which all robots know beforehand: the floor, the team and the plays."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
 
 _LINES: Final = 6
-"""Places all over a floor lie on so many lines each way."""
+"""Number of lines, in each direction, of the lattice of places all over a floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +37,24 @@ class Setup:
     playbook: Playbook
     starts_m: tuple[Place, ...]
     scan_range_m: float
-    """How far the robots' range scanners reach."""
+    """Range of the robots' scanners."""
     beams: int
+    """Number of beams of a scanner."""
     named_m: dict[str, tuple[Place, ...]]
     """Places that the floor names."""
     floors: tuple[Floor, ...]
-    """Each robot's own: those with cells of the same size share one, with the planner if theirs are its."""
+    """Floor of each robot; robots with cells of the same size share one, also with the planner."""
     charts: Charts
-    """The floor as maps on which robots localise."""
+    """Floor as maps on which robots localise."""
     frames: tuple[Pose, ...]
-    """The robots' own frames, as poses in that of the floor."""
+    """Frame of each robot, as a pose in that of the floor."""
     ground: Ground
-    """What explorers know."""
+    """What robots that explore know beforehand."""
 
     def far_m(self) -> tuple[Place, ...]:
-        """Return the farthest places that robots can get to, one a robot or fewer.
+        """Return the farthest places from base that all robots can get to, at most one per robot.
 
-        They are some of those that have names and of a lattice over the whole floor.
+        They are chosen among named places and a lattice over the whole floor.
         """
         radius_m, base_m = max(body.radius_m for body in self.crew.bodies), self.crew.base_m
         x_min, y_min, x_max, y_max = self.floor.bounds_m
@@ -67,7 +68,7 @@ class Setup:
 
 
 def setup_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
+    """Return the setup of a run; raise UserError for parameters that do not fit the team or the floor."""
     size = len(surroundings.starts_m)
     _check_robots(parameters, size)
     check_cells(surroundings, parameters.driving.cell_m, "protocol.parameters.driving.cell_m")
@@ -145,7 +146,7 @@ def _read(path: Path) -> Play:
 
 
 def _base_m(parameters: Parameters, floor: Floor, bodies: Sequence[Body], starts_m: Sequence[Place]) -> Place:
-    """Return where base is: as given, or in the middle of the starts, or at the start next to that."""
+    """Return the place of base: as given, or the middle of the starts, or the start next to that."""
     radius_m = max(body.radius_m for body in bodies)
     if parameters.base_m is not None:
         if not floor.free(radius_m, parameters.base_m):

@@ -1,4 +1,4 @@
-"""What would mend a play that is infeasible: changes of the call, each tried before it is offered."""
+"""Mends of an infeasible play: changes of the call, each of which is tried before it is offered."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,32 +14,32 @@ from protocols.deployment.tasks.crew import Body
 from protocols.deployment.tasks.plan import Between, Place, Task
 
 STEP: Time = S // 10
-"""Relaxed times are told in tenths of seconds."""
+"""Resolution of relaxed times."""
 
 
 MOST_MISSING: Final = 8
-"""Nobody is told to find more robots than so many."""
+"""Greatest number of additional robots that a mend proposes."""
 
 
 class Change(NamedTuple):
-    """A change of a call, or of who is there."""
+    """A change of a call, or of the team."""
 
     bodies: tuple[Body, ...] = ()
-    """More robots, at the base."""
+    """Additional robots, at the base."""
     everybody: bool = False
-    """Robots may take part that the call has left out."""
+    """True if robots that the call has left out may take part."""
     uncast: bool = False
-    """The planner chooses who plays which role, whatever the call says."""
+    """True if the planner chooses the robots of all roles, whatever the call says."""
     spans_s: tuple[tuple[str, float, float | None], ...] = ()
-    """Constraints by their ``why``, time-outs by their task's name, and their new limits."""
+    """New limits of constraints, by their ``why``, and of time-outs, by their task's name."""
     dropped: tuple[str, ...] = ()
-    """Constraints by their ``why`` that are left out."""
+    """Constraints that are left out, by their ``why``."""
     moved_m: tuple[tuple[Place, Place], ...] = ()
-    """Places, and other places instead of them."""
+    """Places, and the places that are taken instead of them."""
     before: tuple[tuple[str, str], ...] = ()
-    """Tasks, and tasks that are to start after their end."""
+    """Pairs of tasks, of which the second is to start after the end of the first."""
     apart_m: float | None = None
-    """Robots that gather stand at most so far apart."""
+    """Greatest distance between robots that gather; None: as the play says."""
 
     def with_(self, other: "Change") -> "Change":
         """Return both changes."""
@@ -79,9 +79,9 @@ def short_of_robots(
     left_out: Sequence[Address],
     unheard_s: Mapping[Address, float],
 ) -> Stuck:
-    """Return what is told of roles that have too few robots; *template*: the smallest robot of the team.
+    """Return why roles have too few robots, with mends; *template*: the smallest robot of the team.
 
-    *unheard_s*: who could have come, but has not been heard for so long.
+    *unheard_s*: robots that could take part, but have not been heard for the given time.
     """
     count, fit = len(shortage.roles), len(shortage.robots)
     needs = sorted({wanted(roles[name].needs) for name in shortage.roles})
@@ -108,7 +108,7 @@ def _more(what: str, count: int) -> str:
 
 
 def _fitting(role: Role, template: Body) -> Body:
-    """Return the smallest robot of the team with what *role* needs."""
+    """Return *template* with what *role* needs."""
     for need in role.needs:
         if need.camera:
             template = template._replace(camera=True)
@@ -123,9 +123,9 @@ def _fitting(role: Role, template: Body) -> Body:
 
 
 def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]) -> Stuck:
-    """Return what is told of a temporal conflict: what was asked for, then durations; the plan's shape is understood.
+    """Return the constraints of a temporal conflict: those that were asked for, then durations.
 
-    *asked*: the bounds of the plan's constraints; *timed*: those of time-outs.
+    *asked*: bounds of the plan's constraints; *timed*: those of time-outs. Bounds of the plan's shape are not named.
     """
     conflict = network.conflict
     soft = {bound for bound, _ in (*asked, *timed)}
@@ -149,13 +149,14 @@ def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed:
 
 
 def in_a_circle(constraints: Sequence[Between]) -> Stuck:
-    """Return what is told of constraints by which a task waits for its own end."""
+    """Return the conflict of *constraints* by which a task waits for its own end."""
     without = (Mend(f"without: {each.why}", Change(dropped=(each.why,))) for each in constraints)
     return Stuck(tuple(each.why for each in constraints), tuple(without))
 
 
 def _relaxing(between: Between, least_s: float, most_s: float | None) -> Mend:
-    """Return that a constraint has other limits; or is left out, if nothing would be left of what it says."""
+    """Return the mend that gives a constraint other limits, or leaves it out."""
+    # with a negative lower limit nothing would be left of "after"
     if least_s < 0 <= between.at_least_s:
         return Mend(f"without: {between.why}", Change(dropped=(between.why,)))
     text = f"{_who(between)}{sentence(between.earlier, between.later, least_s, most_s)}"
@@ -168,7 +169,7 @@ def _who(between: Between) -> str:
 
 
 def _relaxed(network: Network, hard: Sequence[Bound], bound: Bound) -> Iterator[tuple[float, float | None]]:
-    """Yield the limits (s) next to those of *bound* that all others leave, or at least the *hard* ones; or nothing."""
+    """Yield the limits (s), nearest to those of *bound*, that all other bounds allow, or at least the *hard* ones."""
     others = Network(each for each in network.bounds if each != bound)
     if not others.consistent:  # there are more conflicts, which other changes must mend
         others = Network(hard)
