@@ -65,6 +65,7 @@ class Runner(Drains):
         self._setup = setup
         self._start = start
         self._period = from_seconds(parameters.news_s)
+        # spread over the period, so that the team's statuses do not collide
         self._next_news = start + self._period * me // setup.size
         body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
@@ -219,7 +220,7 @@ class Runner(Drains):
         if topic != status.TOPIC:
             raise WireError(f"news of topic {topic}")
         news = status.decode(payload, self._setup.size)
-        self.member.others.tell(source, news, now)
+        self.member.others.receive(source, news, now)
         self.host.hear(source, news, now)
 
     def _deliver(self, source: Address, letter: Letter, now: Time) -> None:
@@ -296,7 +297,7 @@ def _positioning_of(
         sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
     if own.kind == "given":
         return Given(sensor, frame, stream)
-    known = setup.charts.known(setup.floors[me].parameters.cell_m, body.radius_m)
+    known = setup.maps.known(setup.floors[me].parameters.cell_m, body.radius_m)
     radii_m = tuple(each.radius_m for each in setup.crew.bodies)
     # the filter expects no more than the robot's own sensor can see
     reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}

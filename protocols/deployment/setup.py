@@ -14,7 +14,7 @@ from cosim.navigation.localization_motion import Pose
 from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of
-from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.maps import KnownMaps
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
@@ -44,7 +44,7 @@ class Setup:
     """Places that the floor names."""
     floors: tuple[Floor, ...]
     """Floor of each robot; robots with cells of the same size share one, also with the planner."""
-    charts: Charts
+    maps: KnownMaps
     """Floor as maps on which robots localise."""
     frames: tuple[Pose, ...]
     """Frame of each robot, as a pose in that of the floor."""
@@ -90,7 +90,7 @@ def setup_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
         beams=surroundings.beams,
         named_m={name: tuple(places) for name, places in surroundings.places_m.items()},
         floors=_floors(parameters, surroundings, floor, size),
-        charts=Charts(surroundings),
+        maps=KnownMaps(surroundings),
         frames=surroundings.frames or ((0.0, 0.0, 0.0),) * size,
         ground=ground,
     )

@@ -50,7 +50,7 @@ _NOTHING: Final = (0, 2)
 _NOBODY: Final = (0, BODY_COLUMNS)
 
 
-class Wheel:
+class Driver:
     """The motion of one robot, tick by tick; ways are in metres per tick, turns in rad per tick."""
 
     def __init__(
@@ -150,13 +150,13 @@ class Wheel:
     def _carry(self, seen: Located, odometry: Pose) -> None:
         """Do what :meth:`follow` does where places are corrected: take the motion from the order, or from odometry."""
         was_x, was_y, was_heading, way, turn, _, _ = self._motion.tolist()
-        told = *chord(0.0, way, turn), turn
-        felt = step(self._odometry, odometry)
-        off_m, off_rad = math.dist(told[:2], felt[:2]), abs(math.remainder(felt[2] - turn, math.tau))
+        ordered = *chord(0.0, way, turn), turn
+        sensed = step(self._odometry, odometry)
+        off_m, off_rad = math.dist(ordered[:2], sensed[:2]), abs(math.remainder(sensed[2] - turn, math.tau))
         # The order counts where both agree: odometry errs in heading at every tick, and by 0.02 rad in a tick a body
         # that stands 2 m off would seem to go 0.4 m/s.
         obeyed = not seen.blocked and off_m <= _WAY_ERROR_M and off_rad <= _TURN_ERROR_RAD
-        gone = told if obeyed else felt
+        gone = ordered if obeyed else sensed
         before = start(seen[:3], gone)
         self.carried = Shift.between((was_x, was_y, was_heading), before)
         most = self._limits[3]

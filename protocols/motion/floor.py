@@ -201,6 +201,7 @@ class Floor:
                 return None
             line = np.array([[*at, *at], [*at, *aim.place_m]])
             here, along = swept_clearance(self.walls, line[:, :2], line[:, 2:], kept_m).tolist()
+            # a robot that is too near to a wall already may follow any line that comes no nearer
             if along >= here - 1e-6:
                 return aim
             # the line comes too near to a wall: aim less far ahead
@@ -250,6 +251,7 @@ class Floor:
 
     def _kept_m(self, radius_m: float) -> float:
         """Return the distance that the centre of a body keeps from walls."""
+        # at least half a cell's diagonal: otherwise a way could pass a wall between two cells
         return max(radius_m + self.parameters.margin_m, 0.75 * self.parameters.cell_m)
 
 

@@ -48,7 +48,7 @@ class Located(Observation):
     """The same pose by odometry, which has no corrections, but errs a little at every tick."""
 
     @classmethod
-    def told(cls, observation: Observation, odometry: Pose) -> Self:
+    def of(cls, observation: Observation, odometry: Pose) -> Self:
         """Return *observation* with *odometry*, the robot's pose before it was corrected."""
         located = cls._make(observation)
         located.odometry = odometry

@@ -141,6 +141,7 @@ class Traffic:
         ]
 
     def _visible(self) -> Iterator[Track]:
+        # sorted, so that results do not depend on who was met first
         for address in sorted(self._tracks):
             track = self._tracks[address]
             if track.seen == self._now or self._blind:

@@ -17,7 +17,7 @@ from cosim.units import Time, from_seconds, to_seconds
 from protocols.deployment.driving.twin import Twin
 from protocols.deployment.driving.yielding import Refuge, in_the_way, off_way_m, refuge
 from protocols.deployment.tasks.plan import Place
-from protocols.motion.driver import Wheel
+from protocols.motion.driver import Driver
 from protocols.motion.floor import Aim, Blocker, Field, Floor
 from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Track, Traffic
@@ -66,7 +66,7 @@ class Mover:
         self.twin: Twin | None = None
         """Its counterfactual twin; None unless interference is measured."""
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
-        self._wheel = Wheel(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
+        self._driver = Driver(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         seconds = to_seconds(tick)
         self._traffic = Traffic(me, radius_m, acceleration_mps2 * seconds**2, seconds)
         self._via: list[Place] = []
@@ -133,25 +133,25 @@ class Mover:
 
         The observation's pose is taken for the robot's own; *others* are the robots that it has heard of.
         """
-        self._wheel.follow(observation, now)
-        self._traffic.look(observation, others, now, self._wheel.carried)
+        self._driver.follow(observation, now)
+        self._traffic.look(observation, others, now, self._driver.carried)
         if self._progress < 0:
             self._progress = now
         way, turn = 0.0, 0.0
         if self.state in ("driving", "stuck"):
             aim = self._aim(now)
             if aim is not None:
-                way, turn = self._wheel.to(aim, observation, self._traffic)
-        drive = self._wheel.order(way, turn)
+                way, turn = self._driver.to(aim, observation, self._traffic)
+        drive = self._driver.order(way, turn)
         if self.twin is not None:
             goal = self._next_m if self.state in ("driving", "stuck") else None
             bodies = [((other.x_m, other.y_m), other.radius_m) for other in others]
-            self.twin.look(self._wheel, goal, bodies, self._held, self.yielding_to is not None)
+            self.twin.look(self._driver, goal, bodies, self._held, self.yielding_to is not None)
         return drive
 
     @property
     def _here(self) -> Place:
-        return self._wheel.here
+        return self._driver.here
 
     @property
     def _next_m(self) -> Place | None:
@@ -178,14 +178,14 @@ class Mover:
             self._arrive()
             return None
         if self._best_m == math.inf:  # the first look at this goal
-            self._started = now + from_seconds(self._wheel.start_s(aim.place_m, _PROGRESS_M))
+            self._started = now + from_seconds(self._driver.start_s(aim.place_m, _PROGRESS_M))
         self._judge(aim.left_m, now)
         return aim
 
     def _arrive(self) -> None:
         if self._aside is not None:
             self._progress = -1  # time in the refuge is no time without progress
-        elif self._wheel.stands:
+        elif self._driver.stands:
             self.state, self.blocked_by = "arrived", None
 
     def _pass_way_points(self) -> None:
@@ -245,6 +245,7 @@ class Mover:
         held_s = to_seconds(now - self._progress)
         if held_s >= self._own.patience_s:
             self.state = "stuck"
+        # a robot that has to turn first makes no progress meanwhile
         if self._aside is not None or now - max(self._progress, self._started) < from_seconds(self._own.yield_s):
             return
         for track in self._traffic.tracks(self._here):

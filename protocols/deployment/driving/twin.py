@@ -15,7 +15,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.navigation.dwa import HEADING, TURN, WAY
 from protocols.deployment.tasks.plan import Place
-from protocols.motion.driver import Wheel
+from protocols.motion.driver import Driver
 from protocols.motion.floor import Floor
 
 ROUNDING: Final = 1e-9
@@ -40,7 +40,7 @@ class Twin:
         self._own = None
 
     def look(
-        self, wheel: Wheel, goal_m: Place | None, bodies: Sequence[tuple[Place, float]], held: bool, aside: bool
+        self, driver: Driver, goal_m: Place | None, bodies: Sequence[tuple[Place, float]], held: bool, aside: bool
     ) -> None:
         """Take what the robot orders at this tick, and compute the twin's order.
 
@@ -51,24 +51,25 @@ class Twin:
         self.speeds_mps = None
         if goal_m is None:
             return
-        way, turn = wheel.motion[[WAY, TURN]].tolist()
+        way, turn = driver.motion[[WAY, TURN]].tolist()
         own = self._own or _Motion(0.0, way, turn)
-        robots = wheel.reached(wheel.wanted, (way, turn))
-        next_way, next_turn = wheel.reached(self._ordered(wheel, own, goal_m, bodies, held), (own.way, own.turn))
+        robots = driver.reached(driver.wanted, (way, turn))
+        next_way, next_turn = driver.reached(self._ordered(driver, own, goal_m, bodies, held), (own.way, own.turn))
         own = _Motion(math.remainder(own.askew_rad + own.turn - turn, math.tau), next_way, next_turn)
+        # once both move alike, the robot's motion is taken again, so that rounding errors do not add up
         self._own = None if own.near(0.0, *robots) else own
-        self.speeds_mps = wheel.speed_mps(0.0 if aside else robots[0]), wheel.speed_mps(next_way)
+        self.speeds_mps = driver.speed_mps(0.0 if aside else robots[0]), driver.speed_mps(next_way)
 
     def _ordered(
-        self, wheel: Wheel, own: "_Motion", goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
+        self, driver: Driver, own: "_Motion", goal_m: Place, bodies: Sequence[tuple[Place, float]], held: bool
     ) -> tuple[float, float]:
-        aim = self._floor.aim(self._radius_m, self._floor.field(self._radius_m, goal_m), wheel.here, held)
+        aim = self._floor.aim(self._radius_m, self._floor.field(self._radius_m, goal_m), driver.here, held)
         if aim is None or (aim.last and aim.left_m <= self._arrive_m):
             return 0.0, 0.0
-        motion = wheel.motion.copy()
+        motion = driver.motion.copy()
         motion[HEADING] += own.askew_rad
         motion[[WAY, TURN]] = own.way, own.turn
-        return wheel.alone(motion, aim, _but_bodies(wheel.points, bodies))
+        return driver.alone(motion, aim, _but_bodies(driver.points, bodies))
 
 
 class _Motion(NamedTuple):

@@ -74,6 +74,7 @@ def refuge(
     clear = off >= need_m
     hugging = cells[np.where(cost.ravel()[cells] * grid.cell_m < _BESIDE_M, off, -1.0).argmax()]
     beside = grid.centre_m(int(hugging))
+    # where the other can drive round the body, the body need not go farther
     if floor.field_among(other_m, way[-1], [Blocker(*beside, radius_m)]).cost_m(way[0]) < math.inf:
         nearer = clear & (cost.ravel()[cells] <= cost.flat[hugging])
         if not nearer.any():

@@ -15,7 +15,7 @@ from typing import Final, Self
 
 from cosim.machine import Address
 from cosim.units import MS, Time
-from protocols.deployment.executing.making_room import Room
+from protocols.deployment.executing.making_room import MakingRoom
 from protocols.deployment.executing.progress import Progress
 from protocols.deployment.executing.recovery import lengths
 from protocols.deployment.executing.timetable import Breach
@@ -54,7 +54,7 @@ class Executive:
         self._since: dict[Address, Time] = {}
         """Time of that order."""
         self._places: dict[Address, Whereabouts] = {}
-        self._room = Room(crew, ways, parameters)
+        self._room = MakingRoom(crew, ways, parameters)
         self._orders: list[Order] = []
         self._results: list[Report] = []
         self._breaches: list[Breach] = []
@@ -128,6 +128,7 @@ class Executive:
         """Take a robot's report; ignore one of another plan."""
         if report.plan != self.plan.number:
             return
+        # a predecessor may have used serial numbers that this executive does not know of
         self._serials[report.robot] = max(self._serials.get(report.robot, 0), report.serial + 1)
         self.learn(ended(report), now)
 
@@ -222,6 +223,7 @@ class Executive:
 
     def _next(self) -> Time | None:
         wake = self._progress.wake_at()
+        # a reporter's clock may be ahead of this one: its fact counts when its time comes
         future = next((fact.at for fact in self._book.facts if fact.at > self._now), None)
         return wake if future is None else future if wake is None else min(wake, future)
 
@@ -260,6 +262,7 @@ class Executive:
     def _make_room(self) -> None:
         """Order deployed robots to step aside, and to come back."""
         for robot in [*self._room.away]:
+            # its last order about that has ended, so it is back
             if (self._issued.get(robot, _UNKNOWN)[0], robot) in self._progress.heard:
                 self._room.back(robot)
         for name, errand in self._room.requests(self._progress, self._places):

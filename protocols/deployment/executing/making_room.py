@@ -52,7 +52,7 @@ Request: TypeAlias = tuple[str, Retreat | Go | Halt]
 """A deployment's name, and what one of its robots is to do."""
 
 
-class Room:
+class MakingRoom:
     """The robots that stand aside, and those that are to."""
 
     def __init__(self, crew: Crew, ways: Ways, parameters: ExecutiveParameters) -> None:
@@ -91,6 +91,7 @@ class Room:
                     continue
                 standing.add(robot)
                 request: Retreat | Go | Halt | None = self._request(robot, deploying.stands_m[robot], passing)
+                # its post is no longer wanted: do not send it back there
                 if node.state is State.TERMINATED and isinstance(request, Go):
                     request = Halt(robot=robot)
                     self.back(robot)

@@ -205,6 +205,7 @@ class Deploying:
             self.reached[spare] = NOWHERE
             living.append(spare)
         living = living[:size]
+        # robots keep their posts as long as they are the same; only direct drives are assigned by cost from the start
         if set(living) != set(self.posts) or (self.strategy == "direct" and self._number == 0):
             living.sort(key=lambda robot: self.posts.get(robot, size))
             self.posts = reassigned(
@@ -377,6 +378,7 @@ class Progress:
 
     def _settle(self) -> None:
         """Do everything that follows at this instant."""
+        # one end can start, end or break other tasks at the same instant
         while not self.tree.over:
             self._conclude()  # a report of this instant counts, even if time runs out now
             self.tree.advance(self.time)
@@ -416,6 +418,7 @@ class Progress:
 
     def _loosen(self) -> bool:
         """Give up a window for which everything would wait for ever; return whether there was one."""
+        # a robot at work, or a wait, still makes something happen
         if any(claims(leaf.task) and not leaf.reached for leaf in self.tree.running()):
             return False
         if self.tree.wake_at(self.time) is not None:
@@ -482,10 +485,12 @@ class Progress:
         errands = dict[Address, tuple[str, Go | Photo | Explore]]()
         for leaf in self.tree.running():
             act = leaf.task.act
+            # a leaf that only waits for its window has nothing left to do
             if leaf.reached or not isinstance(act, Go | Photo | Explore):
                 continue
             robots = self.robots(leaf) or frozenset()
             for robot in sorted(robots):
+                # substitutes stand in for lost robots, also in the act
                 changed = {"robots": tuple(sorted(robots))} if isinstance(act, Explore) else {"robot": robot}
                 errands[robot] = leaf.name, act.model_copy(update=changed)
         return errands

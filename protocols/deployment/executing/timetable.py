@@ -163,6 +163,7 @@ class Timetable:
         if not self._open:
             return None
         _, _, latest = self._times(now)
+        # at the latest instant itself a window is still kept
         return min((at + 1 for point, at in latest.items() if point not in self._happened and at >= now), default=None)
 
     # ------------------------------------------------------------ the network
@@ -201,6 +202,7 @@ class Timetable:
         times = dict(self._happened)
         for _ in range(len(bounds) + 1):
             changed = False
+            # backwards, as latest instants follow from later ones: fewer rounds
             for earlier, later, least, _ in reversed(bounds):
                 if earlier in self._happened or later not in times:
                     continue

@@ -272,6 +272,7 @@ class TaskTree:
         for child in node.children:
             for each in child.walk():
                 self._nodes.pop(each.task.name, None)
+                # a task that stays, under its name, has not ended
                 if not each.over and each.task.name not in kept:
                     self._apply(each, Input.TERMINATE, now)
         node.children = [self._grow(each, node, self._director.tries) for each in subtasks]
@@ -289,6 +290,7 @@ class TaskTree:
         deadline, waits = self._deadline(node), self._waits_until(node)
         if waits is not None and waits <= now:
             node.reached = True
+        # before the time-out: a task that is done at its deadline is done
         if self._reached(node) and self._open(node, "end", now):
             self._conclude(node, now)
             return True
@@ -375,6 +377,7 @@ class TaskTree:
             if not child.over:
                 self.terminate(child, now, f"{node.task.name} has ended")
         if node.again:
+            # a renewal for another robot starts the count again, this one does not
             tried = node.tried
             self._apply(node, Input.RENEW, now)
             node.tried = tried + 1

@@ -17,7 +17,7 @@ _HAIR: float = 1e-9
 """Tolerance for rounding, m."""
 
 
-class Charts:
+class KnownMaps:
     """The maps of a run's floor; each is made when it is asked for first, and shared by all robots with its cells."""
 
     def __init__(self, surroundings: Surroundings) -> None:

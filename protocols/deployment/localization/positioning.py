@@ -139,7 +139,7 @@ class Localised:
             if self._ticks % self._told_ticks == 0:
                 self._tell(Positioned(*self.shift.pose(odometry), found.spread_m, found.share))
         self._ticks += 1
-        return Located.told(shifted(observation, self.shift, scan), odometry)
+        return Located.of(shifted(observation, self.shift, scan), odometry)
 
     def _settle(self, odometry: Pose, found: Pose) -> None:
         """Move the shift towards the one that takes the odometry's pose to the pose *found*."""

@@ -21,7 +21,7 @@ class Others:
         self._bodies = bodies
         self._places = {robot: place for robot, place in enumerate(starts_m) if robot != me}
 
-    def tell(self, source: Address, news: News, now: Time) -> None:
+    def receive(self, source: Address, news: News, now: Time) -> None:
         """Take a status that *source* has broadcast."""
         self.news[source] = news, now
         self._places[source] = news.x_m, news.y_m
@@ -29,7 +29,7 @@ class Others:
     def look(self, observation: Observation, now: Time) -> list[Other]:
         """Take what is seen at this tick; return all robots that were seen or heard so far."""
         seen = {robot: (x_m, y_m) for robot, x_m, y_m in observation.sightings if robot in self._places}
-        self._places |= seen
+        self._places |= seen  # newer than any report
         return [self._other(robot, now) for robot in sorted(self.news.keys() | seen.keys())]
 
     def place_m(self, robot: Address) -> Place:

@@ -98,6 +98,7 @@ def decode(data: bytes, size: int) -> Letter:
         message = _LETTERS.validate_json(data)
     except ValidationError as error:
         raise WireError(f"{error.error_count()} faults in a letter") from error
+    # robots are used as indices from here on
     strangers = [robot for robot in _robots(message) if robot >= size]
     if strangers:
         raise WireError(f"robot {strangers[0]} is not of the team")

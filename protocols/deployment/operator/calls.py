@@ -38,6 +38,7 @@ class Calls:
         self._host = host
         self._note = note
         self._counters = counters
+        # a robot that has booted again listens first: another may lead by now
         self._ready = start + from_seconds(parameters.listen_s)
         self._dealt = 0
         self._switched = 0

@@ -260,6 +260,7 @@ class Console:
         }
 
     def _execute(self, plan: Plan, now: Time) -> dict[str, Any]:
+        # another plan has begun since this one was made; only a higher number replaces it
         if plan.number <= self._host.newest:
             self._number = max(self._number, self._host.newest) + 1
             plan = plan.model_copy(update={"number": self._number})

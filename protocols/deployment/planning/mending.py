@@ -26,7 +26,7 @@ class Change(NamedTuple):
 
     bodies: tuple[Body, ...] = ()
     """Additional robots, at the base."""
-    everybody: bool = False
+    everyone: bool = False
     """True if robots that the call has left out may take part."""
     uncast: bool = False
     """True if the planner chooses the robots of all roles, whatever the call says."""
@@ -45,7 +45,7 @@ class Change(NamedTuple):
         """Return both changes."""
         return Change(
             self.bodies + other.bodies,
-            self.everybody or other.everybody,
+            self.everyone or other.everyone,
             self.uncast or other.uncast,
             self.spans_s + other.spans_s,
             self.dropped + other.dropped,
@@ -62,7 +62,7 @@ class Mend(NamedTuple):
     change: Change
 
 
-class Stuck(NamedTuple):
+class Infeasible(NamedTuple):
     """Why there is no plan, and what might mend it."""
 
     conflicts: tuple[str, ...]
@@ -78,7 +78,7 @@ def short_of_robots(
     template: Body,
     left_out: Sequence[Address],
     unheard_s: Mapping[Address, float],
-) -> Stuck:
+) -> Infeasible:
     """Return why roles have too few robots, with mends; *template*: the smallest robot of the team.
 
     *unheard_s*: robots that could take part, but have not been heard for the given time.
@@ -92,15 +92,15 @@ def short_of_robots(
     conflicts += [f"robot {robot} has not been heard for {lost_s:.0f} s" for robot, lost_s in unheard_s.items()]
     mends = []
     if left_out:
-        mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everybody=True)))
+        mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everyone=True)))
     if any(role.fixed is not None for role in roles.values()):
         mends.append(Mend("the planner chooses the robots for all roles", Change(uncast=True)))
     if len(shortage.lacking) > MOST_MISSING:
-        return Stuck((*conflicts, *shortage.reasons), tuple(mends))
+        return Infeasible((*conflicts, *shortage.reasons), tuple(mends))
     bodies = tuple(_fitting(roles[name], template) for name in shortage.lacking)
     lacking = Counter(wanted(roles[name].needs) for name in shortage.lacking)
     mends.append(Mend(" and ".join(_more(what, number) for what, number in lacking.items()), Change(bodies=bodies)))
-    return Stuck((*conflicts, *shortage.reasons), tuple(mends))
+    return Infeasible((*conflicts, *shortage.reasons), tuple(mends))
 
 
 def _more(what: str, count: int) -> str:
@@ -122,7 +122,9 @@ def _fitting(role: Role, template: Body) -> Body:
 # ---------------------------------------------------------------- too little time
 
 
-def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]) -> Stuck:
+def out_of_time(
+    network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]
+) -> Infeasible:
     """Return the constraints of a temporal conflict: those that were asked for, then durations.
 
     *asked*: bounds of the plan's constraints; *timed*: those of time-outs. Bounds of the plan's shape are not named.
@@ -145,13 +147,13 @@ def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed:
     ]
     first = [bound for bound, _ in (*asked, *timed) if bound in conflict]
     lasting = [bound for bound in conflict if bound not in soft and (bound.least or bound.most is not None)]
-    return Stuck(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
+    return Infeasible(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
 
 
-def in_a_circle(constraints: Sequence[Between]) -> Stuck:
+def in_a_circle(constraints: Sequence[Between]) -> Infeasible:
     """Return the conflict of *constraints* by which a task waits for its own end."""
     without = (Mend(f"without: {each.why}", Change(dropped=(each.why,))) for each in constraints)
-    return Stuck(tuple(each.why for each in constraints), tuple(without))
+    return Infeasible(tuple(each.why for each in constraints), tuple(without))
 
 
 def _relaxing(between: Between, least_s: float, most_s: float | None) -> Mend:

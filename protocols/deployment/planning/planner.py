@@ -22,7 +22,7 @@ from cosim.units import to_seconds
 from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.binding import Role, Site, near
 from protocols.deployment.planning.casting import Casting, cast, of_robot, picked
-from protocols.deployment.planning.mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
+from protocols.deployment.planning.mending import Change, Infeasible, Mend, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planning.methods import expanded, expanded_to
 from protocols.deployment.planning.play import MOST_ROBOTS
 from protocols.deployment.planning.playbook import Playbook
@@ -30,10 +30,10 @@ from protocols.deployment.planning.roles import Shortage, assigned
 from protocols.deployment.planning.routes import (
     Routes,
     barred,
+    by_departure,
     crowded,
     departures,
     errands,
-    in_line,
     missing_ways,
     prices,
 )
@@ -233,6 +233,7 @@ class Planner:
             else:
                 refusals.append(outcome)
         if len(found) > 1:
+            # plays that explore have no expected end: among them the least time decides
             return min(found, key=lambda plan: (self.expected_s(plan, starts_m), self._least_s(plan, starts_m)))
         if found or refusals:
             return found[0] if found else refusals[0]
@@ -358,10 +359,10 @@ class _Calling:
         different = {frozenset(text.split(AND)): text for text in reversed(mend)}
         return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(reversed(different.values())))
 
-    def _mends(self, stuck: Stuck, before: Change, most: int) -> list[str]:
+    def _mends(self, infeasible: Infeasible, before: Change, most: int) -> list[str]:
         """Return the changes that give a plan: single ones, or else combinations."""
-        texts, further = list[str](), list[tuple[Mend, Change, Stuck]]()
-        for mend in stuck.mends:
+        texts, further = list[str](), list[tuple[Mend, Change, Infeasible]]()
+        for mend in infeasible.mends:
             if self.trials == MOST_TRIALS:
                 break
             self.trials += 1
@@ -377,7 +378,7 @@ class _Calling:
 
     # ------------------------------------------------------------ one attempt
 
-    def _attempt(self, change: Change) -> Plan | Stuck:
+    def _attempt(self, change: Change) -> Plan | Infeasible:
         """Return the plan of the call after a *change*, or why there is none."""
         call, planner = self.call, self.planner
         crew = planner.crew._replace(bodies=planner.crew.bodies + change.bodies)
@@ -387,23 +388,23 @@ class _Calling:
         casting = cast(planner.playbook, self.path, self.inner, given, site)
         if casting.faults:
             texts = tuple(text for text, _ in casting.faults)
-            return Stuck(texts, _closer([apart_m for _, apart_m in casting.faults]))
+            return Infeasible(texts, _closer([apart_m for _, apart_m in casting.faults]))
         robots = self._robots(casting, crew, starts_m, change)
-        if isinstance(robots, Stuck):
+        if isinstance(robots, Infeasible):
             return robots
         homes_m = {robot: planner.home_m(robot) for robot in crew.robots}
         casting = cast(planner.playbook, self.path, self.inner, given, site, robots, homes_m)
         root, constraints = self._tailored(casting, change, crew)
-        stuck = self._hindered(root, constraints, crew, starts_m)
-        if stuck is not None:
-            return stuck
+        infeasible = self._hindered(root, constraints, crew, starts_m)
+        if infeasible is not None:
+            return infeasible
         used = sorted({robot for task in root.walk() for robot in actors(task.act)})
         play = "/".join((self.path, *self.inner))
         return Plan(number=self.number, play=play, robots=tuple(used), root=root, constraints=tuple(constraints))
 
     def _robots(
         self, casting: Casting, crew: Crew, starts_m: Mapping[Address, Place], change: Change
-    ) -> dict[str, Address] | Stuck:
+    ) -> dict[str, Address] | Infeasible:
         """Return the robot of each role, or why there is none."""
         bodies = {robot: crew.bodies[robot] for robot in sorted(starts_m) if self._invites(robot, change)}
         roles = self._roles(casting, change)
@@ -420,14 +421,14 @@ class _Calling:
         leaves = in_order(root, precedence(root, casting.between))
         by_number = errands(leaves)
         places_m = {casting.numbers[robot]: places for robot, places in by_number.items()}
-        stuck = self._barred(places_m, crew, starts_m)
-        if stuck is not None:
-            return stuck
+        infeasible = self._barred(places_m, crew, starts_m)
+        if infeasible is not None:
+            return infeasible
         costs = prices(roles, places_m, bodies, starts_m, self.routes, cost)
         ranks = departures(leaves, crew.base_m, min(body.radius_m for body in crew.bodies), self.routes)
         by_role = {casting.numbers[robot]: rank for robot, rank in ranks.items()}
         firsts_m = {name: places[0] for name, places in places_m.items()}
-        costs = in_line(costs, by_role, firsts_m, starts_m, bodies, self.routes)
+        costs = by_departure(costs, by_role, firsts_m, starts_m, bodies, self.routes)
         found = assigned(list(roles.values()), list(bodies), costs)
         if isinstance(found, Shortage):
             return short_of_robots(found, roles, template, left_out, unheard_s)
@@ -436,7 +437,7 @@ class _Calling:
     def _invites(self, robot: Address, change: Change) -> bool:
         """Return whether the call lets a robot take part."""
         invited = self.call.robots
-        return invited is None or change.everybody or robot in invited or robot >= len(self.planner.crew.bodies)
+        return invited is None or change.everyone or robot in invited or robot >= len(self.planner.crew.bodies)
 
     def _roles(self, casting: Casting, change: Change) -> dict[str, Role]:
         roles = casting.roles
@@ -452,7 +453,7 @@ class _Calling:
 
     def _barred(
         self, places_m: Mapping[str, Sequence[Place]], crew: Crew, starts_m: Mapping[Address, Place]
-    ) -> Stuck | None:
+    ) -> Infeasible | None:
         """Return the conflict of places that no robot of the team can get to; None if there are none."""
         bodies = [crew.bodies[robot] for robot in sorted(starts_m)]
         places = [place for each in places_m.values() for place in each]
@@ -464,9 +465,9 @@ class _Calling:
         texts = tuple(f"no robot can get to ({place[0]:g}, {place[1]:g})" for place, _ in found)
         moved = [(place, instead) for place, instead in found if instead is not None]
         if len(moved) < len(found):
-            return Stuck(texts)
+            return Infeasible(texts)
         words = [f"({to[0]:g}, {to[1]:g}) instead of ({place[0]:g}, {place[1]:g})" for place, to in moved]
-        return Stuck(texts, (Mend(" and ".join(words), Change(moved_m=tuple(moved))),))
+        return Infeasible(texts, (Mend(" and ".join(words), Change(moved_m=tuple(moved))),))
 
     # ------------------------------------------------------------ tailoring
 
@@ -513,7 +514,7 @@ class _Calling:
 
     def _hindered(
         self, root: Task, constraints: Sequence[Between], crew: Crew, starts_m: Mapping[Address, Place]
-    ) -> Stuck | None:
+    ) -> Infeasible | None:
         """Return why a plan cannot be carried out; None if it can."""
         whole = expanded_to(root)
         graph = precedence(whole, constraints)
@@ -530,11 +531,11 @@ class _Calling:
             texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)
             orders = [(Change(before=((a, b),)), f"{b} after {a}") for _, a, b in clashes[:2]]
             orders += [(Change(before=((b, a),)), f"{a} after {b}") for _, a, b in clashes[:2]]
-            return Stuck(texts, tuple(Mend(text, change) for change, text in orders))
+            return Infeasible(texts, tuple(Mend(text, change) for change, text in orders))
         legs = list(legs_of(leaves, starts_m).values())
         no_way = tuple(missing_ways(legs, crew.bodies, self.routes))
         overlaps = tuple(crowded(leaves, crew.bodies))
-        return Stuck(no_way + overlaps) if no_way or overlaps else None
+        return Infeasible(no_way + overlaps) if no_way or overlaps else None
 
 
 def _closer(distances_m: Sequence[float | None]) -> tuple[Mend, ...]:

@@ -65,6 +65,7 @@ def assigned(roles: Sequence[Role], robots: Sequence[Address], prices: Prices) -
     """
     costs = np.array([[_price(prices[role.name, robot]) for robot in robots] for role in roles])
     costs = costs.reshape(len(roles), len(robots))
+    # first, as the assignment raises an error where there is none of finite cost
     shortage = _shortage(roles, robots, prices)
     if shortage is not None:
         return shortage
@@ -86,6 +87,7 @@ def _shortage(roles: Sequence[Role], robots: Sequence[Address], prices: Prices) 
     lacking = [name for name in able if name not in matching]
     if not lacking:
         return None
+    # roles on alternating paths from the unmatched ones compete for the same robots (Hall's theorem)
     short, ahead = dict.fromkeys(lacking), list(lacking)
     while ahead:
         for robot in able[ahead.pop()]:

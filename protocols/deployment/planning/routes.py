@@ -133,7 +133,7 @@ def departures(leaves: Sequence[Task], base_m: Place, radius_m: float, routes: R
     return {robot: rank for rank, robot in enumerate(sorted(first, key=key))}
 
 
-def in_line(
+def by_departure(
     prices: Prices,
     ranks: Mapping[str, int],
     first_m: Mapping[str, Place],
@@ -169,8 +169,8 @@ def barred(
             for angle in (2.0 * math.pi * step / DIRECTIONS for step in range(DIRECTIONS))
         )
         rounded = ((round(x, 2), round(y, 2)) for x, y in around)
-        everybody = (base_m, *starts_m)
-        yield place, next((at for at in rounded if all(_reached(at, body, everybody, routes) for body in bodies)), None)
+        everyone = (base_m, *starts_m)
+        yield place, next((at for at in rounded if all(_reached(at, body, everyone, routes) for body in bodies)), None)
 
 
 def _reached(place: Place, body: Body, starts_m: Sequence[Place], routes: Routes) -> bool:

@@ -77,7 +77,7 @@ class Bench:
         goal_m: Place | None = None,
     ) -> None:
         news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, goal_m, "" if idle else "task")
-        self.member.others.tell(robot, news, self.now)
+        self.member.others.receive(robot, news, self.now)
 
     def results(self) -> list[Result]:
         return [report.result for report in self.member.reports()]
