@@ -126,7 +126,7 @@ class Traffic:
             track.gone_m = way * cos, way * sin
 
     def of(self, address: Address | None) -> Track | None:
-        """Return what is known of one robot."""
+        """Return the track of one robot; None if nothing is known of it."""
         return None if address is None else self._tracks.get(address)
 
     def tracks(self, here: Point) -> list[Track]:
@@ -141,7 +141,7 @@ class Traffic:
         ]
 
     def _visible(self) -> Iterator[Track]:
-        # sorted, so that results do not depend on who was met first
+        # sorted, so that results do not depend on the order in which robots were met
         for address in sorted(self._tracks):
             track = self._tracks[address]
             if track.seen == self._now or self._blind:

@@ -92,7 +92,7 @@ class Mover:
         """Compute from now on, for the referee, what the robot would do without the others."""
         self.twin = Twin(self._floor, self._radius_m, self._own.arrive_m)
 
-    # ------------------------------------------------------------ what it is told
+    # ------------------------------------------------------------ commands
 
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
         """Drive to a place, past way points in their order; give up what the robot did before."""

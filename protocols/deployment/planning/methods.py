@@ -3,9 +3,9 @@
 All three have "the same basic form: for N stages, move some group of n robots to some set of m locations" (paper 004,
 section 5), and all leave ``robots[i]`` at ``places_m[i]``. With k = N - 1, and counting from 0:
 
-* group: at stage i the robots i..k drive to place i at once, so that N, N-1, ..., 1 robots move;
-* wave: at stage i the robots k-i..k drive to the places 0..i at once, so that 1, 2, ..., N robots move;
-* leap-frog: at stage i robot i drives to the places 0..i one after the other, so that always one robot moves.
+* group: at stage i the robots i..k drive to place i in parallel, so that N, N-1, ..., 1 robots move;
+* wave: at stage i the robots k-i..k drive to the places 0..i in parallel, so that 1, 2, ..., N robots move;
+* leap-frog: at stage i robot i drives to the places 0..i one after the other, so that one robot moves at a time.
 
 Our own *direct* and *fixed* have one stage: robot i drives to place i.
 
@@ -32,7 +32,7 @@ class Move(NamedTuple):
 
 
 def stages(deployment: Deployment) -> list[list[Move]]:
-    """Return the moves of each stage (Fig. 3): at once for group and wave, one after the other for leap-frog."""
+    """Return the moves of each stage (Fig. 3): parallel for group and wave, one after the other for leap-frog."""
     size = len(deployment.robots)
     if deployment.strategy in UNSTAGED:
         return [[Move(*pair, final=True) for pair in zip(deployment.robots, deployment.places_m, strict=True)]]

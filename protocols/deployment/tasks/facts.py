@@ -55,7 +55,7 @@ class Heard(Settings):
     fact: Literal["heard"] = "heard"
     robot: Count = Field(ge=0)
     again: bool
-    place_m: Place | None = Field(default=None, description="m, where one that fell silent was last known to be")
+    place_m: Place | None = Field(default=None, description="m, last known place of a robot that fell silent")
     at: Int64
 
     @property

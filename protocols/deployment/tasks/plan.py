@@ -39,8 +39,8 @@ class Go(Settings):
     robot: Count = Field(ge=0)
     place_m: Place
     via_m: tuple[Place, ...] = Field(default=(), description="m, waypoints, in their order")
-    behind: Count | None = Field(default=None, description="does not set off until that robot, if it lives and moves,")
-    behind_m: Metres = Field(default=0.0, ge=0, description="m, is so far from it")
+    behind: Count | None = Field(default=None, description="robot that must be ahead before this one sets off")
+    behind_m: Metres = Field(default=0.0, ge=0, description="m, how far it must be ahead, if it lives and moves")
     final: bool = Field(default=True, description="true if the robot is to end up there, false if it passes a stage")
 
     @model_validator(mode="after")
