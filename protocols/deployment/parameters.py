@@ -127,7 +127,7 @@ class Parameters(Settings):
 
     @property
     def carried(self) -> CourierParameters:
-        """Parameters of the transport; where radios need links, the host is the first to lead their piconet."""
+        """What the courier is told: where radios need links, the host is the first to lead their piconet."""
         links = self.courier.links
         if links is None:
             return self.courier

@@ -132,7 +132,7 @@ class Runner(Drains):
         self._settle(now)
 
     def wake(self, now: Time) -> None:
-        """Act on the deadlines of the transport and of the executive."""
+        """Act on the courier's and the executive's deadlines."""
         self.courier.wake(now)
         self._settle(now)
 
@@ -173,7 +173,7 @@ class Runner(Drains):
         self.courier.forget(other, now)
 
     def _settle(self, now: Time) -> None:
-        """Take what has arrived, and pass on what follows from it, until nothing more does."""
+        """Take what the courier has brought, and pass on what follows from it, until nothing more does."""
         self._read(now)
         self.host.advance(now)
         if self.host.changes != self._changes:
