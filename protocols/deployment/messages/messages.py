@@ -1,4 +1,4 @@
-"""What robots write to each other: letters, which the courier carries reliably, as JSON of the models here.
+"""What robots write to each other: letters, which the transport carries reliably, as JSON of the models here.
 
 JSON, since plans are nets of pydantic models already, with a schema; a letter is small beside the time a robot drives.
 """
