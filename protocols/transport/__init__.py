@@ -9,5 +9,5 @@
 - ``star``: a piconet whose master is robot 0 for good, for protocols with frames of their own (``protocols.mapping``).
 - ``meeting``: links to robots that come into sight (``protocols.reflection``).
 
-``examples/leader_election.py`` is a small protocol on it; ``protocols.deployment.runner`` is a large one.
+``examples/election/leader_election.py`` is a small protocol on it; ``protocols.deployment.runner`` is a large one.
 """
