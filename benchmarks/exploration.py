@@ -18,10 +18,10 @@ from cosim.geometry.astar import astar, clearance_cost, passable_cells
 from cosim.geometry.marking import CERTAIN
 from cosim.geometry.segments import ray_casts
 from cosim.navigation.frontier_fields import sum_of_frontiers, sum_of_obstacles
-from cosim.navigation.localization import Localizer
-from cosim.navigation.localization_likelihood import KnownMap, known_map
+from cosim.navigation.localization.likelihood import KnownMap, known_map
+from cosim.navigation.localization.localizer import Localizer
 from cosim.navigation.schemas import beam_directions
-from cosim.navigation.slam import Slam
+from cosim.navigation.slam import MapGrid, Slam
 from cosim.observation import Observation
 from cosim.randomness import Draws
 from cosim.scenario import Scenario, build
@@ -299,7 +299,7 @@ def slam_updates(seed: int) -> Work:
     frame = _recorded(seed).belief.frame
     poses = [(at.x_m, at.y_m, at.heading_rad) for at in stops]
     beams = beam_directions(BEAMS)
-    slam = Slam((frame.ny, frame.nx), frame.origin_m, frame.cell_m, poses[0], beams, Draws(seed, "bench"))
+    slam = Slam(MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m), poses[0], beams, Draws(seed, "bench"))
 
     def work() -> float:
         for pose, at in zip(poses, stops, strict=True):

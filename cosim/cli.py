@@ -462,7 +462,7 @@ def _keeping() -> Iterator[None]:
 @_JSON
 def report(results: Path, as_json: bool) -> None:
     """Print tables and write figures of RESULTS, ours beside the published ones."""
-    from cosim.report import report as make_report
+    from cosim.report.sweep_report import report as make_report
 
     _set_up_is_done()
     with _waiting(f"reading {results}"):

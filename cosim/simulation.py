@@ -258,7 +258,7 @@ class Simulation:
         for node in self.nodes:  # asked every tick: an expression takes three times as long
             if node.alive and not node.machine.finished:
                 return True
-        return self.faults.anybody_returns
+        return self.faults.reboots_pending
 
     def _observations(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[Observation]:
         if self.senses is not None:

@@ -189,6 +189,19 @@ def test_imports_look_up_only():
     assert not faults, faults[0]
 
 
+def test_no_experiment_imports_another():
+    """What several share is in a folder without a sweep.yaml."""
+    own = {path.parent.name for path in (ROOT / "experiments").glob("*/sweep.yaml")}
+    faults = [
+        f"{module} imports {name}"
+        for module, tree in TREES.items()
+        if module.startswith("experiments.")
+        for name in imports(tree)
+        if name.startswith("experiments.") and room(name) in own - {room(module)}
+    ]
+    assert not faults, faults[0]
+
+
 def test_there_are_no_import_cycles():
     graph = {module: {name for name in imports(tree) if name in MODULES} for module, tree in TREES.items()}
     found = cycle(graph)

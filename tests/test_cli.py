@@ -79,7 +79,7 @@ def test_json_has_null_for_what_is_no_number(cosim: Any, monkeypatch: pytest.Mon
     monkeypatch.setattr("cosim.simulation.Simulation.run", lambda self: outcome)
     assert strict(cosim("run", "depot.yaml", "--json").out)["metrics"] == {"found_s": None, "far_m": None, "heard": 1.0}
     made = SimpleNamespace(plain=lambda: {"rows": [{"mean": math.nan}, {"mean": 2.0}]})
-    monkeypatch.setattr("cosim.report.report", lambda folder: made)
+    monkeypatch.setattr("cosim.report.sweep_report.report", lambda folder: made)
     assert strict(cosim("report", "r", "--json").out) == {"rows": [{"mean": None}, {"mean": 2.0}]}
 
 

@@ -27,17 +27,17 @@ WHY_UNSENT: Final = {
     Outcome.TOO_LONG: "longer than any packet in use: send less at once",
     Outcome.QUEUE_FULL: "no room in the sender's device: send less often, or wait for the Fate of a token",
 }
-"""Why payloads were never on the air, and what to do."""
+"""Reasons why payloads were never on the air, and what to do about them."""
 
 
 class Endpoint(Protocol):
-    """What a channel delivers to: takes several inputs of one instant, then acts on them once."""
+    """The end that a channel delivers to: takes several inputs of one instant, then acts on them once."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a payload."""
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Take a link event."""
 
     def drain(self, now: Time) -> None:
         """Act on what came in at this instant."""
@@ -47,7 +47,7 @@ class Channel(ABC):
     """A shared medium with one device for each address, 0 to *size* - 1."""
 
     metrics: ClassVar[tuple[Metric, ...]] = ()
-    """What ``summary`` returns: names that no protocol uses."""
+    """The metrics that ``summary`` may return: names that no protocol uses."""
 
     def __init__(self, kernel: Kernel, trace: Trace, size: int) -> None:
         self.kernel = kernel
@@ -62,12 +62,12 @@ class Channel(ABC):
 
     @property
     def columns(self) -> tuple[Metric, ...]:
-        """What ``summary`` of this very channel returns."""
+        """The metrics that ``summary`` of this channel returns."""
         return self.metrics
 
     @property
     def parts(self) -> "tuple[Channel, ...]":
-        """The channels that it consists of and that know nothing of each other, by the number of the radio on each."""
+        """The channels that this one consists of, by radio number; they know nothing of each other."""
         return (self,)
 
     def carried(self, address: Address) -> tuple[int, ...]:  # where there are several, it depends
@@ -84,7 +84,7 @@ class Channel(ABC):
 
     @abstractmethod
     def in_reach(self, address: Address) -> tuple[Address, ...]:
-        """Return who would hear *address* now, in order."""
+        """Return the robots that would hear *address* now, in order."""
 
     def advance(self, now: Time) -> None:  # noqa: B027  # most channels have nothing that runs ahead
         """Bring models that run ahead lazily up to *now*; called before anything moves."""
@@ -102,15 +102,15 @@ class Channel(ABC):
 
     @property
     def unsent(self) -> Counter[tuple[Address, Outcome]]:
-        """How many payloads were never on the air, by sender and reason: a fate that some senders do not ask for."""
+        """Number of payloads that were never on the air, by sender and reason, also of senders that did not ask."""
         return self._unsent
 
     def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
-        """Count a payload of *source* that will never be on the air; that its host learns of it is not done here."""
+        """Count a payload of *source* that will never be on the air; the host is not informed here."""
         self._unsent[source, why] += 1
         self.trace.row(UNSENT, self.kernel.now, source, destination, length, why.value)
 
-    def deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
+    def deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]] = ()) -> None:
         """Hand payloads, then link events, to their endpoints, and drain each of them once, in order of addresses."""
         now, endpoints = self.kernel.now, self.endpoints
         touched: set[Address] = set()
@@ -118,7 +118,7 @@ class Channel(ABC):
         for address, payload, reception in arrivals:
             endpoints[address].receive(payload, reception, now)
             touch(address)
-        for address, event in news:
+        for address, event in events:
             endpoints[address].link(event, now)
             touch(address)
         for address in sorted(touched):

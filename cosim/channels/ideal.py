@@ -1,15 +1,15 @@
 """The null model: every payload reaches everyone after a fixed delay, nothing is lost, links are there at once.
 
-What remains of an experiment's cost on this channel is the algorithm's own; the difference to a radio's column is the
-radio's. Roles and link commands are answered as a radio would, by an event at the same instant, so that a machine that
-manages links runs here unchanged.
+An experiment's cost on this channel is that of its algorithm; what it costs more on a radio is due to the radio. Roles
+and link commands are answered as by a radio, with an event at the same instant, so that a machine that manages links
+runs here unchanged.
 
-Three flaws can be asked for, each by itself and independent of all else, which no radio's are: a range, a share of
-payloads that are lost, and a random delay. With a random delay payloads overtake each other, also those from one robot
-to one other; without it they never do.
+Three flaws can be asked for, each independent of all else, unlike those of a radio: a range, a share of payloads that
+are lost, and a random delay. With a random delay payloads overtake each other, also those from one robot to one other;
+without it they never do.
 
-Robots may have ranges of their own. That of the sender decides who gets a payload, not that of the receiver; whether
-the sender learns that it has arrived, and whether there is a link, depends on both.
+Robots may have ranges of their own. That of the sender decides which robots get a payload, not that of the
+receiver; whether the sender learns that it has arrived, and whether there is a link, depends on both.
 """
 
 import math
@@ -61,22 +61,22 @@ from cosim.trace import FRAMES, Trace
 from cosim.units import Time, from_seconds
 
 _LOSS: Final = 1
-"""The purpose of the draws that decide whether a payload arrives."""
+"""Purpose of the draws of losses."""
 _JITTER: Final = 2
-"""The purpose of the draws that decide how much later."""
+"""Purpose of the draws of delays."""
 
 
 class _Flight(NamedTuple):
-    """A payload on its way to some of those whom it is meant for, who all get it at one instant."""
+    """A payload on its way to some of its receivers, all of which get it at one instant."""
 
     source: Address
     outgoing: Outgoing
     begin: Time
     number: int
-    """How many payloads *source* had sent before."""
+    """Number of payloads that *source* had sent before."""
     receivers: Sequence[Address]
-    told: bool = True
-    """Whether the sender learns of the fate, if it wants to."""
+    reported: bool = True
+    """True if the sender gets the payload's fate, if it asked for it."""
 
 
 class IdealSettings(ChannelSettings):
@@ -132,30 +132,30 @@ class IdealChannel(Channel):
                 raise LocalProtocolError("an ideal channel with losses or jitter needs the streams of the run")
             self._chance = streams.draws("ideal")
         self._numbers = [0] * size
-        """Payloads that each device has sent: what the draws count by."""
+        """Number of payloads that each device has sent, by which the draws are counted."""
         self._places_m: Positions = np.zeros((size, 2))
         reaches_m = of_each(reaches_m, settings.range_m or math.inf, size)
         self._reach_m = np.array(reaches_m)[:, None]
         self._limited = min(reaches_m) < math.inf
         self._alike = len(set(reaches_m)) == 1
-        """Who is heard by another hears it as well."""
+        """True if all have the same range, so that hearing is mutual."""
         self._in_range: list[list[bool]] | None = None
-        """Whom each robot has in its range, once somebody has asked since they have moved."""
+        """Whether each robot (row) has each other in its range; None until it is needed after a move."""
         self._on = [True] * size
         self._on_since: list[Time] = [0] * size
         self._scanning = [True] * size
         self._paged: set[tuple[Address, Address]] = set()  # (master, slave)
         self._under_way: dict[Time, list[_Flight]] = {}
-        """By the time of arrival."""
-        self._news: list[tuple[Address, LinkEvent]] = []
+        """Flights by their time of arrival."""
+        self._events: list[tuple[Address, LinkEvent]] = []
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Deliver after the delay to whoever is in reach then, unless it is lost.
 
         The fate is SENT for a broadcast, after the fixed delay; for others it comes when the payload would arrive:
         DELIVERED, NO_LINK if the receiver is not in reach (any more), UNACKNOWLEDGED if the payload is lost (it is
-        tried once) or the receiver does not reach the sender. To who is not in reach now it is NO_LINK at once. A
-        device that is switched off sends nothing.
+        tried once) or the receiver does not reach the sender. It is NO_LINK at once if the receiver is not in reach
+        now. A device that is switched off sends nothing.
         """
         if not self._on[source]:
             return
@@ -163,7 +163,7 @@ class IdealChannel(Channel):
         if destination != BROADCAST and not self._hears(source, destination):
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
+                self._report((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         self.sent += 1
         receivers = range(self.size) if destination == BROADCAST else (destination,)
@@ -176,7 +176,7 @@ class IdealChannel(Channel):
                 self._launch(flight._replace(receivers=()), self.delay)
             for address in receivers:
                 if address != source:
-                    self._launch(flight._replace(receivers=(address,), told=False), self._late(flight, address))
+                    self._launch(flight._replace(receivers=(address,), reported=False), self._late(flight, address))
         else:
             self._launch(flight, self._late(flight, destination))
 
@@ -205,25 +205,25 @@ class IdealChannel(Channel):
             case Inquire(enough=enough):
                 there = self.in_reach(source) if self._alike else (a for a in range(self.size) if self._meet(source, a))
                 found = tuple(a for a in there if self._scanning[a])[:enough]
-                self._tell(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
+                self._report(*((source, Discovered(peer)) for peer in found), (source, InquiryComplete(found)))
             case Page(peer=peer) if self._meet(source, peer) and self._scanning[peer]:
                 self._paged.discard((peer, source))
                 self._paged.add((source, peer))
-                self._tell((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
+                self._report((source, Connected(peer, Role.MASTER)), (peer, Connected(source, Role.SLAVE)))
             case Page(peer=peer):
-                self._tell((source, PageFailed(peer)))
+                self._report((source, PageFailed(peer)))
             case Scan(enabled=enabled):
                 self._scanning[source] = enabled
             case Disconnect(peer=peer) if self._meet(source, peer):
                 self._paged -= {(source, peer), (peer, source)}
-                self._tell((source, Lost(peer)), (peer, Lost(source)))
+                self._report((source, Lost(peer)), (peer, Lost(source)))
             case Hold(peer=peer) | Sniff(peer=peer) | Park(peer=peer) | Unpark(peer=peer):
                 mode = Mode.ACTIVE if self._meet(source, peer) else Mode.NONE  # links are never at rest
-                self._tell((source, ModeChanged(peer, mode)))
+                self._report((source, ModeChanged(peer, mode)))
             case SwitchRole(peer=peer) if self._meet(source, peer):
                 self._switch(source, peer)
             case SwitchRole(peer=peer):
-                self._tell((source, ModeChanged(peer, Mode.NONE)))
+                self._report((source, ModeChanged(peer, Mode.NONE)))
             case Disconnect() | Flush() | Share():
                 pass  # there is no such link; nothing ever waits in a queue, and time is not divided
 
@@ -234,16 +234,16 @@ class IdealChannel(Channel):
                 self._paged.remove(pair)
                 self._paged.add(pair[::-1])
                 roles = (Role.SLAVE, Role.MASTER) if pair[0] == source else (Role.MASTER, Role.SLAVE)
-                self._tell((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
+                self._report((source, RoleChanged(peer, roles[0])), (peer, RoleChanged(source, roles[1])))
                 return
-        self._tell((source, RoleChanged(peer, Role.PEER)))
+        self._report((source, RoleChanged(peer, Role.PEER)))
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return all other devices in its range that are switched on, if this one is."""
         return tuple(a for a in range(self.size) if self._hears(address, a))
 
     def moved(self, positions_m: Positions) -> None:
-        """Note who may be in range of whom now; links between robots that are not any more are lost."""
+        """Note that ranges have changed; links between robots that are no longer in range of each other are lost."""
         if self._limited:
             self._places_m = positions_m
             self._in_range = None
@@ -253,17 +253,17 @@ class IdealChannel(Channel):
         """Switch a device on or off; the others lose a dead one at once."""
         lost_by = () if on else self.in_reach(address)
         self._on[address] = on
-        if on:  # what was before is nothing to it
+        if on:  # it knows nothing of what was before
             self._on_since[address] = self.kernel.now
             self._paged = {pair for pair in self._paged if address not in pair}
-        self._tell(*((a, Lost(address)) for a in lost_by))
+        self._report(*((a, Lost(address)) for a in lost_by))
 
     def summary(self) -> dict[str, float]:
         """Return the number of payloads sent."""
         return {"frames_sent": float(self.sent)}
 
     def _meet(self, one: Address, other: Address) -> bool:
-        """Return whether each hears the other, as links need it."""
+        """Return whether each hears the other, which a link needs."""
         return self._hears(one, other) and (self._alike or self._hears(other, one))
 
     def _hears(self, one: Address, other: Address) -> bool:
@@ -284,16 +284,16 @@ class IdealChannel(Channel):
         return self._on[source] and self._on_since[source] <= begin
 
     def _lose_links(self) -> None:
-        """Tell both ends of each link between devices that no longer hear each other; for channels with a reach."""
+        """Report the loss of each link between devices that no longer hear each other; for channels with a reach."""
         for pair in sorted(self._paged):
             if not self._meet(*pair):
                 self._paged.discard(pair)
-                self._tell((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
+                self._report((pair[0], Lost(pair[1])), (pair[1], Lost(pair[0])))
 
     def _arrive(self, now: Time) -> None:
-        """Deliver what arrives now to those who are in reach and do not lose it, and tell the senders."""
+        """Deliver what arrives now to receivers that are in reach and do not lose it; report fates to the senders."""
         arrivals: list[Arrival] = []
-        news: list[tuple[Address, LinkEvent]] = []
+        events: list[tuple[Address, LinkEvent]] = []
         for flight in self._under_way.pop(now):
             source, outgoing = flight.source, flight.outgoing
             to_all = outgoing.destination == BROADCAST
@@ -302,27 +302,27 @@ class IdealChannel(Channel):
             reception = Reception(source, to_all)
             arrivals += [(address, outgoing.payload, reception) for address in heard]
             self._record(flight, there, heard)
-            if flight.told and outgoing.token is not None and self._knows_of(source, flight.begin):
+            if flight.reported and outgoing.token is not None and self._knows_of(source, flight.begin):
                 if to_all:
                     fate = Outcome.SENT
                 elif heard and (self._alike or self._is_in_range(outgoing.destination, source)):
                     fate = Outcome.DELIVERED
                 else:
                     fate = Outcome.UNACKNOWLEDGED if there else Outcome.NO_LINK
-                news.append((source, Fate(outgoing.token, fate)))
-        self.deliver(arrivals, news)
+                events.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, events)
 
     def _is_lost(self, flight: _Flight, address: Address) -> bool:
         return self._draw(flight, address, _LOSS) < self._flaws.loss
 
-    def _tell(self, *news: tuple[Address, LinkEvent]) -> None:
-        if not self._news and news:
+    def _report(self, *events: tuple[Address, LinkEvent]) -> None:
+        if not self._events and events:
             self.kernel.soon(self._pass_on)
-        self._news.extend(news)
+        self._events.extend(events)
 
     def _pass_on(self) -> None:
-        news, self._news = self._news, []
-        self.deliver((), [item for item in news if self._on[item[0]]])
+        events, self._events = self._events, []
+        self.deliver((), [item for item in events if self._on[item[0]]])
 
     def _record(self, flight: _Flight, there: Sequence[Address], heard: Sequence[Address]) -> None:
         """Write a row for *flight*; one for every receiver if not all get the same."""

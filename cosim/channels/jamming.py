@@ -21,15 +21,15 @@ class Jammer(NamedTuple):
     x_m: float
     y_m: float
     power_dbm: float
-    """On each channel that it is on."""
+    """Power on each channel that it is on."""
     channels: tuple[int, ...]
     """RF channels k, 2402 + k MHz, none twice, in the order in which they are swept."""
     mode: int
     """CONSTANT, SWEEPING or PULSED."""
     dwell: Time
-    """How long a sweeping jammer stays on a channel."""
+    """Time for which a sweeping jammer stays on a channel."""
     on: Time
-    """How long a pulsed one sends, from the beginning of every period on."""
+    """Time for which a pulsed one sends, from the beginning of every period."""
     period: Time
     start: Time
     end: Time

@@ -4,7 +4,7 @@
 
 With n = 2, the loss of free space at 1 m and walls this is the multi-wall model of COST 231 (final report, section
 4.7.2, its constant term 0, one storey); an exponent of 2.5 to 3.5 without walls is the usual law for offices, in which
-the walls are averaged into the exponent (ITU-R P.1238). To use both is to pay for walls twice.
+the walls are averaged into the exponent (ITU-R P.1238). Using both counts walls twice.
 
 Shadowing is normal in dB and fixed: it depends on the run's seed, on the two robots, and on the square of some metres
 that each of them is in, and on nothing else. A robot that returns to a place finds what it found before, and both ends
@@ -27,11 +27,11 @@ from cosim.settings import Decibels, Gain, Metres, Settings
 from cosim.world.sight import wall_losses_db
 
 NEAREST_M: Final = 0.1
-"""Robots that are nearer to each other count as so far apart: the law holds for the far field, about a wavelength."""
+"""Least distance that counts, about a wavelength, as the law holds for the far field only."""
 
 
 class PropagationSettings(Settings):
-    """How radio signals fade with distance, walls and place."""
+    """Parameters of the loss of radio signals by distance, walls and place."""
 
     model: Literal["free_space", "log_distance"] = Field(
         default="free_space", description="free_space: the exponent is 2; log_distance: it is the one given"
@@ -50,7 +50,7 @@ class PropagationSettings(Settings):
 
 
 class Barrier(NamedTuple):
-    """A stretch of line that costs dB where a signal crosses it, whatever the floor plan says."""
+    """A line segment that costs dB where a signal crosses it, in addition to the walls of the floor plan."""
 
     x1_m: float
     y1_m: float
@@ -77,7 +77,7 @@ class Propagation:
         self._barriers: Sequence[Barrier] = ()
 
     def set_barriers(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way from now on."""
+        """Put *barriers*, and no others, in the way from now on."""
         self._barriers = barriers
 
     def gains_db(self, positions_m: npt.ArrayLike) -> Floats:
@@ -120,7 +120,7 @@ def _gains_db(positions: Floats, law: tuple[float, float, float, float], key: tu
 
 @njit(cache=True)
 def _place(x: float, y: float, cell: float) -> int:
-    """Return the number of the square at (x, y), of 32 bits; 65536 squares on, numbers repeat."""
+    """Return the number of the square at (x, y), 32 bits; numbers repeat after 65536 squares."""
     return (math.floor(x / cell) & 0xFFFF) << 16 | math.floor(y / cell) & 0xFFFF
 
 

@@ -1,11 +1,11 @@
-"""Several radios a robot: channels side by side that know nothing of each other, as if each had a band of its own.
+"""Several radios for each robot: channels side by side that are independent, as if each had a band of its own.
 
-Not every robot has all of them. One that a robot does not have is, on its channel, a device that is switched off for
-ever: it neither sends nor hears, and nobody has it in reach.
+Not every robot has all of them. A radio that a robot does not have is a device that is always switched off: it neither
+sends nor hears, and no robot has it in reach.
 
-Link commands, and the links that they make, are those of radio 0; of the others a host hears what arrives, and what
-has become of its payloads. Radio 0 is what it would be as the only one: it draws from the same streams, and the others
-from streams of their own. A robot's radios do not disturb each other, and work at the same time.
+Link commands, and the links that they make, are those of radio 0; from the others a host gets payloads, and the fates
+of its own. Radio 0 behaves as if it were the only one: it draws from the same streams, and the others from streams of
+their own. A robot's radios do not disturb each other, and work at the same time.
 """
 
 from collections import Counter
@@ -37,7 +37,7 @@ from cosim.units import Time
 _PAYLOAD_BYTES: Final = Metric("payload_bytes", "B", "bytes of the payloads that hosts have sent")
 RADIO: Final = Column("radio", "int", "", "which of the robots' radios")
 OF_RADIOS: Final = (FRAMES.name, TRANSMISSIONS.name, UNSENT.name)
-"""Tables whose rows bear the number of a radio."""
+"""Tables whose rows have the number of a radio."""
 
 
 def _one_radio(value: Any) -> ChannelSettings:
@@ -84,7 +84,7 @@ class RadioStreams(Streams):
 
 
 class RadioTrace(Trace):
-    """The trace of a run as one radio's channel writes to it: its frames bear the radio's number. It keeps nothing."""
+    """The trace of a run as one radio's channel writes to it: adds the radio's number to frames, and keeps nothing."""
 
     def __init__(self, whole: Trace, radio: int) -> None:
         super().__init__()
@@ -117,14 +117,14 @@ class _End:
         self._endpoint = endpoint
         self._radio = radio
         self._carriers = carriers
-        """Who has that radio."""
+        """Robots that have that radio."""
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a payload."""
         self._endpoint.receive(data, reception._replace(radio=self._radio), now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news that concern the host: links are those of radio 0, and of robots that have it."""
+        """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""
         of_payload = isinstance(event, Fate)
         of_stranger = isinstance(event, Lost) and event.peer not in self._carriers
         if of_payload or (self._radio == 0 and not of_stranger):
@@ -186,7 +186,7 @@ class RadiosChannel(Channel):
         self._parts[0].command(source, command)
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
-        """Return who would hear *address* now by any of its radios, in order."""
+        """Return the robots that would hear *address* now by any of its radios, in order."""
         return tuple(sorted({other for part in self._parts for other in part.in_reach(address)}))
 
     def advance(self, now: Time) -> None:
@@ -219,7 +219,7 @@ class RadiosChannel(Channel):
 
     @property
     def unsent(self) -> Counter[tuple[Address, Outcome]]:
-        """How many payloads were never on the air by any radio, by sender and reason."""
+        """Number of payloads that were never on the air by any radio, by sender and reason."""
         return sum((part.unsent for part in self._parts), Counter())
 
     def summary(self) -> dict[str, float]:

@@ -3,10 +3,11 @@
 With an unlimited rate and the default latency it is the paper's assumption that robots in sight of each other talk at
 once (Sgorbissa and Arkin, "Local navigation strategies for a team of robots", section 1). With a rate and a latency it
 is an optical link: light signals that a camera reads picture by picture. One payload is on its way from a sender at a
-time; it is received by who is in sight of the sender when it begins and when it arrives. A sender that is switched off
-before the end of its payload has not sent it.
+time; it is received by robots that are in sight of the sender when it begins and when it arrives. A sender that is
+switched off before the end of its payload has not sent it.
 
-What looks like a link to a host is the line of sight: inquiry finds who is in sight, and a link ends with it.
+What looks like a link to a host is the line of sight: inquiry finds the robots in sight, and a link ends when sight
+does.
 """
 
 from collections.abc import Sequence
@@ -47,9 +48,9 @@ class _Flight(NamedTuple):
     outgoing: Outgoing
     begin: Time
     looks: int
-    """Which look at who sees whom that was."""
+    """Number of the look at lines of sight by which it was sent."""
     audience: tuple[Address, ...]
-    """Who was in sight when it began."""
+    """Robots that were in sight when it began."""
 
 
 class OpticalChannel(IdealChannel):
@@ -70,21 +71,21 @@ class OpticalChannel(IdealChannel):
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._free_at: list[Time] = [0] * size
         self._waiting: list[list[Handle]] = [[] for _ in range(size)]
-        """What will begin when all before it has been sent."""
+        """Payloads of each robot that begin when all before them have been sent."""
         self._in_flight: dict[Time, list[_Flight]] = {}
-        """By the time of arrival."""
+        """Flights by their time of arrival."""
         self._positions_m: Positions | None = None
-        """Where the robots are, until somebody asks who sees whom."""
+        """Positions of the robots that lines of sight have not yet been computed for."""
         self._in_sight: list[tuple[Address, ...]] = [()] * size
-        """Who sees whom, whether they are switched on or not: not to be read but by ``_sight``."""
+        """Robots in sight of each, switched on or not; to be read by ``_sight`` only."""
         self._seen = np.zeros((size, size), np.bool_)
-        """The same as a matrix."""
+        """The lines of sight as a matrix."""
         self._looks = 0
-        """How often that has changed, or may have."""
+        """Number of times that it has changed, or may have."""
         self._missed = 0
 
     def moved(self, positions_m: Positions) -> None:
-        """Note that robots may see others now; links between robots that no longer see each other are lost."""
+        """Note that lines of sight have changed; links between robots that no longer see each other are lost."""
         self._positions_m = positions_m
         self._looks += 1
         if self._paged:
@@ -128,7 +129,7 @@ class OpticalChannel(IdealChannel):
         if outgoing.destination != BROADCAST and not self._hears(source, outgoing.destination):
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.NO_LINK)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.NO_LINK)))
+                self._report((source, Fate(outgoing.token, Outcome.NO_LINK)))
             return
         if self._rate_bps is None:
             self._begin(source, outgoing, 0)
@@ -158,9 +159,9 @@ class OpticalChannel(IdealChannel):
         flights.append(_new(_Flight, (source, outgoing, now, self._looks, audience)))
 
     def _land(self, arrival: Time) -> None:
-        """Deliver what arrives now to who is still in sight, and tell the senders."""
+        """Deliver what arrives now to robots that are still in sight, and report fates to the senders."""
         arrivals: list[Arrival] = []
-        news: list[tuple[Address, LinkEvent]] = []
+        events: list[tuple[Address, LinkEvent]] = []
         for source, outgoing, begin, looks, audience in self._in_flight.pop(arrival):
             to_all = outgoing.destination == BROADCAST
             heard = audience
@@ -175,8 +176,8 @@ class OpticalChannel(IdealChannel):
                 self._note(source, outgoing, begin, audience, heard)
             if outgoing.token is not None and self._knows_of(source, begin):
                 fate = Outcome.SENT if to_all else Outcome.DELIVERED if heard else Outcome.NO_LINK
-                news.append((source, Fate(outgoing.token, fate)))
-        self.deliver(arrivals, news)
+                events.append((source, Fate(outgoing.token, fate)))
+        self.deliver(arrivals, events)
 
     def _note(
         self,
@@ -200,7 +201,7 @@ class OpticalChannel(IdealChannel):
         return super()._hears(one, other) and other in self._sight()[one]
 
     def _sight(self) -> list[tuple[Address, ...]]:
-        """Look who sees whom, once after robots have moved and somebody wants to know."""
+        """Return the robots in sight of each, computed once after a move when it is first needed."""
         positions_m = self._positions_m
         if positions_m is not None:
             self._positions_m = None

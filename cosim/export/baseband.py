@@ -4,7 +4,7 @@ Captured is, at the radio of its receiver, every frame whose header was received
 outcome is "received" or (a whole payload for which there was no room) "refused", or of which the payload alone was
 lost; such a one is marked as having a bad CRC. A frame that its receiver did not hear is in no capture. Times,
 channels, addresses, types and lengths are the run's; the bytes of payloads, which the table does not hold, are zeros.
-FLOW is 1, ARQN and SEQN are 0: the table does not tell them.
+FLOW is 1, ARQN and SEQN are 0: the table does not have them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,10 +16,9 @@ from typing import Any, Final, NamedTuple
 
 from cosim.channels.bluetooth.bits.packet import TYPE_CODES, Fhs, Header, payload_bytes
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.controller import Identity
 from cosim.channels.bluetooth.hopping import GIAC
 from cosim.channels.bluetooth.packets import ACL, PACKETS
-from cosim.channels.bluetooth.radio import Heard, Part
+from cosim.channels.bluetooth.radio import Heard, Identity, Part
 from cosim.channels.bluetooth.scanning import RESPONSE_DELAY
 from cosim.export.pcapng import BROADCAST, CRC_ERROR, INBOUND, UNICAST, Interface, Packet
 from cosim.machine import Address
@@ -34,7 +33,7 @@ LAP, reference LAP and UAP, packet header, flags."""
 _TRANSPORT: Final = 0x30
 """ACL transport at Basic Rate."""
 _ANY_TRANSPORT: Final = 0x00
-"""That of an ID, which could be anything."""
+"""Packet type of an ID, which could be anything."""
 
 # flags of the pseudo-header
 _PLAIN: Final = 0x0009  # de-whitened, not encrypted
@@ -48,7 +47,7 @@ _CRC_PASSED: Final = 0x0800
 _WHOLE: Final = (Heard.RECEIVED, Heard.REFUSED)
 """Outcomes of frames of which no bit was wrong."""
 INQUIRY: Final = -1
-"""Stands for the general inquiry access code, which belongs to no device."""
+"""Value for the general inquiry access code, which belongs to no device."""
 NO_LLID: Final = 0
 """The channel sends payloads as they are: they belong to no logical link, L2CAP or LMP."""
 _PAGE_LIMIT: Final = 48 * SLOT
@@ -125,7 +124,7 @@ def _zeros(kind: str, uap: int, length: int) -> bytes:
 
 
 def _contents(device: Identity, time: Time, called: int) -> bytes:
-    """Return what an FHS that *device* sends at *time* tells of it."""
+    """Return the fields of an FHS that *device* sends at *time*."""
     clock = device.clock.tick(time) >> 2 & (1 << 26) - 1
     fhs = Fhs(device.hop_address & 0xFFFFFF, device.hop_address >> 24, 0, 0, called, clock)
     return fhs.to_bytes()

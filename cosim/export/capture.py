@@ -49,7 +49,7 @@ def write_capture(path: Path, channel: Channel, trace: Trace, comment: str) -> i
 
 
 def _rows(trace: Trace, table: Table, radio: int) -> Mapping[str, Sequence[Any]]:
-    """Return *table* as lists by column, of one radio only if the trace tells radios apart."""
+    """Return *table* as lists by column, of one radio only if the trace has a column for radios."""
     columns = trace.columns(table.name)
     if "radio" not in columns:
         return columns

@@ -8,8 +8,8 @@ only if they are told so.
 
 Robots have no MAC addresses of their own. Robot r's radio n has the locally administered 02:00:00:nn:rr:rr, and the
 network of radios n the BSSID 02:63:6f:73:69:nn. What a router has made is an IPv4 packet after LLC and SNAP headers
-(RFC 1042); a payload that nobody routes has the EtherType for local experiments (IEEE 802, local experimental EtherType
-1). These headers are there whatever the settings say of overhead.
+(RFC 1042); a payload that is not routed has the EtherType for local experiments (IEEE 802, local experimental EtherType
+1). These headers are there whatever overhead the settings have.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,9 +35,9 @@ _TYPES: Final = {DATA: 0x08, RTS: 0xB4, CTS: 0xC4, ACK: 0xD4}
 """The first octet of frame control: version, type and subtype (7.1.3.1)."""
 _RETRY: Final = 0x08
 _LONGEST_US: Final = 32767
-"""What a duration field can tell (7.1.3.2)."""
+"""Largest value of a duration field (7.1.3.2)."""
 _HEAD: Final = Struct("<BBH6s")
-"""Frame control, duration, address 1: what every frame begins with, and all of an ACK or a CTS."""
+"""Frame control, duration, address 1: the beginning of every frame, and all of an ACK or a CTS."""
 _DATA: Final = Struct("<6s6sH")
 """Addresses 2 and 3, sequence control."""
 _SNAP: Final = Struct(">6sH")

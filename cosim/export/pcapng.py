@@ -39,7 +39,7 @@ class Interface(NamedTuple):
     """What packets are captured at."""
 
     link_type: int
-    """What its packets are (LINKTYPE_ numbers)."""
+    """Link type of its packets (LINKTYPE_ number)."""
     name: str
     description: str
 

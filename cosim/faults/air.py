@@ -1,4 +1,4 @@
-"""Faults of the air: jammers, and walls of loss. They are nobody's, so their events have no robot."""
+"""Faults of the air: jammers, and walls of loss. They belong to no robot, so their events have none."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -17,7 +17,7 @@ from cosim.units import Time
 
 NOBODY: Final = -1
 MOST_JAMMINGS: Final = 10_000
-"""How often a jammer may be on the air in a run: radios are told of all of them before it begins."""
+"""Largest number of times that a jammer is on the air in a run: radios get all of them before it begins."""
 
 
 class AirFaults:

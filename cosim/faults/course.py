@@ -1,26 +1,31 @@
-"""What faults do in the course of a run; carried out in the phase FAULT.
+"""Faults in the course of a run, carried out in the phase FAULT: before a world tick of the same instant.
 
-A fault of the instant of a world tick comes before the tick.
-
-A killed robot's host neither takes nor answers anything from that instant on, its radio is off, and its body coasts:
-it keeps its velocity until the next world tick (that way has been checked against walls and bodies), and from there on
-brakes to rest under its acceleration limit, as if it were told to stand still. It rests there as an obstacle for ever.
-(A body that stood at once, in the midst of a tick, could be run into by one that follows it.)
+A killed robot's host neither takes nor answers anything from that instant on, its radio is off, and its body coasts: it
+keeps its velocity until the next world tick (that way has been checked against walls and bodies), and from there on
+brakes to rest under its acceleration limit, as if it were ordered to stand still. It rests there as an obstacle for
+ever. (A body that stood at once, in the midst of a tick, could be run into by one that follows it.)
 
 A crashed robot is the same until it boots: then a new machine, with what all machines know beforehand and a stream of
 its own, has the radio and the body; the clock has gone on. The referee hears of no death, for that body does not rest
 for ever, and the run waits for it. A frozen body brakes likewise; once it thaws it carries out its last order.
+
+A battery is an amount of energy that host, radio and drive use up, from world tick to world tick. The law is linear:
+constant power of the host and of the radio while they are on, and a constant energy for each metre driven. A radio uses
+most of its energy for listening (Feeney and Nilsson, "Investigating the energy consumption of a wireless network
+interface in an ad hoc networking environment", INFOCOM 2001), so frames are not counted; neither is braking, nor what
+standing costs beyond the host.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
 
 from cosim.channels.base import Channel
 from cosim.errors import UserError
 from cosim.faults.air import AirFaults
-from cosim.faults.battery import Battery
 from cosim.faults.events import (
     BatteryEmpty,
     CameraOff,
@@ -37,7 +42,6 @@ from cosim.faults.events import (
     Thawed,
 )
 from cosim.faults.instants import Agenda, Happening, Span, lasting, spans
-from cosim.faults.places import check_places, drawn_places
 from cosim.faults.settings import (
     BatterySettings,
     CameraOffSettings,
@@ -56,15 +60,20 @@ from cosim.machine import Address, Drive, Machine, Scan
 from cosim.node import Node
 from cosim.protocol import Death
 from cosim.randomness import Streams
-from cosim.robots.carry import Carry
-from cosim.robots.motion import Fleet
+from cosim.robots.motion import Carry, Fleet
+from cosim.robots.placement import Point, misfit
 from cosim.robots.senses import Senses
 from cosim.trace import Trace
-from cosim.units import Time, from_seconds
+from cosim.units import Time, from_seconds, to_seconds
 from cosim.world.floorplan import Floorplan
 
 Boot: TypeAlias = Callable[[Address, int, Time], Machine]
 """(robot, how often it has booted again, its clock) -> its new machine."""
+
+TRIES: Final = 1000
+"""Number of places that are drawn before the floor counts as full."""
+_ROUNDING: Final = 1e-9
+"""Share of a battery's capacity that counts as empty, so that rounding costs no tick."""
 
 
 class Victims(NamedTuple):
@@ -84,7 +93,7 @@ class Faults:
     def __init__(
         self, settings: Sequence[FaultSettings], kernel: Kernel, victims: Victims, trace: Trace, streams: Streams
     ) -> None:
-        """Raise UserError for a place to which a robot is to be moved, but where it does not fit."""
+        """Raise UserError for a place to which a robot is to be moved where it does not fit."""
         check_places(settings, victims.fleet.radii_m.tolist(), victims.floorplan)
         self.killed = 0
         """Robots that have died."""
@@ -96,12 +105,12 @@ class Faults:
         self._streams = streams
         self._nodes, self._channel, self._fleet, self._senses, self._floorplan, self._boot = victims
         self._lasting: dict[tuple[str, Address, int | None], int] = {}
-        """How many faults of a kind a robot has just now, those of one of its radios by its number."""
+        """Number of faults of a kind that a robot has just now, those of one of its radios by its number."""
         self._down: set[Address] = set()
-        """Who has crashed and will boot again, or would if the run were longer."""
+        """Robots that have crashed and will boot again, or would if the run were longer."""
         self._boots = [0] * len(self._nodes)
         self._to_scan: set[Address] = set()
-        """Who has booted, but has not had its radio on since."""
+        """Robots that have booted, but have not had their radios on since."""
         self._batteries: dict[Address, Battery] = {}
         self._dead: set[Address] = set()
         self._coasting: dict[Address, Time] = {}
@@ -155,7 +164,7 @@ class Faults:
         return [self._death(robot, self._coasting.pop(robot)) for robot in rested]
 
     @property
-    def anybody_returns(self) -> bool:
+    def reboots_pending(self) -> bool:
         """Whether a host is down that will boot again."""
         return bool(self._down)
 
@@ -295,3 +304,52 @@ class Faults:
         if battery.empty and robot not in self._dead:
             self._note(robot, BatteryEmpty())
             self._kill(robot)
+
+
+class Battery:
+    """What is left of the energy of one robot."""
+
+    def __init__(self, settings: BatterySettings) -> None:
+        self.left_j = settings.capacity_j
+        self._settings = settings
+        self._since: Time = 0
+
+    def last(self, now: Time, host_on: bool, radio_on: bool) -> None:
+        """Take what the time since the last call has cost, in which host and radio were on or off."""
+        power_w = self._settings.idle_w * host_on + self._settings.radio_w * radio_on
+        self.left_j -= power_w * to_seconds(now - self._since)
+        self._since = now
+
+    def drive(self, way_m: float) -> None:
+        """Take what a way has cost."""
+        self.left_j -= self._settings.drive_j_per_m * way_m
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is left."""
+        return self.left_j <= _ROUNDING * self._settings.capacity_j
+
+
+# ---------------------------------------------------------------- places
+
+
+def check_places(faults: Sequence[FaultSettings], radii_m: Sequence[float], floorplan: Floorplan) -> None:
+    """Raise UserError for a place to which a robot is to be moved where its body would not fit."""
+    for number, fault in enumerate(faults):
+        if isinstance(fault, MovedSettings) and fault.to_m is not None:
+            wrong = misfit(fault.to_m, float(radii_m[fault.robot]), floorplan)
+            if wrong is not None:
+                x, y = fault.to_m
+                raise UserError(f"faults[{number}].to_m: ({x:g}, {y:g}) {wrong}")
+
+
+def drawn_places(radius_m: float, floorplan: Floorplan, stream: np.random.Generator) -> Iterator[Point]:
+    """Yield places on the floor where a body of *radius_m* fits, drawn evenly from *stream*; none if it is full.
+
+    Whether a way leads out of them is not checked.
+    """
+    x_min, y_min, x_max, y_max = floorplan.bounds_m
+    for _ in range(TRIES):
+        place = float(stream.uniform(x_min, x_max)), float(stream.uniform(y_min, y_max))
+        if misfit(place, radius_m, floorplan) is None:
+            yield place

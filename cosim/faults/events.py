@@ -1,4 +1,4 @@
-"""The rows of the table of events that faults cause; the robot is the row's source, -1 where it is nobody's."""
+"""The rows of the table of events that faults cause; the robot is the row's source, -1 where there is none."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -1,6 +1,6 @@
 """When a fault begins and ends, as often as it does in a run, and the agenda by which all faults happen.
 
-Instants are drawn as the run comes to them: a run that nobody expects to last may be given a thousand years.
+Instants are drawn as the run comes to them: a run that will end early may be given a thousand years.
 """
 
 import heapq

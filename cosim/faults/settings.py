@@ -1,4 +1,4 @@
-"""What a scenario can say about faults: what goes wrong, when, to whom; at a given time, or at random with a rate.
+"""Faults as a scenario describes them: what goes wrong, with which robot, at a given time or at random with a rate.
 
 With a rate, a fault happens at the points of a Poisson process: the gaps are exponential, drawn from a stream of that
 fault's own. Faults of one kind and one robot may overlap; what they have in common is over when the last of them is.
@@ -16,9 +16,9 @@ from cosim.units import Time, from_seconds
 
 LAST_CHANNEL: Final = 78
 MOST_OFTEN_PER_S: Final = 1e3
-"""Once a millisecond: a run is to get on."""
+"""Greatest rate: once a millisecond, so that a run gets on."""
 LONGEST_STEP_S: Final = 1e9
-"""Thirty years: what a clock then reads still is an integer of 64 bits, in the tables too."""
+"""Longest step, thirty years: the clock still reads an integer of 64 bits, in the tables too."""
 MODES: Final = {"constant": CONSTANT, "sweeping": SWEEPING, "pulsed": PULSED}
 
 RfChannel: TypeAlias = Annotated[int, Field(ge=0, le=LAST_CHANNEL)]
@@ -234,7 +234,7 @@ FaultSettings: TypeAlias = Annotated[
 def misplaced(faults: Sequence[FaultSettings], team: int, duration_s: float) -> tuple[int, str, str] | None:
     """Return (number, field, what is wrong) of the first of *faults* that cannot happen in a run, if there is one.
 
-    A robot must be one of the *team*, a fault begin before the run ends, nobody die twice or have two batteries.
+    A robot must be one of the *team*, a fault begin before the run ends, no robot die twice or have two batteries.
     """
     dead: set[Address] = set()
     supplied: set[Address] = set()

@@ -13,49 +13,25 @@ start be. Two readings of "length" and of the estimate that guides the search:
   eight. No straight line is longer than the square root of 2 times the way of the fewest steps, so a way found costs at
   most that many times the cheapest.
 
-A cell that is reached more cheaply after it has been left is left again, as in the paper of 1968. Cells that promise
-about the same cost wait in one bucket (R. B. Dial, Communications of the ACM 12(11), 1969), from which the last one is
-taken first; the search ends when no bucket is left that promises less than the way found.
+The search itself is :mod:`cosim.geometry.grid_search`.
 Cells are numbered ``cell = iy * nx + ix`` as in :mod:`cosim.geometry.grids`.
 """
 
-import math
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from cosim.arrays import Bools, Bytes, Floats, Int32s, Int64s, Singles
+from cosim.arrays import Bools, Floats, Int32s, Singles
+from cosim.geometry.grid_search import DIAGONAL, Estimate, cheapest_way, costs
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import grown, in_view, obstacle_distance
 from cosim.jit import njit
 
 Reading: TypeAlias = Literal["octile", "printed"]
 
-_DIAGONAL: Final = math.sqrt(2.0)
 _BESIDE: Final = 0.5
-"""How far the centre of a cell is from an obstacle beside it, in cells."""
-_BLIND, _OCTILE, _STRAIGHT = range(3)
-"""Estimates of what is left: none (Dijkstra's algorithm), and those of the readings."""
-_SLICES: Final = (1, 4, 1024)
-"""Buckets to one unit of cost, for each of the estimates. Without one, cells of a bucket of 1 cannot shorten each
-other's ways; with that of ``printed``, order decides, and is kept to a thousandth."""
-_MOST_BUCKETS: Final = 1 << 16
-"""Buckets are wider rather than more."""
-_RISE: Final = 1.0 + 2.0 * _DIAGONAL
-"""By less than this, and the extra cost, a cell promises more than that from which it is entered."""
-_LINKS: Final = 1 << 17
-"""So many a queue has; a search that needs more begins anew with twice as many."""
-_NONE, _FULL = -1, -2
-"""No link, and too few of them."""
-_SPARE, _USED, _LISTED = range(3)
-"""What a queue counts."""
-_ENTERED, _PASSED, _END, _WAITING = 1, 2, 4, 8
-"""What a cell is: it may be entered, it may be left, it is an end, and it is to be looked at."""
-_UP: Final = np.array([0, 0, -1, 1, -1, -1, 1, 1])
-_RIGHT: Final = np.array([-1, 1, 0, 0, -1, 1, -1, 1])
-_SLANTED: Final = 4
-"""From this step on they are diagonal."""
+"""Distance between the centre of a cell and an obstacle beside it, in cells."""
 
 
 # ---------------------------------------------------------------- where to go, and what it costs
@@ -171,30 +147,20 @@ def costs_from(
     grid.
     """
     _check(passable, extra, start)
-    mask = np.zeros(passable.shape, np.bool_) if ends is None else _mask(ends, passable)
-    _, cost, _ = _searched(passable, mask, extra, start, -1, _BLIND, reading, False)
-    ny, nx = passable.shape
-    return np.ascontiguousarray(np.asarray(cost).reshape(ny + 2, nx + 2)[1:-1, 1:-1])
+    mask = None if ends is None else _mask(ends, passable)
+    return costs(passable, np.array([start]), price=extra, ends=mask, diagonal=_diagonal(reading))
 
 
 def _way(passable: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, reading: Reading) -> Int32s | None:
     """Return a way to the first of *ends* that is final; the search is blind with *goal* -1."""
     _check(passable, extra, start)
-    estimate = _BLIND if goal < 0 else _OCTILE if reading == "octile" else _STRAIGHT
-    last, _, before = _searched(passable, ends, extra, start, goal, estimate, reading, True)
-    return _unwound(before, last, passable.shape[1] + 2) if last >= 0 else None
+    estimate = Estimate.NONE if goal < 0 else Estimate.OCTILE if reading == "octile" else Estimate.STRAIGHT
+    return cheapest_way(passable, ends, extra, start, goal, estimate, _diagonal(reading))
 
 
-def _searched(
-    free: Bools, ends: Bools, extra: Singles, start: Cell, goal: Cell, estimate: int, reading: Reading, stop: bool
-) -> tuple[int, Floats, Int32s]:
-    """Return what :func:`_search` finds with as many links as it needs."""
-    diagonal, links = (_DIAGONAL if reading == "octile" else 1.0), _LINKS
-    while True:
-        found = _search(free, ends, extra, start, goal, estimate, diagonal, stop, links)
-        if found[0] != _FULL:
-            return found
-        links *= 2
+def _diagonal(reading: Reading) -> float:
+    """Return the length of a diagonal step."""
+    return DIAGONAL if reading == "octile" else 1.0
 
 
 def _mask(cells: npt.ArrayLike, grid: Bools) -> Bools:
@@ -213,160 +179,6 @@ def _check_cell(grid: Bools, cell: Cell) -> None:
 
 
 # ---------------------------------------------------------------- kernels
-
-
-@njit(cache=True)
-def _search(
-    free: Bools,
-    ends: Bools,
-    extra: Singles,
-    start: int,
-    goal: int,
-    estimate: int,
-    diagonal: float,
-    stop: bool,
-    links: int,
-) -> tuple[int, Floats, Int32s]:
-    """Return the cheapest of *ends* (-1: none; all cells are looked at without *stop*), costs, and cells before.
-
-    All are of the grid with a border of one cell, flat. -2: there are not enough *links* for the queue.
-    One bucket after the other is emptied. A cell that is reached more cheaply after it has been left is left again; if
-    no estimate is too much that happens within a bucket only.
-    """
-    state, prices, dearest = _bordered(free, ends, extra)
-    nx = free.shape[1]
-    wide, goal_x, goal_y = nx + 2, goal % nx + 1, goal // nx + 1
-    origin = (start // nx + 1) * wide + start % nx + 1
-    slices, first = _buckets(dearest, estimate)
-    held, after, count = np.empty(links, np.int32), np.empty(links, np.int32), np.array([_NONE, 0, 0])
-    cost, before = np.full(state.size, np.inf), np.empty(state.size, np.int32)
-    cost[origin], before[origin] = 0.0, origin
-    state[origin] |= _WAITING
-    bucket = int(slices * _estimate(origin % wide, origin // wide, goal_x, goal_y, estimate))
-    _put(first, held, after, count, bucket, origin)
-    last, best = -1, np.inf
-    while count[_LISTED] > 0 and bucket <= best * slices:
-        cell = _taken(first, held, after, count, bucket)
-        if cell == _NONE:
-            bucket += 1
-            continue
-        if not state[cell] & _WAITING:
-            continue  # it was listed twice
-        state[cell] ^= _WAITING
-        if stop and state[cell] & _END:
-            if cost[cell] < best:
-                last, best = cell, cost[cell]
-        elif state[cell] & _PASSED or cell == origin:
-            if count[_USED] + 8 > links:
-                return _FULL, cost, before
-            steps, x, y = _steps(state, cell, wide), cell % wide, cell // wide
-            for k in range(8):
-                to = cell + _UP[k] * wide + _RIGHT[k]
-                length = cost[cell] + (diagonal if k >= _SLANTED else 1.0) + prices[to]
-                if not steps >> k & 1 or length >= cost[to]:
-                    continue
-                promise = length + _estimate(x + _RIGHT[k], y + _UP[k], goal_x, goal_y, estimate)
-                if promise < best:
-                    cost[to], before[to] = length, cell
-                    state[to] |= _WAITING
-                    _put(first, held, after, count, max(int(promise * slices), bucket), to)
-    return last, cost, before
-
-
-@njit(cache=True)
-def _bordered(free: Bools, ends: Bools, extra: Singles) -> tuple[Bytes, Singles, float]:
-    """Return what cells are and what they cost, flat, with a border that nobody enters, and the greatest cost."""
-    ny, nx = free.shape
-    state, prices = np.zeros((ny + 2, nx + 2), np.uint8), np.zeros((ny + 2, nx + 2), np.float32)
-    dearest = 0.0
-    for iy in range(ny):
-        for ix in range(nx):
-            passed = _ENTERED | _PASSED if free[iy, ix] else 0
-            state[iy + 1, ix + 1] = passed | (_ENTERED | _END if ends[iy, ix] else 0)
-            prices[iy + 1, ix + 1] = extra[iy, ix]
-            if dearest < extra[iy, ix] < np.inf:
-                dearest = float(extra[iy, ix])
-    return state.ravel(), prices.ravel(), dearest
-
-
-@njit(cache=True)
-def _steps(state: Bytes, cell: int, wide: int) -> int:
-    """Return the steps from a cell to those that may be entered: bit k is that by _UP[k] and _RIGHT[k].
-
-    As :func:`cosim.geometry.planning.open_steps`: a slanted one leads past two cells that may be passed.
-    """
-    left, right, below, above = state[cell - 1], state[cell + 1], state[cell - wide], state[cell + wide]
-    steps = (left & 1) | (right & 1) << 1 | (below & 1) << 2 | (above & 1) << 3
-    steps |= ((below & left) >> 1 & state[cell - wide - 1] & 1) << 4
-    steps |= ((below & right) >> 1 & state[cell - wide + 1] & 1) << 5
-    steps |= ((above & left) >> 1 & state[cell + wide - 1] & 1) << 6
-    steps |= ((above & right) >> 1 & state[cell + wide + 1] & 1) << 7
-    return int(steps)
-
-
-@njit(cache=True)
-def _estimate(x: int, y: int, goal_x: int, goal_y: int, estimate: int) -> float:
-    if estimate == _BLIND:
-        return 0.0
-    way_x, way_y = float(abs(x - goal_x)), float(abs(y - goal_y))
-    if estimate == _STRAIGHT:
-        return math.sqrt(way_x * way_x + way_y * way_y)
-    return max(way_x, way_y) + (_DIAGONAL - 1.0) * min(way_x, way_y)
-
-
-@njit(cache=True)
-def _buckets(dearest: float, estimate: int) -> tuple[float, Int32s]:
-    """Return how many buckets there are to one unit of cost, and a ring of them, empty: the first link of each.
-
-    It holds promises up to that of a step from the bucket that is being emptied.
-    """
-    rise, slices, ring = dearest + _RISE, float(_SLICES[estimate]), 1
-    while rise * slices > _MOST_BUCKETS:
-        slices *= 0.5
-    while ring < rise * slices + 2.0:
-        ring *= 2
-    return slices, np.full(ring, _NONE, np.int32)
-
-
-@njit(cache=True)
-def _put(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int, cell: int) -> None:
-    """Put a cell before those of a bucket: a link holds a cell, and says which is the next one."""
-    at, link = bucket & (first.size - 1), count[_SPARE]
-    if link == _NONE:
-        link = count[_USED]
-        count[_USED] += 1
-    else:
-        count[_SPARE] = after[link]
-    held[link], after[link], first[at] = cell, first[at], link
-    count[_LISTED] += 1
-
-
-@njit(cache=True)
-def _taken(first: Int32s, held: Int32s, after: Int32s, count: Int64s, bucket: int) -> int:
-    """Return the cell that was put last into a bucket, and take it away; _NONE if the bucket is empty."""
-    at = bucket & (first.size - 1)
-    link = first[at]
-    if link == _NONE:
-        return _NONE
-    first[at], after[link], count[_SPARE] = after[link], count[_SPARE], link
-    count[_LISTED] -= 1
-    cell: int = held[link]
-    return cell
-
-
-@njit(cache=True)
-def _unwound(before: Int32s, last: int, wide: int) -> Int32s:
-    """Return the way to a cell of the grid with its border, in cells of the grid without."""
-    count, cell = 1, last
-    while cell != before[cell]:
-        cell = before[cell]
-        count += 1
-    way = np.empty(count, np.int32)
-    cell = last
-    for k in range(count - 1, -1, -1):
-        way[k] = (cell // wide - 1) * (wide - 2) + cell % wide - 1
-        cell = before[cell]
-    return way
 
 
 @njit(cache=True)

@@ -7,9 +7,9 @@ it meets one ("local direction left"), else at its left. A place on it is an edg
 
 Sight: the points of a base segment P-Q that an apex C does not see lie in the shadows of the edges that reach into the
 triangle C P Q. A shadow is an interval of fractions of the base; the kernels here cast and join shadows. A kernel that
-looks from C at P-Q reads nothing but the parts of edges inside that triangle, so nobody learns what is out of sight.
-Floating point: a shadow narrower than ``SLACK_M`` at the base's beginning is none (the line C-P may graze a corner that
-lies behind the sweep), and a robot that touches an edge looks from ``CLEAR_M`` beside it.
+looks from C at P-Q reads nothing but the parts of edges inside that triangle, so a robot learns nothing of what is out
+of sight. Floating point: a shadow narrower than ``SLACK_M`` at the base's beginning is none (the line C-P may graze a
+corner that lies behind the sweep), and a robot that touches an edge looks from ``CLEAR_M`` beside it.
 """
 
 import math
@@ -28,11 +28,11 @@ PackedBoundary: TypeAlias = tuple[Floats, Int32s, Int64s, float]
 """Numbers and members of the grid, links (3, n), and the side."""
 
 CLEAR_M: Final = 1e-6
-"""How far beside an edge the eye of a robot is that touches the edge."""
+"""Distance between an edge and the eye of a robot that touches it."""
 SLACK_M: Final = 1e-7
-"""Lengths below this are rounding: of shadows, of what is left of an edge, of gaps between two places."""
+"""Length below which a shadow, the rest of an edge or a gap between two places is rounding."""
 _DEEP_M: Final = 1.0
-"""A point that is not deeper than this inside an obstacle is taken to the nearest place of its boundary."""
+"""Depth inside an obstacle up to which a point is moved to the nearest place of its boundary."""
 _NARROW: Final = 0.05
 """Half the angle of the narrowest corner (sine) whose both sides the eye keeps its distance from."""
 
@@ -48,7 +48,7 @@ class Boundary(NamedTuple):
     loop: Int64s
     """The number of each edge's loop, (n,): obstacles first, in the order given, then enclosures."""
     side: float
-    """1.0 if the obstacle is at the right hand of who walks (local direction left), else -1.0."""
+    """1.0 if the obstacle is on the right of a walker (local direction left), else -1.0."""
 
 
 def boundary(
@@ -188,7 +188,7 @@ def nearest_place(loops: Boundary, x: float, y: float, limit_m: float) -> tuple[
 
 @njit(cache=True)
 def stand_clear(loops: Boundary, x: float, y: float) -> tuple[float, float, float, float]:
-    """Return where a robot stands, and its eye: two points in metres; a kernel for kernels.
+    """Return the place of a robot and that of its eye, two points in metres; a kernel for kernels.
 
     In free space both are (x, y). A point inside an obstacle, up to a metre deep, stands at the nearest place of the
     boundary. The eye of a robot at the boundary is CLEAR_M beside it.

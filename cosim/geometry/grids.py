@@ -25,7 +25,7 @@ NORTH, EAST, SOUTH, WEST = 0, 1, 2, 3
 OFFSETS: Final = ((0, 1), (1, 0), (0, -1), (-1, 0))
 """(dx, dy) in cells of each direction."""
 TOUCH_M: Final = 1e-9
-"""How far a body that touches a wall may seem to be inside it."""
+"""Depth to which a body that touches a wall may seem to be inside it."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class CoverageGrid:
     steps: Int32s
     """Shape (nx * ny, 4): the cell that a step in each direction leads to, or -1 where the body does not fit."""
     free: Bools
-    """Shape (nx * ny,): the body fits into the cell."""
+    """Shape (nx * ny,): true if the body fits into the cell."""
     reachable: Bools
-    """Shape (nx * ny,): some robot of the team can drive there, cell by cell."""
+    """Shape (nx * ny,): true if some robot of the team can drive there, cell by cell."""
 
     def centre_m(self, cell: Cell) -> tuple[float, float]:
         """Return the centre of *cell* in metres."""
@@ -71,8 +71,8 @@ def coverage_grid(
 ) -> CoverageGrid:
     """Cut the floor into cells of *cell_m* and find out where a disc of *radius_m* can stand and step.
 
-    *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m*
-    has the shape (n, 4). *forbidden* says of points (n, 2) which of them are occupied, unknown or outside. Reachable is
+    *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m* has
+    the shape (n, 4). *forbidden* returns for points (n, 2) which of them are occupied, unknown or outside. Reachable is
     what can be stepped to from the cells that hold *starts_m* (n, 2), as far as they are free; without starts, the
     largest set of cells that can be stepped to from each other (of equal ones that with the lowest cell).
 

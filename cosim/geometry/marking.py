@@ -1,4 +1,4 @@
-"""What range scans tell of a grid: the evidence of its cells, their states, and where the unexplored begins.
+"""What range scans reveal of a grid: the evidence of its cells, their states, and where the unexplored begins.
 
 ``evidence``, int8 of shape (ny, nx), row 0 at the bottom, is 0 where nothing is known, below 0 where a cell seems
 empty, above where it seems occupied. A hit adds to it, a beam that passes takes away, and it stays within a cap. A cell
@@ -33,9 +33,9 @@ EMPTY: Final = 1
 OCCUPIED: Final = 2
 
 _HAIR: Final = 1e-5
-"""Of a cell. It is far more than rounding loses, also that of the steps of 2^-32 cells along a beam."""
+"""Share of a cell, far more than rounding loses, also that of the steps of 2^-32 cells along a beam."""
 _MARGIN: Final = 3.0 * _HAIR
-"""How near to the grid's edge a beam may end, so that no cell beyond it is looked at."""
+"""Least distance of a beam's end from the grid's edge, so that no cell beyond it is read."""
 _BITS: Final = 32
 _ONE: Final = 4294967296.0
 """One cell in fixed point: 2 ** _BITS."""
@@ -101,11 +101,11 @@ def mark_scan(
     """Mark a scan from (x, y) into *evidence* and *frontier*; return how many cells changed their state.
 
     Their numbers, ``iy * nx + ix``, are in ``changed[:n]``, scratch that holds ``most_changes`` or all cells. The
-    grid's lower left corner is at the origin (metres). Beam k looks along the unit vector ``directions[k]``, shape
-    (n, 2), in the grid's frame; it has hit something if ``ranges_m[k]`` is less than *range_m*; a reading of NaN or
-    below 0 says nothing. *hit*, *miss* >= 1 and *cap* <= 127 are ``Weights``. *bodies*, shape (k, 3), are places and
-    radii (metres) of known bodies: a hit as near to one as its radius and half a cell says nothing, and only the cells
-    before it are passed. A beam ends where the grid does. From a place off the grid nothing is marked.
+    grid's lower left corner is at the origin (metres). Beam k looks along the unit vector ``directions[k]``, shape (n,
+    2), in the grid's frame; it has hit something if ``ranges_m[k]`` is less than *range_m*; a reading of NaN or below 0
+    counts for nothing. *hit*, *miss* >= 1 and *cap* <= 127 are ``Weights``. *bodies*, shape (k, 3), are places and
+    radii (metres) of known bodies: a hit as near to one as its radius and half a cell counts for nothing, and only the
+    cells before it are passed. A beam ends where the grid does. From a place off the grid nothing is marked.
 
     Raise ValueError if the arrays do not fit together.
     """
@@ -139,9 +139,9 @@ def merge_cells(
 ) -> int:
     """Take over the states *told* (n,) of *cells* (n,) from another's map; return how many cells changed their state.
 
-    Their numbers are in ``changed[:count]``, which holds n. An unknown cell becomes what is told, with evidence of the
-    *weight* (the cap where hits are certain). A cell known otherwise keeps its state, unless ``newer[k]`` says that
-    the other has seen it later. That a cell is unknown to the other says nothing.
+    Their numbers are in ``changed[:count]``, which holds n. An unknown cell takes the state received, with evidence of
+    the *weight* (the cap where hits are certain). A cell known otherwise keeps its state, unless ``newer[k]`` is true,
+    because the other has seen it later. Cells that are unknown to the other are left alone.
 
     Raise ValueError if the arrays do not fit together, LookupError if a cell is off the grid; nothing is changed then.
     """

@@ -1,14 +1,14 @@
 """Ways over a floor of square cells: the wavefront planner, and way points that see each other.
 
-A grid of booleans says in which cells the centre of a robot may be: obstacles are grown by the robot's radius, so that
-the robot is a point. A step leads to one of eight neighbours and costs its length, 1 or the square root of 2 cells; a
-diagonal step needs the cells on both of its sides free too (no corner is cut). The wavefront is the field of the costs
-of the shortest ways to the nearest goal; steepest descent in it is a shortest way: a numerical navigation function
-(Barraquand, Langlois and Latombe, IEEE Trans. Systems, Man, and Cybernetics 22(2), 1992), with the eight steps of the
-driver ``wavefront`` of Player.
+A grid of booleans marks the cells in which the centre of a robot may be: obstacles are grown by the robot's radius, so
+that the robot is a point. A step leads to one of eight neighbours and costs its length, 1 or the square root of 2
+cells; a diagonal step needs the cells on both of its sides free too (no corner is cut). The wavefront is the field of
+the costs of the shortest ways to the nearest goal; steepest descent in it is a shortest way: a numerical navigation
+function (Barraquand, Langlois and Latombe, IEEE Trans. Systems, Man, and Cybernetics 22(2), 1992), with the eight steps
+of the driver ``wavefront`` of Player.
 
-No step is shorter than a cell. So the cells whose cost lies in [i, i + 1) cannot shorten each other's ways: wave i is
-final as soon as wave i - 1 has been expanded, in any order within, and Dijkstra's algorithm needs no heap.
+No step is shorter than a cell. So the cells whose cost lies in [i, i + 1), a wave, cannot shorten each other's ways:
+the search of :mod:`cosim.geometry.grid_search` takes one wave after the other, and needs no heap.
 
 Where the centres of free cells have a clearance c, steps and lines of sight between centres have at least c less half a
 cell's diagonal.
@@ -23,7 +23,8 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from cosim.arrays import Bools, Floats, Int32s, Int64s, Singles
+from cosim.arrays import Bools, Floats, Int32s, Singles
+from cosim.geometry.grid_search import costs
 from cosim.geometry.grids import TOUCH_M, Cell
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.jit import njit
@@ -31,8 +32,6 @@ from cosim.jit import njit
 Point: TypeAlias = tuple[float, float]
 
 _DIAGONAL: Final = math.sqrt(2.0)
-_WAVES: Final = 3
-"""Waves under way at once: the one that is expanded, and the two that a step of 1 or 1.41 leads to."""
 
 
 # ---------------------------------------------------------------- free cells
@@ -90,7 +89,7 @@ class PlanningGrid:
         :func:`in_view`. Start and goal may be off the centres of their cells, the legs there by as much off the line.
         A start or goal where the robot does not fit is replaced by the centre of the nearest free cell that is at most
         *snap_m* away, which is then a way point; without such a cell there is no way from or to it. With a *snap_m* of
-        at most the radius by which obstacles have been grown, nobody snaps to the other side of a wall.
+        at most the radius by which obstacles have been grown, no place snaps to the other side of a wall.
 
         Raise LookupError if the start or a goal is off the grid.
         """
@@ -137,7 +136,7 @@ def wall_planning_grid(
     """Return where the centre of a robot of *radius_m* may be among walls, as cells of *cell_m* metres.
 
     *bounds_m* is x_min, y_min, x_max, y_max; what is left of it beyond the last whole cell is in no cell. *walls_m* has
-    the shape (n, 4). *forbidden* says of points (n, 2) which of them are occupied, unknown or outside.
+    the shape (n, 4). *forbidden* returns for points (n, 2) which of them are occupied, unknown or outside.
 
     Raise ValueError if no cell fits into the bounds, a measure is not positive, or the radius is less than half the
     diagonal of a cell: there might be free cells side by side with a wall between them.
@@ -174,7 +173,8 @@ def cost_to_go(free: Bools, goals: npt.ArrayLike) -> Floats:
     cells = np.asarray(goals, np.int64).reshape(-1)
     for cell in cells.tolist():
         _check_cell(free, cell)
-    return _wavefront(np.ascontiguousarray(free), cells)
+    known = np.ascontiguousarray(free)
+    return costs(known, cells[known.flat[cells]])
 
 
 def descent(free: Bools, cost: Floats, start: Cell) -> Int32s | None:
@@ -264,51 +264,6 @@ def open_steps(free: Bools, enterable: Bools, ix: int, iy: int) -> int:
 
 
 @njit(cache=True)
-def _wavefront(free: Bools, goals: Int64s) -> Floats:
-    ny, nx = free.shape
-    cost = np.full((ny, nx), np.inf)
-    wave_of = np.full((ny, nx), -1, np.int32)  # the last wave that a cell has been written to
-    cells = np.empty((_WAVES, ny * nx), np.int32)
-    sizes = np.zeros(_WAVES, np.int32)
-    for goal in goals:
-        iy, ix = goal // nx, goal % nx
-        if free[iy, ix] and wave_of[iy, ix] < 0:
-            cost[iy, ix], wave_of[iy, ix] = 0.0, 0
-            cells[0, sizes[0]] = goal
-            sizes[0] += 1
-    wave = 0
-    while sizes.any():
-        now = wave % _WAVES
-        for at in range(sizes[now]):
-            iy, ix = cells[now, at] // nx, cells[now, at] % nx
-            if wave_of[iy, ix] == wave:  # else an earlier wave has reached it
-                _expand(free, ix, iy, cost, wave_of, cells, sizes)
-        sizes[now] = 0
-        wave += 1
-    return cost
-
-
-@njit(cache=True)
-def _expand(free: Bools, ix: int, iy: int, cost: Floats, wave_of: Int32s, cells: Int32s, sizes: Int32s) -> None:
-    """Lead the ways of all neighbours of a cell over it where that makes them shorter, and list them in their waves."""
-    steps = open_steps(free, free, ix, iy)
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if not steps >> (3 * dy + dx + 4) & 1:
-                continue
-            x, y = ix + dx, iy + dy
-            length = cost[iy, ix] + (_DIAGONAL if dx != 0 and dy != 0 else 1.0)
-            if length >= cost[y, x]:
-                continue
-            cost[y, x] = length
-            wave = int(length)
-            if wave != wave_of[y, x]:
-                wave_of[y, x] = wave
-                cells[wave % _WAVES, sizes[wave % _WAVES]] = y * free.shape[1] + x
-                sizes[wave % _WAVES] += 1
-
-
-@njit(cache=True)
 def _descent(free: Bools, cost: Floats, start: int) -> Int32s:
     nx = free.shape[1]
     path = np.empty(free.size, np.int32)
@@ -334,7 +289,7 @@ def _descent(free: Bools, cost: Floats, start: int) -> Int32s:
 def in_view(free: Bools, a: Cell, b: Cell) -> bool:
     """Return whether all cells that the line between the centres of the cells *a* and *b* meets are free.
 
-    A line through a corner meets all four cells there. Symmetric. Whole numbers say exactly by which side the line
+    A line through a corner meets all four cells there. Symmetric. Whole numbers decide exactly by which side the line
     leaves a cell.
     """
     nx = free.shape[1]

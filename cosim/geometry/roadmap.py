@@ -23,7 +23,7 @@ from cosim.geometry.planning import PlanningGrid, Point
 from cosim.jit import njit
 
 _CORNER: Final = 1e-9
-"""A line that passes a cell's corner as near as this (cells) meets all four cells there."""
+"""Distance from a cell's corner, in cells, within which a line meets all four cells there."""
 
 
 @dataclass(frozen=True, eq=False)

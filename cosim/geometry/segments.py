@@ -24,9 +24,9 @@ from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.jit import njit
 
 MISS: Final = 2.0
-"""What stands for no hit where a hit is a fraction of a way, 0 to 1."""
+"""Value for no hit where a hit is a fraction of a way, 0 to 1."""
 _PAD: Final = 1e-6
-"""By how much of a cell the cells overlap."""
+"""Overlap of neighbouring cells, as a share of a cell."""
 
 
 class SegmentGrid(NamedTuple):
@@ -359,7 +359,7 @@ def _contact(
 # ---------------------------------------------------------------- walls crossed
 
 _BLOCK: Final = 64
-"""So many walls are looked at together: four of them at a time, in the registers of the processor."""
+"""Number of walls in a batch: four of them at a time, in the registers of the processor."""
 
 
 @njit(cache=True)

@@ -7,9 +7,9 @@ its length, 1 or the square root of 2 cells, times the *price* of the cell that 
 grows towards obstacles keeps ways off them. No step cuts a corner, see :func:`cosim.geometry.planning.open_steps`.
 
 The iteration converges to one fixed point, whatever the order of its updates: the costs of the cheapest ways. So
-:func:`values` takes the cells in the order of their values, each once, from a heap (Dijkstra's algorithm), which is
-tested against the iteration as it is printed. "It computes the distance from arbitrary starting locations, hence is
-capable of recovering from unanticipated motions": a robot that has been pushed off its way needs no new plan.
+:func:`values` searches from the goals (:mod:`cosim.geometry.grid_search`, with the price as factor of the cell that is
+left); it is tested against the iteration as it is printed. "It computes the distance from arbitrary starting locations,
+hence is capable of recovering from unanticipated motions": a robot that has been pushed off its way needs no new plan.
 """
 
 import math
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cosim.arrays import Bools, Floats, Int64s, Singles
+from cosim.geometry.grid_search import costs
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import in_view, open_steps
 from cosim.jit import njit
@@ -32,7 +33,8 @@ def values(free: Bools, price: Singles, goals: npt.ArrayLike) -> Floats:
     *free* and *price* have the shape (ny, nx); *goals* are numbers of cells, of which those that are not free are left
     out. Raise ValueError for prices below 1 or of another shape, LookupError for a goal off the grid.
     """
-    return _dijkstra(*_checked(free, price, goals))
+    known, factor, cells = _checked(free, price, goals)
+    return costs(known, cells[known.flat[cells]], factor)
 
 
 def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, Singles, Int64s]:
@@ -46,64 +48,6 @@ def _checked(free: Bools, price: Singles, goals: npt.ArrayLike) -> tuple[Bools, 
 
 
 # ---------------------------------------------------------------- kernels
-
-
-@njit(cache=True)
-def _dijkstra(free: Bools, price: Singles, goals: Int64s) -> Floats:
-    ny, nx = free.shape
-    value = np.full((ny, nx), np.inf)
-    keys, held = np.empty(8 * ny * nx + goals.size), np.empty(8 * ny * nx + goals.size, np.int32)
-    size = 0
-    for goal in goals:
-        if free[goal // nx, goal % nx]:
-            value[goal // nx, goal % nx] = 0.0
-            size = _push(keys, held, size, 0.0, goal)
-    while size:
-        least, cell = keys[0], held[0]
-        size = _pop(keys, held, size)
-        iy, ix = cell // nx, cell % nx
-        if least > value[iy, ix]:
-            continue  # it was listed again, for less
-        steps = open_steps(free, free, ix, iy)
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                if steps >> (3 * dy + dx + 4) & 1:
-                    cost = least + (_DIAGONAL if dx != 0 and dy != 0 else 1.0) * price[iy, ix]
-                    if cost < value[iy + dy, ix + dx]:
-                        value[iy + dy, ix + dx] = cost
-                        size = _push(keys, held, size, cost, (iy + dy) * nx + ix + dx)
-    return value
-
-
-@njit(cache=True)
-def _push(keys: Floats, held: Any, size: int, key: float, cell: int) -> int:
-    """Add to a binary heap of *size* entries; return how many there are then."""
-    at = size
-    while at > 0:
-        above = (at - 1) // 2
-        if keys[above] <= key:
-            break
-        keys[at], held[at] = keys[above], held[above]
-        at = above
-    keys[at], held[at] = key, cell
-    return size + 1
-
-
-@njit(cache=True)
-def _pop(keys: Floats, held: Any, size: int) -> int:
-    """Take the least entry from a heap of *size* entries; return how many are left."""
-    size -= 1
-    key, cell, at = keys[size], held[size], 0
-    while 2 * at + 1 < size:
-        below = 2 * at + 1
-        if below + 1 < size and keys[below + 1] < keys[below]:
-            below += 1
-        if keys[below] >= key:
-            break
-        keys[at], held[at] = keys[below], held[below]
-        at = below
-    keys[at], held[at] = key, cell
-    return size
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Bug2 in continuous geometry: along the line to the goal, around what stands in the way, and on.
+"""Bug2 in continuous geometry: along the line to the goal, around any obstacle in the way, and on.
 
 Lumelsky and Stepanov's algorithm as Lumelsky prints it ("Sensing, Intelligence, Motion", Wiley 2006, section 3.3): the
 M-line is the segment from the start S to the goal T. The robot follows it until an obstacle's boundary crosses it, at
@@ -63,14 +63,14 @@ S_X, S_Y, T_X, T_Y, U_X, U_Y, TOTAL, WALKING, EDGE, ALONG, LINE, HIT, LAST, STAT
 SIZE: Final = 14
 
 NOTHING, LEFT, CLOSED, GOAL = 0, 1, 2, 3
-"""What a stretch of boundary brings: nothing, a leave point, the hit point again, the goal."""
+"""Results of a stretch of boundary: nothing, a leave point, the hit point again, the goal."""
 _WAITING: Final = 20
-"""After so many steps in a row that were not gone a robot is stuck."""
+"""Number of steps in a row that were not gone after which a robot is stuck."""
 _AWAY_M: Final = 1e-6
-"""Who is no farther from where he was sent is there."""
+"""Distance from its target within which a robot has arrived."""
 
 _BESIDE_M: Final = 40 * CLEAR_M
-"""A place this near to an eye is seen: an eye beside a narrow corner is so far from it."""
+"""Distance from an eye within which every place is seen: that of an eye beside a narrow corner."""
 
 # columns of Bug2's memory behind the search: where the robot was sent, from where, and for how many steps in vain
 _ASKED_X, _ASKED_Y, _FROM_X, _FROM_Y, _IDLE = range(SIZE, SIZE + 5)
@@ -81,11 +81,11 @@ def bug2_step(
 ) -> Move:
     """Return the next motion step of Bug2: *step_m* metres along its path, less where it turns by more than 60 degrees.
 
-    Begin with *memory* None; another goal than the memory's begins anew. The robot feels what it touches: of the loops
-    only what lies on the way of this step matters. *position_m* need not be where the last step led: the robot goes
-    straight back to its path if it sees that place, and else begins anew from where it is. Then the next search is
-    convergent again, unless the robot is moved without end. Inside an obstacle (less than a metre deep) it counts as
-    standing at the nearest place of the boundary. Nothing is raised for any finite numbers.
+    Begin with *memory* None; another goal than the memory's begins a new search. The robot feels what it touches: of
+    the loops only what lies on the way of this step matters. *position_m* need not be where the last step led: the
+    robot goes straight back to its path if it sees that place, and else begins again from where it is. Then the next
+    search is convergent again, unless the robot is moved without end. Inside an obstacle (less than a metre deep) it
+    counts as standing at the nearest place of the boundary. Nothing is raised for any finite numbers.
     """
     known = memory if memory is not None else np.empty(0)
     x, y, status, after = _bug2_step(loops, known, *map(float, (*position_m, *goal_m, step_m, near_m)))
@@ -224,7 +224,7 @@ def hit(row: Floats, edge: int, line: float, along: float) -> None:
 
 @njit(cache=True)
 def walk(loops: Boundary, row: Floats, edge: int, begin: float, end: float, entered: bool) -> int:
-    """Take the search's place from *begin* to *end* metres along an edge, or to what is met between; say what it is.
+    """Take the search's place from *begin* to *end* metres along an edge, or to what is met between; return which.
 
     The beginning itself counts only if the edge has just been entered. A kernel for kernels.
     """

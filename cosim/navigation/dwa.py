@@ -14,13 +14,14 @@ robot whose host dies brakes in just the same way.
 *Other robots brake too.* Two robots choose at once, without knowing each other's choice. What both know are both
 places, and both motions in the tick that has just ended. From these each foretells for both where they can be until
 they stand if they brake from now on: a capsule about the stretch ahead, wide enough for the turn that is allowed
-(``stray``: who would stray farther from its direction may not turn so fast). If the two capsules are apart, the middle
-line between them is the border; each admits only what stays on its own side of it. The line is symmetric, so both take
-the same one without a word; what a robot does if it brakes instead lies within its capsule, so on its side too. If the
-capsules overlap, both brake; and as what they do then has stayed on the two sides of an earlier border, they do not
-touch. So two robots that do this never collide, whether they meet head-on, cross, follow, or one of them stands still.
+(``stray``: a robot that would stray farther from its direction may not turn so fast). If the two capsules are apart,
+the middle line between them is the border; each admits only what stays on its own side of it. The line is symmetric, so
+both take the same one without a word; what a robot does if it brakes instead lies within its capsule, so on its side
+too. If the capsules overlap, both brake; and as what they do then has stayed on the two sides of an earlier border,
+they do not touch. So two robots that do this never collide, whether they meet head-on, cross, follow, or one of them
+stands still.
 
-*Round corners* nobody is seen until it is too late: where somebody may be behind the end of a wall, ahead, half of the
+*Round corners* a robot is seen too late: where another robot may be behind the end of a wall, ahead, half of the
 gap to it is the robot's (:func:`unseen_gap`).
 
 *What differs from the article.* Its weights, 2.0, 0.2 and 0.2, mean the same only roughly: the three terms are others.
@@ -29,7 +30,7 @@ where it will be then; here the heading is that one, but the direction is from w
 clear: the article's is the way along the arc until it touches something; here it is how near the stopping path comes
 to anything, up to ``clear``. Getting on: the article's is the speed; here it is the part of it that leads to the aim.
 The sum is not smoothed over neighbouring commands. The hard constraint stands for the article's v <= sqrt(2 dist a);
-borders, and what is said of corners, are not in it: it knows no other robots.
+borders and corners are not in it: it knows no other robots.
 """
 
 import math
@@ -76,9 +77,9 @@ BODY_COLUMNS: Final = 6
 
 _WAYS: Final = 5
 _TURNS: Final = 9
-"""So many ways and turns of the window are tried, and the turn that lands on the aim, and none."""
+"""Numbers of ways and of turns of the window that are tried, beside the turn that lands on the aim, and none."""
 _STARTED: Final = 1.05
-"""A robot that stands has gone at most this many changes of its way before others see it move."""
+"""Largest number of changes of its way that a robot at rest makes before others see it move."""
 _SAME_M: Final = 1e-6
 _ROUNDING: Final = 1e-9
 
@@ -392,7 +393,7 @@ def unknown_points(
 
 @njit(cache=True)
 def unseen_gap(walls: Floats, x: float, y: float, heading: float) -> float:
-    """Return how far ahead the nearest end of a wall is behind which somebody may be whom nobody sees; inf if none is.
+    """Return how far ahead the nearest end of a wall is behind which a robot may be out of sight; inf without one.
 
     The end of a wall hides what is behind it if all walls that meet there lie on one side of the line to it.
     """

@@ -19,11 +19,11 @@ Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
 Vector: TypeAlias = tuple[float, float]
 
 WORD: Final = 8
-"""So many cells are looked at at once."""
+"""Number of cells in a word, which are read at once."""
 _LEAST_SQUARE: Final = 0.25
 """Square of the least distance, in cells."""
 _TIE: Final = 1e-9
-"""A line that meets two edges within this share of its length passes through a corner."""
+"""Share of its length within which a line that meets two edges passes through a corner."""
 
 
 @njit(cache=True)

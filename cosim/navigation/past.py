@@ -28,9 +28,9 @@ Corner: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 _PER_M, _HORIZON, _MARK, _CEILING, _GAIN, _NUMBERS = range(6)
 _VISITS: Final = 10.0
-"""So many visits of every cell of the window push with about 1."""
+"""Number of visits of every cell of the window that push with about 1."""
 _FARTHEST_CELLS: Final = 1e15
-"""Cells farther off are not counted: their numbers would not be exact."""
+"""Distance of the farthest cells that are counted: numbers of others would not be exact."""
 
 
 class Past(NamedTuple):
@@ -39,7 +39,7 @@ class Past(NamedTuple):
     visits: Counts
     """(n, n), a count for every cell of a square map that follows the robot, by column and row."""
     corner: Corner
-    """(2,), the cell of F_i that ``visits[0, 0]`` stands for."""
+    """(2,), the cell of F_i that ``visits[0, 0]`` counts."""
     numbers: Floats
     """The settings, packed; see :func:`empty_past`."""
 

@@ -1,4 +1,4 @@
-"""Motor schemas: small vector fields whose weighted sum says where to go (Arkin, IJRR 8(4), 1989, pp. 92-112).
+"""Motor schemas: small vector fields whose weighted sum is the motion (Arkin, IJRR 8(4), 1989, pp. 92-112).
 
 Each schema is a pure function of what the robot perceives now and returns a vector in the robot's frame F_i; a vector
 of length 1 means full speed. The potential field of Sgorbissa and Arkin (section 6, algorithm 1) is the sum
@@ -28,9 +28,9 @@ from cosim.randomness import Draws
 Vector: TypeAlias = tuple[float, float]
 
 OVERWHELMING: Final = 1e5
-"""What stands for an infinite repulsion (MissionLab's GT_INFINITY): more than all other schemas together."""
+"""Value of an infinite repulsion (MissionLab's GT_INFINITY): more than all other schemas together."""
 NOWHERE: Final = 1e-9
-"""A sum shorter than this is rounding: it has no direction."""
+"""Length below which a sum is rounding and has no direction."""
 _COINCIDENT_M: Final = 1e-5
 _DEGREES: Final = 360
 

@@ -2,14 +2,31 @@
 
 Rao-Blackwellised particles with scan matching: Grisetti, Stachniss and Burgard, "Improved techniques for grid mapping
 with Rao-Blackwellized particle filters", IEEE T-RO 23(1), 2007. Each particle is a pose and a map of its own. It moves
-as odometry says, with its own errors (:mod:`cosim.navigation.localization_motion`), is pulled to where the scan fits
-its map best (:mod:`cosim.navigation.slam_matching`), weighed by how well that is, and marks the scan into its map
-(:mod:`cosim.geometry.marking`). Particles are drawn anew by weight when the effective sample size 1 / sum w^2 falls
-below a share of their number (eq. 20).
+as odometry says, with its own errors (:mod:`cosim.navigation.localization.motion`), is pulled to where the scan fits
+its map best, weighed by how well that is, and marks the scan into its map (:mod:`cosim.geometry.marking`). Particles
+are resampled by weight when the effective sample size 1 / sum w^2 falls below a share of their number (eq. 20).
 
-How far the particles are spread is the robot's uncertainty. That is what is to slow or stop a robot where it grows over
-a threshold (Lau, paper 001, section 5 and figure 5): :func:`share_of_speed`. Where a scan meets nothing, particles keep
-the errors that they were moved with; back on known ground each finds its place on its map again.
+The spread of the particles is the robot's uncertainty. A robot is to slow down or stop where it exceeds a threshold
+(Lau, paper 001, section 5 and figure 5): :func:`share_of_speed`. Where a scan meets nothing, particles keep the errors
+that they were moved with; back on known ground each finds its place on its map again.
+
+Scan matching finds where a scan fits best on the map that a particle has made itself, and how well. A scan's ends are
+compared with a field about the particle. A cell at the distance d (centre to centre) of the nearest occupied cell of
+the map has
+
+    log p = -d^2 / 2 sigma^2,  but no less than log(stray);
+
+between centres of cells it is interpolated, so that poses are told apart within a cell. Ends that lie in the unknown,
+far from all that is known, are left out: what a scan has just found must not pull it back to what is known. They
+are determined once for each scan, where odometry puts the particle; each counts log(news) for the particle's weight.
+
+The beams of a scan err together, as the map does: each counts only as *power* of an independent one. What is climbed is
+
+    power sum(log p) - (dx^2 + dy^2) / 2 slack_m^2 - dheading^2 / 2 slack_rad^2,
+
+with the offsets from where odometry puts the particle. Source of the climbing, six neighbours and steps that are halved
+when none is better: GMapping (Grisetti, Stachniss and Burgard, IEEE T-RO 23(1), 2007, and their scanmatcher.cpp), where
+the tie to odometry is off and each cell keeps the mean of its hits.
 
 Where it differs from the paper and GMapping:
 
@@ -20,7 +37,7 @@ Where it differs from the paper and GMapping:
 - maps are whole grids of int8, copied when a particle is drawn twice; GMapping shares patches.
 - a robot that rests is updated, too, after some ticks (GMapping's temporalUpdate): so that waiting may help.
 
-The spread says less than the error is. Beams of a scan err together, and as those before them that met the same walls.
+The spread is smaller than the error. Beams of a scan err together, and as those before them that met the same walls.
 Taken for independent they make one particle by far the heaviest; soon all descend from it, and what it has gone astray
 is in all of their maps. A lower *power* and more particles help: on a loop through two rooms the error was 2.5 times
 the spread with 0.1 and 10, 0.6 times with 0.03 and 30; on longer drives through an office of 20 m x 16 m, 3 and 1.5
@@ -29,21 +46,32 @@ drives. With matches scattered by the curvature of their fit (as by eq. 14 to 19
 """
 
 import math
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from cosim.arrays import Floats
-from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, most_changes
-from cosim.navigation.localization_draws import PICK, fill_uniform
-from cosim.navigation.localization_motion import Pose, move_particles, odometry_motion
-from cosim.navigation.localization_resampling import low_variance
-from cosim.navigation.slam_matching import field_size, mark_particles, match_particles, stamp_of
+from cosim.arrays import Bytes, Floats, Int32s, Singles
+from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, mark_scan, most_changes
+from cosim.jit import njit
+from cosim.navigation.localization.motion import PICK, Pose, fill_uniform, move_particles, odometry_motion, wrapped
+from cosim.navigation.localization.resampling import low_variance
 from cosim.randomness import Draws
 from cosim.settings import Angle, Count, Gain, Metres, Settings
 
+Corner: TypeAlias = tuple[int, int]
+Match: TypeAlias = tuple[float, float, float, float]
+"""x_m, y_m, heading_rad and what was climbed."""
+
+NUMBERS: Final = 7
+POWER, SLACK_M, SLACK_RAD, STEP_M, STEP_RAD, STRAY, NEWS = range(NUMBERS)
+"""Numbers of a search: power, the two slacks, the first steps (m, rad), and log(stray) and log(news)."""
+
+_MOST_MOVES: Final = 60
+"""Largest number of steps of a climb."""
+_NOTHING: Final = np.float32(1.0)
+"""Value of a field's cell that is unknown and far from all known ones: a logarithm of p is never above 0."""
 _TURN: Final = 2.0 * math.pi
 _NO_BODIES: Final = np.empty((0, 3))
 
@@ -103,20 +131,27 @@ def share_of_speed(spread_m: float, slow_m: float, stop_m: float) -> float:
     return min(max((stop_m - spread_m) / (stop_m - slow_m), 0.0), 1.0)
 
 
+class MapGrid(NamedTuple):
+    """The cells of a map, with their lower left corner at *origin_m*."""
+
+    shape: tuple[int, int]
+    """Rows and columns, (ny, nx)."""
+    origin_m: tuple[float, float]
+    cell_m: float
+
+
 class Slam:
     """The filter of one robot.
 
-    Maps have the *shape* (ny, nx), cells of *cell_m*, and their lower left corner at *origin_m*; the robot starts at
-    *start*, which is certain: the map's frame is what the start is told in. *beams* (n, 2) are unit vectors in the
-    frame of odometry or the body's, as those of :class:`cosim.navigation.localization.Localizer`. *draws* is its own
-    stream: the same draws and observations give the same estimates and maps.
+    All maps have the cells of *grid*; the robot starts at *start*, which is certain and given in the map's frame.
+    *beams* (n, 2) are unit vectors in the frame of odometry or the body's, as those of
+    :class:`cosim.navigation.localization.localizer.Localizer`. *draws* is its own stream: the same draws and
+    observations give the same estimates and maps.
     """
 
     def __init__(
         self,
-        shape: tuple[int, int],
-        origin_m: tuple[float, float],
-        cell_m: float,
+        grid: MapGrid,
         start: Pose,
         beams: Floats,
         draws: Draws,
@@ -125,6 +160,7 @@ class Slam:
         weights: Weights = DOUBTFUL,
     ) -> None:
         own = SlamParameters() if parameters is None else parameters
+        shape, origin_m, cell_m = grid
         self._own, self._key = own, draws.key
         self._beams: Floats = np.ascontiguousarray(beams, np.float64)
         self._turns = beams_in == "frame"
@@ -147,9 +183,9 @@ class Slam:
         self.weights: Floats = np.full(own.particles, 1.0 / own.particles)
         """Shape (n,); their sum is 1."""
         self.updates = 0
-        """How often the filter has been updated."""
+        """Number of updates of the filter."""
         self.resamplings = 0
-        """How often particles have been drawn anew."""
+        """Number of resamplings."""
         self._odometry: Pose | None = None  # at the last update
         self._ticks = 0  # since then
         self._mean = self._estimated()
@@ -165,7 +201,7 @@ class Slam:
         return float(1.0 / (self.weights @ self.weights))
 
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
-        """Return the estimate after one more tick: *odometry* as told now, *ranges_m* (n,) as scanned now.
+        """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.
 
         A beam that meets nothing reads the range or more; one that reads NaN (or has met another robot, and is made so
         by the caller) counts for nothing. The first call updates the filter; a later one does if the robot has moved
@@ -195,7 +231,7 @@ class Slam:
         return self._mean
 
     def _update(self, ranges: Floats, beams: Floats) -> None:
-        """Match, weigh, estimate, mark and draw anew; *beams* (n, 2) are in the body's frame."""
+        """Match, weigh, estimate, mark and resample; *beams* (n, 2) are in the body's frame."""
         own = self._own
         hit = np.flatnonzero(ranges < own.range_m)
         hit = hit[hit % -(-len(ranges) // own.max_beams) == 0]
@@ -231,7 +267,7 @@ class Slam:
         return SlamEstimate(float(x), float(y), math.atan2(sin, cos), spread, math.sqrt(-2.0 * math.log(length)))
 
     def _resample(self) -> None:
-        """Draw the particles anew by weight; who survives keeps its place, and only copies are copied."""
+        """Resample the particles by weight; survivors keep their places, and only copies are copied."""
         uniform = np.empty(1)
         fill_uniform(uniform, self.updates, PICK, *self._key)
         chosen = low_variance(self.weights, len(self.weights), float(uniform[0]))
@@ -250,3 +286,197 @@ def carried(pose: Pose, before: Pose, now: Pose) -> Pose:
     cos, sin = math.cos(turned), math.sin(turned)
     dx, dy = now[0] - before[0], now[1] - before[1]
     return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy, math.remainder(now[2] + turned, _TURN)
+
+
+# ---------------------------------------------------------------- scan matching
+
+
+def stamp_of(sigma_m: float, stray: float, cell_m: float) -> Singles:
+    """Return log p about an occupied cell, square, of an odd size: as far as it is more than log(*stray*)."""
+    reach = max(int(sigma_m * math.sqrt(-2.0 * math.log(stray)) / cell_m), 1)
+    off = np.arange(-reach, reach + 1) * cell_m
+    squares = off[:, np.newaxis] ** 2 + off**2
+    return np.asarray(np.maximum(-squares / (2.0 * sigma_m**2), math.log(stray)), np.float32)
+
+
+def field_size(range_m: float, slack_m: float, cell_m: float) -> int:
+    """Return how many cells a field has on a side: as far as ends can come while a particle is pulled 3 slacks."""
+    return 2 * (math.ceil((range_m + 3.0 * slack_m) / cell_m) + 2) + 1
+
+
+@njit(cache=True)
+def make_field(evidence: Evidence, u: float, v: float, stamp: Singles, stray: float, field: Singles) -> Corner:
+    """Set *field* (n, n) to log p about the place (u, v), in cells; return which cell (ix, iy) of the map its first is.
+
+    A cell off the map is unknown. *stray* is a logarithm.
+    """
+    ny, nx = evidence.shape
+    n, reach = field.shape[0], stamp.shape[0] // 2
+    left, low = math.floor(u) - n // 2, math.floor(v) - n // 2
+    for j in range(n):
+        for i in range(n):
+            ix, iy = left + i, low + j
+            known = 0 <= ix < nx and 0 <= iy < ny and evidence[iy, ix] != 0
+            field[j, i] = stray if known else _NOTHING
+    for iy in range(max(low - reach, 0), min(low + n + reach, ny)):
+        for ix in range(max(left - reach, 0), min(left + n + reach, nx)):
+            if evidence[iy, ix] <= 0:
+                continue
+            for j in range(max(iy - reach - low, 0), min(iy + reach + 1 - low, n)):
+                for i in range(max(ix - reach - left, 0), min(ix + reach + 1 - left, n)):
+                    here = stamp[low + j - iy + reach, left + i - ix + reach]
+                    if field[j, i] > 0.0 or field[j, i] < here:
+                        field[j, i] = here
+    return left, low
+
+
+@njit(cache=True)
+def choose_ends(field: Singles, u: float, v: float, heading: float, ends: Floats, chosen: Floats) -> int:
+    """Copy those of *ends* (m, 2) that lie near what is known to *chosen* (m, 2); return how many they are.
+
+    Ends are in the body's frame, in cells; (u, v) is the body's place in *field*, in cells.
+    """
+    n = field.shape[0]
+    cos, sin = math.cos(heading), math.sin(heading)
+    count = 0
+    for k in range(ends.shape[0]):
+        across = min(max(u + cos * ends[k, 0] - sin * ends[k, 1], 0.0), n - 1.0)
+        up = min(max(v + sin * ends[k, 0] + cos * ends[k, 1], 0.0), n - 1.0)
+        if field[int(up), int(across)] <= 0.0:
+            chosen[count, 0], chosen[count, 1] = ends[k, 0], ends[k, 1]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def settle_field(field: Singles, stray: float) -> None:
+    """Let the unknown in *field* fit as badly as the empty."""
+    for j in range(field.shape[0]):
+        for i in range(field.shape[1]):
+            if field[j, i] > 0.0:
+                field[j, i] = stray
+
+
+@njit(cache=True)
+def field_fit(field: Singles, u: float, v: float, heading: float, ends: Floats, count: int) -> float:
+    """Return the sum of log p over the first *count* of *ends* (m, 2), seen from a pose; all in cells of *field*."""
+    n = field.shape[0]
+    most = n - 1.001
+    cos, sin = math.cos(heading), math.sin(heading)
+    left, low = u - 0.5, v - 0.5  # values of the field are those of the centres of cells
+    total = 0.0
+    for k in range(count):
+        across = min(max(left + cos * ends[k, 0] - sin * ends[k, 1], 0.0), most)
+        up = min(max(low + sin * ends[k, 0] + cos * ends[k, 1], 0.0), most)
+        i, j = int(across), int(up)
+        a, b = across - i, up - j
+        below = (1.0 - a) * field[j, i] + a * field[j, i + 1]
+        above = (1.0 - a) * field[j + 1, i] + a * field[j + 1, i + 1]
+        total += (1.0 - b) * below + b * above
+    return total
+
+
+@njit(cache=True)
+def climb(
+    field: Singles, u: float, v: float, heading: float, ends: Floats, count: int, cell_m: float, numbers: Floats
+) -> Match:
+    """Return the pose near (u, v, heading) from which *ends* fit *field* best, in cells of it, and its value.
+
+    The steps begin with STEP_M and STEP_RAD of *numbers* (NUMBERS,) and are halved five times (GMapping's iterations).
+    """
+    per_u, per_turn = 0.5 * (cell_m / numbers[SLACK_M]) ** 2, 0.5 / numbers[SLACK_RAD] ** 2
+    step, turn, power = numbers[STEP_M] / cell_m, numbers[STEP_RAD], numbers[POWER]
+    at_u, at_v, at_turn = 0.0, 0.0, 0.0
+    best = power * field_fit(field, u, v, heading, ends, count)
+    halved, moves = 0, 0
+    while halved <= 5 and moves < _MOST_MOVES and count > 0:
+        to_u, to_v, to_turn, found = at_u, at_v, at_turn, best
+        for k in range(6):
+            sign = 1.0 if k % 2 else -1.0
+            try_u = at_u + sign * step * (k // 2 == 0)
+            try_v = at_v + sign * step * (k // 2 == 1)
+            try_turn = at_turn + sign * turn * (k // 2 == 2)
+            value = -per_u * (try_u**2 + try_v**2) - per_turn * try_turn**2
+            if value > found:  # the rest is at most 0
+                value += power * field_fit(field, u + try_u, v + try_v, heading + try_turn, ends, count)
+                if value > found:
+                    to_u, to_v, to_turn, found = try_u, try_v, try_turn, value
+        if found > best:
+            at_u, at_v, at_turn, best, moves = to_u, to_v, to_turn, found, moves + 1
+        else:
+            step, turn, halved = 0.5 * step, 0.5 * turn, halved + 1
+    return u + at_u, v + at_v, heading + at_turn, best
+
+
+@njit(cache=True)
+def match_particles(
+    maps: Evidence,
+    poses: Floats,
+    ends: Floats,
+    frame: Floats,
+    stamp: Singles,
+    numbers: Floats,
+    field: Singles,
+    scores: Floats,
+) -> None:
+    """Pull each of *poses* (n, 3) to where the scan's *ends* (m, 2; metres, body's frame) fit its map, of *maps*.
+
+    *maps* has the shape (n, ny, nx), *frame* is x_m and y_m of their lower left corner and cell_m, *field* scratch of
+    ``field_size``. *scores* (n,) are set to what was climbed, with what the ends count that were left out.
+    """
+    cell = frame[2]
+    in_cells = ends / cell
+    chosen = np.empty_like(in_cells)
+    for i in range(poses.shape[0]):
+        u, v = (poses[i, 0] - frame[0]) / cell, (poses[i, 1] - frame[1]) / cell
+        left, low = make_field(maps[i], u, v, stamp, numbers[STRAY], field)
+        count = choose_ends(field, u - left, v - low, poses[i, 2], in_cells, chosen)
+        settle_field(field, numbers[STRAY])
+        to_u, to_v, heading, score = climb(field, u - left, v - low, poses[i, 2], chosen, count, cell, numbers)
+        poses[i, 0], poses[i, 1] = frame[0] + (to_u + left) * cell, frame[1] + (to_v + low) * cell
+        poses[i, 2] = wrapped(heading)
+        scores[i] = score + numbers[POWER] * numbers[NEWS] * (ends.shape[0] - count)
+
+
+@njit(cache=True)
+def mark_particles(
+    maps: Evidence,
+    poses: Floats,
+    ranges_m: Floats,
+    beams: Floats,
+    range_m: float,
+    frame: Floats,
+    weights: tuple[int, int, int],
+    frontier: Bytes,
+    changed: Int32s,
+    bodies: Floats,
+) -> None:
+    """Mark a scan into each of *maps* (n, ny, nx) from its pose; *beams* (m, 2) are in the body's frame.
+
+    *frontier* and *changed* are scratch of :func:`cosim.geometry.marking.mark_scan`: no frontier is kept.
+    """
+    ways = np.empty_like(beams)
+    hit, miss, cap = weights
+    for i in range(poses.shape[0]):
+        cos, sin = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        for k in range(beams.shape[0]):
+            ways[k, 0] = cos * beams[k, 0] - sin * beams[k, 1]
+            ways[k, 1] = sin * beams[k, 0] + cos * beams[k, 1]
+        mark_scan(
+            maps[i],
+            frontier,
+            frame[0],
+            frame[1],
+            frame[2],
+            poses[i, 0],
+            poses[i, 1],
+            ranges_m,
+            ways,
+            range_m,
+            hit,
+            miss,
+            cap,
+            bodies,
+            changed,
+            True,
+        )

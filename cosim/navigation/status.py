@@ -1,4 +1,4 @@
-"""What every local navigation algorithm says of its way to the goal."""
+"""Statuses that every local navigation algorithm returns."""
 
 from enum import IntEnum
 from typing import Final
@@ -18,4 +18,4 @@ class Status(IntEnum):
 
 UNDERWAY, ARRIVED, UNREACHABLE, STUCK = map(int, Status)  # for kernels
 STATUSES: Final = tuple(Status)
-"""By their numbers: faster than the enumeration's constructor."""
+"""Statuses by their numbers: faster than the enumeration's constructor."""

@@ -29,11 +29,11 @@ from cosim.randomness import Draws
 from cosim.settings import Count, Gain, Metres, Rate, Settings, error_at
 
 _STILL: Final = 0.05
-"""Less than this share of a step is no motion."""
+"""Share of a step below which a robot has not moved."""
 _HELD_STEPS: Final = 3
-"""After so many steps without motion a robot is held; a command may act a tick or two late."""
+"""Number of steps without motion after which a robot is held; a command may act a tick or two late."""
 _FREEING: Final = 1
-"""The purpose of the draws for steps that free a robot."""
+"""Purpose of the draws for steps that free a robot."""
 
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
@@ -105,7 +105,7 @@ class PotentialFieldParameters(Settings):
 
 
 MOST_CELLS: Final = 4096
-"""Cells a side of the largest memory of visits, of 64 MB."""
+"""Cells on a side of the largest memory of visits, which takes 64 MB."""
 
 
 class AvoidPastParameters(PotentialFieldParameters):
@@ -151,7 +151,7 @@ class AvoidPastParameters(PotentialFieldParameters):
 _GOAL_GAIN, _AVOID_GAIN, _SPHERE, _MARGIN, _SPEEDS, _PROGRESS, _PATIENCE, _OWN_NUMBERS = range(8)
 _NEAREST, _VAIN, _LAST_X, _LAST_Y, _ASKED, _STILL_STEPS, _MEMORY = range(7)
 _HELD: Final = -1
-"""Stands for a status where the robot is held, and its step is left to chance."""
+"""Value in place of a status where the robot is held and its step is drawn."""
 
 
 @njit(cache=True)
@@ -209,10 +209,10 @@ def _past_step(
 
 @njit(cache=True)
 def _is_held(memory: Floats, x_m: float, y_m: float, step_m: float) -> bool:
-    """Return whether the robot has not moved for a few steps, though the field has told it to.
+    """Return whether the robot has not moved for a few steps, although the field would have it move.
 
-    A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what repels nobody.
-    A step in a random direction frees it.
+    A ring of beams does not see a wall's end that lies between two of them: the body is stopped by what does not repel
+    it. A step in a random direction frees it.
     """
     last_x, last_y = memory[_LAST_X], memory[_LAST_Y]
     memory[_LAST_X], memory[_LAST_Y] = x_m, y_m

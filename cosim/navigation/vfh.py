@@ -44,16 +44,16 @@ Vector: TypeAlias = tuple[float, float]
 PRIMARY, BINARY, MASKED = range(3)
 """Rows of the histograms, shape (3, n)."""
 NO_DIRECTION: Final = math.nan
-"""Stands for a direction that there is not."""
+"""Value for no direction."""
 
 _CLOSED: Final = 1e-9
-"""By how much of a sector an interval of sectors may seem too short: they are closed."""
+"""Share of a sector by which an interval of sectors may seem too short: they are closed."""
 _TIE: Final = 1e-9
-"""Costs that differ by less are equal."""
+"""Difference below which costs are equal."""
 _STILL: Final = 0.05
-"""Less than this share of a step is no motion."""
+"""Share of a step below which a robot has not moved."""
 _HELD_STEPS: Final = 3
-"""After so many steps without motion a robot is held; a command may act a tick or two late."""
+"""Number of steps without motion after which a robot is held; a command may act a tick or two late."""
 
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
@@ -347,7 +347,7 @@ def _note_motion(own: Floats, memory: Floats, x_m: float, y_m: float, step_m: fl
 class Vfh:
     """VFH+ behind the convention of navigators, see :class:`cosim.navigation.steering.Navigator`.
 
-    All steps have length 1; the choice of a speed is left to who drives.
+    All steps have length 1; the caller chooses the speed.
     """
 
     def __init__(self, parameters: VfhParameters) -> None:

@@ -74,19 +74,19 @@ from cosim.navigation.bug2 import (
 from cosim.navigation.status import ARRIVED, UNDERWAY, UNREACHABLE, Status
 
 _AT_M: Final = 1e-6
-"""A robot this near to its intermediate target is at it."""
+"""Distance within which a robot is at its intermediate target."""
 _ASIDE_M: Final = 1e-5
-"""Who is farther than this beside the M-line is in a half-plane, not on the line."""
+"""Distance from the M-line beyond which a robot is in a half-plane, not on the line."""
 _BACK: Final = 16
-"""So many edges a robot that lost its intermediate target looks back along the boundary for a place that it sees."""
+"""Number of edges along which a robot looks back for a place that it sees, once it has lost its target."""
 
 # The memory: the search whose place is T_i; the search as it was seen from where the last step began; where the robot
-# was sent, from where, for how many steps in vain; how often a search was begun anew because the robot was moved.
+# was sent, from where, for how many steps in vain; how often a search began again because the robot was moved.
 _SEEN: Final = SIZE
 _ASKED_X: Final = 2 * SIZE
 _ASKED_Y, _FROM_X, _FROM_Y, _IDLE, LOST = range(_ASKED_X + 1, _ASKED_X + 6)
 MEMORY: Final = _ASKED_X + 6
-"""How many numbers the memory has; number :data:`LOST` counts how often a displaced robot began anew."""
+"""Number of numbers in the memory; number :data:`LOST` counts how often a displaced robot began again."""
 
 
 def visbug_step(
@@ -101,16 +101,16 @@ def visbug_step(
 ) -> Move:
     """Return the next motion step of VisBug-21: *step_m* metres towards the intermediate targets.
 
-    Begin with *memory* None; another goal than the memory's begins anew. The status is ARRIVED within *near_m* of the
-    goal, UNREACHABLE once that is proved, STUCK when 20 steps in a row were not gone (the answer still says where to).
-    A step that reaches its target goes on to the next one, its length measured around the corner, but ends early at a
-    corner of more than 60 degrees; where the outline of an obstacle is round, the straight way to its end cuts into
-    the outline by at most step_m^2 / (8 radius). Of the loops only what is within *vision_m* and in line of sight from
-    the way of this step is used.
+    Begin with *memory* None; another goal than the memory's begins a new search. The status is ARRIVED within *near_m*
+    of the goal, UNREACHABLE once that is proved, STUCK when 20 steps in a row were not gone (the answer still has a
+    direction). A step that reaches its target goes on to the next one, its length measured around the corner, but ends
+    early at a corner of more than 60 degrees; where the outline of an obstacle is round, the straight way to its end
+    cuts into the outline by at most step_m^2 / (8 radius). Of the loops only what is within *vision_m* and in line of
+    sight from the way of this step is used.
 
     *position_m* need not be where the last step led. If the robot still sees its T_i, or the one before this step, or
     a place up to 16 edges back along the boundary that it walks along, it goes on from there, and nothing is lost:
-    these lie on the same Bug2 path. Else it begins anew from where it is; the new search is convergent by itself, so
+    these lie on the same Bug2 path. Else it begins again from where it is; the new search is convergent by itself, so
     the goal is reached, or proved unreachable, once the robot is no longer moved out of sight of its path. Inside an
     obstacle (less than a metre deep) it counts as standing at the nearest place of the boundary. Nothing is raised for
     finite numbers.
@@ -164,7 +164,7 @@ def visbug_packed(
     step: float,
     near: float,
 ) -> tuple[float, float, int]:
-    """Do what :func:`visbug_kernel` does, for those who call it at every tick, with the loops of ``packed_boundary``.
+    """Do what :func:`visbug_kernel` does, for callers at every tick, with the loops of ``packed_boundary``.
 
     Numba is slow to pass anything but arrays in, and to hand arrays out. *memory* (MEMORY,) is changed in place, and
     means nothing unless *begun*.
@@ -329,7 +329,7 @@ def _along_line(loops: Boundary, row: Floats, there: bool, eye_x: float, eye_y: 
 def _along_boundary(
     loops: Boundary, row: Floats, stand_x: float, stand_y: float, eye_x: float, eye_y: float, vision: float
 ) -> int:
-    """Move the target along the boundary as far as it is seen, or to what is met there (step 3); say what is met."""
+    """Move the target along the boundary as far as it is seen, or to what is met there (step 3); return what is met."""
     for _ in range(loops.following.shape[0] + 1):
         edge, begin, entered = int(row[EDGE]), row[ALONG], False
         px, py = point_at(loops, edge, begin)

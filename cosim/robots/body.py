@@ -7,7 +7,7 @@ from pydantic import Field
 from cosim.settings import Bounded, Length, Rate, Settings
 
 Acceleration: TypeAlias = Annotated[float, Bounded(1e-3, 1e6)]
-"""A body that hardly brakes takes for ever to stop."""
+"""An acceleration; bounded below, since a body that hardly brakes takes for ever to stop."""
 
 
 class BodySettings(Settings):

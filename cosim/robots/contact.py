@@ -18,13 +18,13 @@ from cosim.robots.table import DX, DY, PART, RADIUS, ROOM, X, Y
 
 ROUNDS: Final = 100
 WALL_SLACK_M: Final = 1e-7
-"""By how much a body may seem to be inside a wall that it slides along; more than ``grids.TOUCH_M``."""
+"""Depth to which a body may seem to be inside a wall that it slides along; more than ``grids.TOUCH_M``."""
 LOOK_WAYS: Final = 24.0
-"""How far, in ways of the present tick, one looks for walls to know how long one need not look again."""
+"""Range within which walls are looked for, in ways of the present tick, so that later ticks need not look again."""
 AGAIN_WAYS: Final = 4.0
-"""With less room than so many ways one goes on wall by wall, and looks for more room so many ticks later."""
+"""Room, in ways of a tick, below which walls are checked one by one, and ticks until room is looked for again."""
 BODY_SLACK_M: Final = 1e-9
-"""By how much two bodies may seem to overlap that pass in touch."""
+"""Overlap that two bodies may seem to have that pass in touch."""
 
 
 @njit(cache=True)

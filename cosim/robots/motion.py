@@ -5,11 +5,17 @@ it, then chooses the velocities until t + tick, under the limits of the drives a
 entered. So the pose at any time up to the next tick is known, and a command applied before ``step`` acts from t on.
 
 State and limits are the rows of one array (see ``table``).
+
+Within a tick the velocity is constant, so everything counts in ways per tick: a way u, at most the speed limit's way,
+that changes from tick to tick by at most h = a T^2. From u a body can stop after u, then u - h, u - 2h and so on down
+to 0. The greatest u from which it stops within a distance D follows in closed form: m ways are together
+m u - h m (m - 1) / 2, hence u = D / m + h (m - 1) / 2 for the least m with D <= h m (m + 1) / 2. A body that takes this
+u tick after tick brakes by exactly h a tick at the end, and its last way ends on the goal. Angles are treated alike.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +27,7 @@ from cosim.jit import njit
 from cosim.machine import Address, Command, GoTo
 from cosim.observation import Observation
 from cosim.robots.body import BodySettings
-from cosim.robots.carry import Carry, Pose
 from cosim.robots.contact import BODY_SLACK_M, cut
-from cosim.robots.drive import ALIGNED_RAD, LAND_M, approach, chord, towards, wrapped
 from cosim.robots.table import (
     ANY_WAY,
     ARRIVED,
@@ -60,8 +64,31 @@ from cosim.robots.table import (
 )
 from cosim.units import Time, to_seconds
 
+Pose: TypeAlias = tuple[float, float, float]
+"""x_m, y_m, heading_rad."""
+
+LAND_M: Final = 1e-9
+"""Distance from its goal at which a body that would end a tick there ends it on the goal."""
+ALIGNED_RAD: Final = 1e-9
+"""Difference between heading and the goal's bearing that needs no turn."""
+_ROUNDING: Final = 1e-9
+"""Share of h by which a change of the way may exceed it, so that rounding costs no tick."""
 _NOBODY: Final[tuple[Address, ...]] = ()
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
+
+
+class Carry(NamedTuple):
+    """The rigid motion of the plane that brings a body from one pose to another."""
+
+    before: Pose
+    after: Pose
+
+    def pose(self, x_m: float, y_m: float, heading_rad: float) -> Pose:
+        """Return where a pose gets that is carried along."""
+        turn = self.after[2] - self.before[2]
+        cos, sin = math.cos(turn), math.sin(turn)
+        dx, dy = x_m - self.before[0], y_m - self.before[1]
+        return self.after[0] + cos * dx - sin * dy, self.after[1] + sin * dx + cos * dy, heading_rad + turn
 
 
 class Fleet:
@@ -81,7 +108,7 @@ class Fleet:
         starts = np.asarray(starts_m, dtype=np.float64).reshape(count, 2)
         self.tick = tick
         self.time = start
-        """The last tick."""
+        """Time of the last tick."""
         self._wall_numbers, self._wall_members = packed_walls(walls)
         self._table = np.zeros((ROWS, count))
         self._table[X], self._table[Y] = self._table[NEXT_X], self._table[NEXT_Y] = starts.T
@@ -143,7 +170,7 @@ class Fleet:
         return x + part * (own[NEXT_X] - x), y + part * (own[NEXT_Y] - y), heading
 
     def freeze(self, body: int, frozen: bool) -> None:
-        """Have *body* brake from the next :meth:`step` on, and stand; or follow its last command (again)."""
+        """Have *body* brake from the next :meth:`step` on, and stand; or follow its last command again."""
         self._table[FROZEN, body] = frozen
 
     def carry(self, body: int, carried: Carry, unaware: bool) -> bool:
@@ -207,6 +234,44 @@ def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float)
     table[TURNS_FIRST] = [body.drive == "differential" for body in bodies]
     table[ANY_WAY] = [body.drive == "omni" for body in bodies]
     table[SECONDS] = seconds
+
+
+@njit(cache=True)
+def braking_way(distance: float, change: float) -> float:
+    """Return the greatest way of the next tick from which one can stop within *distance*, losing *change* a tick."""
+    ticks = max(1.0, math.ceil((math.sqrt(1.0 + 8.0 * distance / change) - 1.0) / 2.0))
+    return distance / ticks + change * (ticks - 1.0) / 2.0
+
+
+@njit(cache=True)
+def approach(distance: float, last: float, most: float, change: float) -> float:
+    """Return the next way towards a goal *distance* ahead; *last* was the way before, negative if it led back."""
+    return max(min(braking_way(distance, change), most, last + change), last - change)
+
+
+@njit(cache=True)
+def towards(wanted: float, last: float, change: float) -> float:
+    """Return the way nearest to *wanted* that differs from *last* by no more than *change*."""
+    slack = change * (1.0 + _ROUNDING)
+    if abs(wanted - last) <= slack:
+        return wanted
+    return last + change if wanted > last else last - change
+
+
+@njit(cache=True)
+def wrapped(angle: float) -> float:
+    """Return *angle* (radians) in [-pi, pi]; an angle that lies there already is not changed."""
+    if -math.pi <= angle <= math.pi:
+        return angle
+    return math.atan2(math.sin(angle), math.cos(angle))
+
+
+@njit(cache=True)
+def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
+    """Return the straight way (x, y) that joins the ends of an arc of length *way* that begins along *heading*."""
+    half = 0.5 * turn
+    length = way if half == 0.0 else way * math.sin(half) / half
+    return length * math.cos(heading + half), length * math.sin(heading + half)
 
 
 @njit(cache=True)

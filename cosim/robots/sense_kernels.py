@@ -1,6 +1,6 @@
-"""What the robots' sensors tell, computed: kernels over a table of all robots' poses and one of what sensors are like.
+"""The readings of the robots' sensors: kernels over a table of all robots' poses and one of the sensors' parameters.
 
-What they model is told in :mod:`cosim.robots.senses`, which alone calls them.
+For what they model see :mod:`cosim.robots.senses`, which alone calls them.
 """
 
 import math
@@ -14,7 +14,7 @@ from cosim.jit import njit
 from cosim.randomness import philox_words
 
 Room: TypeAlias = tuple[Floats, Floats, Floats, Int32s]
-"""What all kernels look at: poses, limits, and the packed walls."""
+"""Arguments of all kernels: poses, limits, and the packed walls."""
 
 _SIGHT_PURPOSE: Final = 1
 _DRIFT_PURPOSE: Final = 2
@@ -121,7 +121,7 @@ def _to_world(pose: Floats, x: float, y: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _hidden(poses: Floats, i: int, j: int, x: float, y: float) -> bool:
-    """Return whether another body than those of *i* and *j* stands between robot *i* and a point."""
+    """Return whether another body than those of *i* and *j* is between robot *i* and a point."""
     ax, ay = poses[i, X], poses[i, Y]
     dx, dy = x - ax, y - ay
     square = dx * dx + dy * dy
@@ -138,7 +138,7 @@ def _hidden(poses: Floats, i: int, j: int, x: float, y: float) -> bool:
 
 @njit(cache=True)
 def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, x: float, y: float) -> bool:
-    """Return whether robot *i* sees a point of the world, which is robot *j* (or nobody, -1)."""
+    """Return whether robot *i* sees a point of the world, which is robot *j* (or none, -1)."""
     if poses[i, BLIND] > 0.0:
         return False
     dx, dy = x - poses[i, X], y - poses[i, Y]

@@ -1,13 +1,13 @@
 """What robots sense: where they are in their own frames, where they see each other, and how far the walls are.
 
 A robot's frame F_i is odometry: it begins where the scenario has it and, with a drift, turns and stretches as the robot
-drives. What a robot sees lies relative to its body, so it is told in F_i by way of where the robot takes itself to be.
+drives. What a robot sees lies relative to its body, so it is given in F_i by where the robot takes itself to be.
 
 The camera measures another robot's distance d and direction alpha with the errors of Sgorbissa and Arkin ("Local
 navigation strategies for a team of robots", section 6.1, equations 1 and 2): d (1 + U[-e, e]), and alpha plus the angle
 under which half of the other's body appears, times U[-b, b]. The paper has b = 1.
 
-The range scanner tells where each of a ring of beams meets a wall or a body first: with normal noise, which makes it
+The range scanner measures where each of a ring of beams meets a wall or a body first: with normal noise, which makes it
 miss what it would measure beyond its range, and with false returns, which may be any range up to its own.
 """
 
@@ -27,8 +27,7 @@ from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
-from cosim.robots.carry import Carry
-from cosim.robots.motion import Fleet
+from cosim.robots.motion import Carry, Fleet
 from cosim.robots.sense_kernels import (
     BLIND,
     BLOCKED,
@@ -53,9 +52,9 @@ WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
 _NO_PICTURE: Final = np.empty(0, np.int64)
 _STALE: Final = [-1]  # the pairs of no picture
 _POINTS: Final = 16
-"""So many points fit at first."""
+"""Number of points that fit at first."""
 _FEW: Final = 2
-"""So many points are passed as numbers."""
+"""Number of points that are passed as numbers."""
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -93,7 +92,7 @@ class SenseSettings(Settings):
 
 
 class Senses:
-    """The sensors of all robots of a run; asked once a tick, after the robots have moved."""
+    """The sensors of all robots of a run; read once a tick, after the robots have moved."""
 
     def __init__(
         self,
@@ -108,7 +107,7 @@ class Senses:
         count = len(radii_m)
         self._drifts = settings.odometry_slip > 0.0 or settings.odometry_turn_rad > 0.0
         self.aware = settings.frames == "world" and not self._drifts
-        """Whether a robot knows where it is, also if it has been carried there: odometry would not notice."""
+        """True if a robot knows where it is, also if it has been carried there: odometry would not notice."""
         self._poses = np.zeros((count, COLUMNS))
         self._poses[:, FRAME_X : FRAME_TURN + 1] = frames
         self._poses[:, RADIUS] = radii_m
@@ -130,7 +129,7 @@ class Senses:
         )
         self._room = self._poses, self._limits, *walls
         self._pairs = np.empty(count * count, np.int64)
-        """Who sees whom, as the observer's number times that of robots, plus the other's; and where."""
+        """Pairs that see each other, as the observer's number times that of robots, plus the other's; and where."""
         self._places = np.empty((2, count * count))
         self._in_sight: list[int] = []
         """The pairs of the last picture; whom they are with, and which of them are each robot's."""
@@ -163,7 +162,7 @@ class Senses:
         ]
 
     def _picture(self, seen: int) -> None:
-        """Sort what the cameras have *seen* in all by who has seen it; mostly they see whom they saw before."""
+        """Sort all that the cameras have *seen* by the observer; mostly they see the same ones as before."""
         pairs, (xs, ys) = self._pairs[:seen].tolist(), self._places[:, :seen].tolist()
         if pairs != self._in_sight:
             self._in_sight = pairs

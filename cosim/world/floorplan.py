@@ -38,7 +38,7 @@ INLINE: Final = "walls"
 LIGHT: Final = "light"
 HEAVY: Final = "heavy"
 WALL_LOSS_DB: Final[Mapping[str, float]] = MappingProxyType({LIGHT: 4.5, HEAVY: 10.0})
-"""What a wall of a kind that needs no definition costs a signal at 2.45 GHz."""
+"""Losses at 2.45 GHz, dB, of walls of the kinds that need no definition."""
 _USUAL: Final = "else " + ", ".join(f"{kind} {loss:g}" for kind, loss in WALL_LOSS_DB.items())
 
 
@@ -132,13 +132,13 @@ class Floorplan:
     walls_m: Floats
     """Wall segments x1, y1, x2, y2, shape (n, 4)."""
     wall_loss_db: Floats
-    """What each of them costs a signal that crosses it, shape (n,)."""
+    """Loss of each wall to a signal that crosses it, dB, shape (n,)."""
     bounds_m: Wall
     """Extent x_min, y_min, x_max, y_max."""
     polygons_m: Polygons = ()
     """Solid polygons; their sides are among the walls."""
     occupancy: OccupancyMap | None = None
-    """The map that the floor was read from, if it was."""
+    """Map that the floor was read from; None if it was not."""
     unknown_is_occupied: bool = True
     places_m: Mapping[str, tuple[Point, ...]] = field(default_factory=dict)
     """Points that the floor names."""
@@ -212,7 +212,7 @@ class _Walls(NamedTuple):
     """Shape (n, 4)."""
     kind: str
     share: float = 1.0
-    """Of the loss that a crossing costs: 1/2 for the sides of what is solid."""
+    """Share of the loss at a crossing: 1/2 for the sides of what is solid."""
 
 
 def _walls_of(settings: FloorSettings | FloorplanSettings) -> list[_Walls]:
@@ -223,7 +223,7 @@ def _walls_of(settings: FloorSettings | FloorplanSettings) -> list[_Walls]:
 
 
 def _losses_db(name: str, walls: Sequence[_Walls], losses: Mapping[str, float]) -> Floats:
-    """Return the loss of each of *walls*, shape (n,); raise UserError for a kind that is not told, or told in vain."""
+    """Return the loss of each of *walls*, shape (n,); raise UserError for an unknown kind, or one that no wall has."""
     known = {**WALL_LOSS_DB, **losses}
     used = {group.kind for group in walls}
     for kind in sorted(used - known.keys()):

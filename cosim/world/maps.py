@@ -30,10 +30,9 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from cosim.arrays import Bools, Floats
+from cosim.arrays import Bools, Floats, Int32s
 from cosim.documents import read_bytes, read_yaml, validated
 from cosim.errors import UserError
-from cosim.geometry.occupancy import outline
 from cosim.settings import Angle, Metres, Settings, error_at
 
 Percents: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
@@ -41,21 +40,23 @@ Samples: TypeAlias = np.ndarray[Any, np.dtype[np.uint8 | np.uint16]]
 
 UNKNOWN: Final = -1
 MOST_CELLS: Final = 100_000_000
-"""The size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
+"""Size of the largest map that is read, in cells: 10 km2 of cells of 1 m, 25 ha of cells of 5 cm."""
 MOST_BYTES: Final = 6 * MOST_CELLS
-"""The size of the largest file of a map: a number of five digits and a space for each cell."""
+"""Size of the largest file of a map: a number of five digits and a space for each cell."""
 FARTHEST_M: Final = 1e6
-"""The largest extent of a map."""
+"""Largest extent of a map."""
 SMALLEST_CELL_M: Final = 1e-3
-"""The size of the smallest cells."""
+"""Size of the smallest cells."""
 MOST_SIDES: Final = 1_000_000
-"""The largest number of sides that the solid cells of a map may have together: walls take more room than cells."""
+"""Largest number of sides of all solid cells of a map: walls take more room than cells."""
 LARGEST_YAW_RAD: Final = 2 * math.pi
-"""By how much a map may be turned; more is no angle in radians that anybody means."""
+"""Largest turn of a map; more is no angle in radians that a user means."""
 _TILE: Final = 128
-"""The side of the tiles of an image whose shades are computed at once, in pixels."""
+"""Side of the tiles of an image whose shades are computed at once, in pixels."""
 _BLOCK: Final = 1 << 20
-"""The number of bytes of a plain graymap that are split into words at once."""
+"""Number of bytes of a plain graymap that are split into words at once."""
+_BAND: Final = 1 << 22
+"""Number of cells whose edges are searched at once for an outline: that takes many times their memory."""
 _SPACE: Final = re.compile(rb"\s")
 _LINE: Final = re.compile(rb"[\r\n]")
 _COMMENT: Final = re.compile(rb"#[^\r\n]*")
@@ -68,7 +69,7 @@ _CODES: Final = bytes(
     {**dict.fromkeys(_PASSABLE, _FREE), **dict.fromkeys(_BLOCKED, _SOLID), "\n": _LINE_END}.get(chr(byte), _STRANGE)
     for byte in range(256)
 )
-"""What each byte of the rows of a MovingAI map stands for."""
+"""Meaning of each byte in the rows of a MovingAI map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,3 +379,45 @@ def _check_row(row: str, width: int, place: str) -> None:
     strange = sorted(set(row) - _PASSABLE - _BLOCKED)
     if strange:
         raise UserError(f"{place}: {strange[0]!r} is not one of . G S @ O T W")
+
+
+# ---------------------------------------------------------------- outlines
+
+
+def outline(occupied: Bools, most: int | None = None) -> Floats:
+    """Return the boundary between the cells that are *occupied*, shape (ny, nx), and those that are not.
+
+    Cell (iy, ix) is the unit square from (ix, iy) to (ix + 1, iy + 1), row 0 at the bottom. The result, shape (n, 4),
+    holds axis-aligned segments x1, y1, x2, y2 with whole coordinates; edges in a row are one segment. What lies beyond
+    the grid counts as occupied, so that the outline of an open grid is closed. Raise ValueError if n > *most*.
+    """
+    cells = np.asarray(occupied, np.bool_)
+    lying = _runs(cells, most)
+    standing = _runs(cells.T, None if most is None else most - len(lying))
+    segments = np.empty((len(lying) + len(standing), 4))
+    segments[: len(lying)] = lying[:, (1, 0, 2, 0)]
+    segments[len(lying) :] = standing[:, (0, 1, 0, 2)]
+    return segments
+
+
+def _runs(cells: Bools, most: int | None) -> Int32s:
+    """Return (y, first x, x after the last) of every run of edges between a row of *cells* and the next, shape (n, 3).
+
+    Edge y lies below row y.
+    """
+    ny, nx = cells.shape
+    rows = max(1, _BAND // (nx + 1))
+    found, count = [np.empty((0, 3), np.int32)], 0
+    for first in range(0, ny + 1, rows):
+        last = min(first + rows, ny + 1)
+        band = np.ones((last - first + 1, nx), np.bool_)  # from the row below the first edge to that above the last
+        band[max(0, 1 - first) : ny + 1 - first] = cells[max(0, first - 1) : last]
+        edges = np.zeros((last - first, nx + 2), np.bool_)
+        np.not_equal(band[1:], band[:-1], out=edges[:, 1:-1])
+        ends = edges[:, 1:] != edges[:, :-1]  # a run begins, ends, and so on
+        count += int(np.count_nonzero(ends)) // 2
+        if most is not None and count > most:
+            raise ValueError("the outline has more segments than it may have")
+        y, x = np.nonzero(ends)
+        found.append(np.stack((y[::2] + first, x[::2], x[1::2]), axis=1).astype(np.int32))
+    return np.concatenate(found)

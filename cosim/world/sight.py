@@ -27,7 +27,7 @@ def lines_of_sight(walls: PackedWalls, positions_m: npt.ArrayLike, range_m: floa
 def look_again(walls: PackedWalls, positions_m: Floats, range_m: float, seen: Bools) -> bool:
     """Make *seen* (n, n), where it is out of date, what :func:`lines_of_sight` returns; return whether it was.
 
-    For those who look at every tick: mostly robots see whom they saw before. *positions_m* is an array (n, 2).
+    For callers at every tick: mostly robots see the same ones as before. *positions_m* is an array (n, 2).
     """
     changed: bool = _look_at_pairs(*walls, positions_m, range_m, seen)
     return changed
@@ -37,7 +37,7 @@ def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.
     """Return what the walls between each two robots cost, in dB, shape (n, n), symmetric, 0 on the diagonal.
 
     *loss_db*, of the shape (walls,), is what each wall costs a line that crosses it, to a millionth of a dB, and
-    *positions_m* has the shape (n, 2). What counts as crossed where a line meets a wall's end is told at the top of
+    *positions_m* has the shape (n, 2). For lines that meet a wall's end see the top of
     :mod:`cosim.geometry.segments`. Raise ValueError if there is not one loss for each wall.
     """
     losses = np.asarray(loss_db, dtype=np.float64)
@@ -56,7 +56,7 @@ def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
 
 @njit(cache=True)
 def _look_at_pairs(numbers: Floats, members: Int32s, positions: Floats, limit: float, seen: Bools) -> bool:
-    """Write who sees whom; return whether that is new."""
+    """Write which robots see each other; return whether that has changed."""
     walls = unpacked(numbers, members)
     robots = positions.shape[0]
     changed = False

@@ -12,16 +12,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimates
-from experiments.aggregation_search.comparison import NAMES, OURS, TIME, completes, less
-from experiments.reflection_tables.comparison import Answer, Arm
+from cosim.report.comparison import Answer, Arm, mostly
+from cosim.report.estimates import estimates
+from experiments.aggregation.claims import NAMES, OURS, TIME, less
 
 NETWORKS: Final = ("ideal", "adhoc", "jammed")
 STRATEGIES: Final = (*OURS, "mito")
 SLIGHT: Final = 1.1
-"""A network that makes searches less than this factor longer costs next to nothing."""
+"""Factor below which a network that makes searches longer costs next to nothing."""
 IN_TIME: Final = 0.75
-"""A strategy handles jamming if it brings this share of the searches to an end."""
+"""Share of the searches that a strategy must bring to an end to handle jamming."""
 METRICS: Final = {
     TIME: "search time, min",
     "distance_m": "driven by all robots, m",
@@ -46,7 +46,7 @@ def survives_adhoc(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame
 
 def handles_jamming(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether searches come to an end although the radio is jammed."""
-    return completes(runs, [("", _arm(strategy, "jammed"))], IN_TIME)
+    return mostly(runs, [("", _arm(strategy, "jammed"))], IN_TIME)
 
 
 def says_more(metric: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

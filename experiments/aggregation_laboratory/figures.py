@@ -14,33 +14,32 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
-from cosim.report import estimate, estimates
-from experiments.aggregation_search.comparison import (
-    NAMES,
-    OURS,
-    TIME,
-    bootstrapped,
-    columns,
-    less,
-    positive,
+from cosim.report.comparison import (
+    NO_DATA,
+    Answer,
+    Arm,
+    bootstrap_limits,
+    by_replicate,
+    confidence_limits,
+    equivalent,
+    paired,
     share_limits,
-    slope,
-    told,
-    told_share,
-    within,
+    share_text,
+    slopes,
 )
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+from cosim.report.estimates import estimate, estimates
+from experiments.aggregation.claims import NAMES, OURS, TIME, UNITS, less
 
 DISTRIBUTIONS: Final = (1, 2, 3, 4)
-"""From easy to hard."""
+"""Target distributions, from easy to hard."""
 CONSTANT: Final = 0.25
-"""SRP is nearly constant if no distribution takes it this share more, or less, than the first."""
+"""Share by which a distribution may take longer, or less long, than the first for SRP to be nearly constant."""
 STRAIGHT: Final = 0.9
-"""The least share of the sum of squares between the distributions that a straight line has to account for."""
+"""Least share of the sum of squares between the distributions that a straight line has to account for."""
 SIMILAR: Final = 0.1
-"""MRP is like SRP if it takes at most this share more or less."""
+"""Share by which MRP may take more or less time to be like SRP."""
 MOST: Final = 0.5
-"""Random search mostly fails if fewer than this share of the runs come to an end."""
+"""Share of the runs below which random search mostly fails."""
 
 
 def _arm(strategy: str, distribution: int) -> Arm:
@@ -54,11 +53,11 @@ def faster_than_random(strategy: str, distribution: int, runs: pd.DataFrame, obs
 
 def random_mostly_fails(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether less than half of the random searches come to an end, taking all distributions together."""
-    parts = [values_of(runs, _arm("random", distribution), "completed") for distribution in DISTRIBUTIONS]
+    parts = [by_replicate(runs, _arm("random", distribution), "completed") for distribution in DISTRIBUTIONS]
     found = share_limits(pd.concat(parts))
     if not found.size:
         return NO_DATA
-    return told_share(found), None if any(len(part) < 2 for part in parts) else found.upper < MOST
+    return share_text(found), None if any(len(part) < 2 for part in parts) else found.upper < MOST
 
 
 def fastest(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -74,7 +73,9 @@ def early(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
 
 def srp_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether each of SRP's means is within ``CONSTANT`` of that for the first distribution."""
-    found = [within(runs, _arm("srp", each), _arm("srp", 1), CONSTANT) for each in DISTRIBUTIONS[1:]]
+    found = [
+        equivalent(runs, _arm("srp", each), _arm("srp", 1), CONSTANT, TIME, UNITS[TIME]) for each in DISTRIBUTIONS[1:]
+    ]
     if NO_DATA in found:
         return NO_DATA
     words = "; ".join(f"{each}: {text}" for each, (text, _) in zip(DISTRIBUTIONS[1:], found, strict=True))
@@ -84,13 +85,13 @@ def srp_constant(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def _slopes(runs: pd.DataFrame, strategy: str) -> "pd.Series[float]":
     """Return the increase of the search time from one distribution to the next, min, by replicate."""
-    return slope(columns(runs, [_arm(strategy, each) for each in DISTRIBUTIONS]), DISTRIBUTIONS)
+    return slopes(paired(runs, [_arm(strategy, each) for each in DISTRIBUTIONS], TIME), DISTRIBUTIONS)
 
 
 def srp_increases(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether SRP's search time increases with difficulty at all: the slope is above 0."""
-    found = limits(_slopes(runs, "srp"))
-    return (told(found, "min from one to the next"), positive(found)) if found.size else NO_DATA
+    found = confidence_limits(_slopes(runs, "srp"))
+    return (found.text("min from one to the next"), found.exceeds(0)) if found.size else NO_DATA
 
 
 def srp_flatter(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -98,8 +99,10 @@ def srp_flatter(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     parts = {strategy: _slopes(runs, strategy) for strategy in ("srp", "mi")}
     if any(part.empty for part in parts.values()):
         return NO_DATA
-    words = "; ".join(f"{NAMES[each]} {told(limits(part), 'min from one to the next')}" for each, part in parts.items())
-    return words, positive(limits((parts["mi"] - parts["srp"]).dropna()))
+    words = "; ".join(
+        f"{NAMES[each]} {confidence_limits(part).text('min from one to the next')}" for each, part in parts.items()
+    )
+    return words, confidence_limits((parts["mi"] - parts["srp"]).dropna()).exceeds(0)
 
 
 def mi_increases(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -110,11 +113,11 @@ def mi_increases(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def mi_linear(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a rising line accounts for at least ``STRAIGHT`` of what MI's means differ by."""
-    table = columns(runs, [_arm("mi", each) for each in DISTRIBUTIONS])
+    table = paired(runs, [_arm("mi", each) for each in DISTRIBUTIONS], TIME)
     if table.empty:
         return NO_DATA
-    found = bootstrapped(table, straight)
-    words = f"{told(found)} of the sum of squares between the distributions"
+    found = bootstrap_limits(table, straight)
+    words = f"{found.text()} of the sum of squares between the distributions"
     return words, None if found.size < 2 else found.lower >= STRAIGHT
 
 
@@ -134,7 +137,7 @@ def straight(samples: Floats) -> Floats:
 
 def mrp_like_srp(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the mean search times of MRP and SRP differ by less than ``SIMILAR``."""
-    return within(runs, _arm("mrp", distribution), _arm("srp", distribution), SIMILAR)
+    return equivalent(runs, _arm("mrp", distribution), _arm("srp", distribution), SIMILAR, TIME, UNITS[TIME])
 
 
 def mrp_worse(distribution: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

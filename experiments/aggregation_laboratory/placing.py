@@ -16,14 +16,14 @@ from cosim.randomness import Streams
 from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Metres
 from cosim.simulation import simulate
-from experiments.aggregation_search import searching
-from experiments.aggregation_search.searching import COLUMNS
+from experiments.aggregation import searching
+from experiments.aggregation.searching import COLUMNS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
 
 
 class Parameters(searching.Parameters):
-    """A search, where its targets are, and how exactly its robots are put where ``team.starts`` says."""
+    """A search, where its targets are, and how exactly its robots are put at ``team.starts``."""
 
     distribution: Count = Field(
         default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is"

@@ -13,14 +13,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimates
-from experiments.aggregation_search.comparison import NAMES, OURS, TIME, columns, completes, less, positive, slope, told
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, Limits, limits
+from cosim.report.comparison import NO_DATA, Answer, Arm, Limits, confidence_limits, mostly, paired, slopes
+from cosim.report.estimates import estimates
+from experiments.aggregation.claims import NAMES, OURS, TIME, less
 
 AXES: Final = ("strategy", "side_m", "sub_teams")
 MOBILE: Final = ("mrp", "mi")
 IN_TIME: Final = 0.75
-"""A strategy extends to an area in which it brings this share of the searches to an end."""
+"""Share of the searches that a strategy must bring to an end to extend to an area."""
 
 
 def _arm(strategy: str, side_m: float, sub_teams: int) -> Arm:
@@ -42,21 +42,21 @@ def gains(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answ
     words, holds = [], []
     for count in teams:
         advantage = _advantage(runs, strategy, sides, count)
-        found = limits(slope(advantage, np.log(sides).tolist()))
+        found = confidence_limits(slopes(advantage, np.log(sides).tolist()))
         if not found.size:
             return NO_DATA
         ratios = ", ".join(
             f"{side:g} m x {np.exp(mean):.3g}" for side, mean in zip(sides, advantage.mean(), strict=True)
         )
-        words.append(f"sub-teams {count}: {ratios}, power of the side {told(found)}")
-        holds.append(positive(found))
+        words.append(f"sub-teams {count}: {ratios}, power of the side {found.text()}")
+        holds.append(found.exceeds(0))
     return "; ".join(words), None if None in holds else all(holds)
 
 
 def _advantage(runs: pd.DataFrame, strategy: str, sides: list[float], sub_teams: int) -> pd.DataFrame:
     """Return the logarithm of SRP's search time over that of *strategy*, a column a side, a row a replicate."""
     arms = [_arm(name, side, sub_teams) for name in ("srp", strategy) for side in sides]
-    logs = columns(runs, arms).map(math.log)
+    logs = paired(runs, arms, TIME).map(math.log)
     return logs.iloc[:, : len(sides)] - logs.iloc[:, len(sides) :].to_numpy()
 
 
@@ -74,9 +74,7 @@ def extends(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
     sides, teams = _levels(runs)
     if not sides:
         return NO_DATA
-    return completes(
-        runs, [(f"sub-teams {teams[-1]}, {sides[-1]:g} m:", _arm(strategy, sides[-1], teams[-1]))], IN_TIME
-    )
+    return mostly(runs, [(f"sub-teams {teams[-1]}, {sides[-1]:g} m:", _arm(strategy, sides[-1], teams[-1]))], IN_TIME)
 
 
 def parallel(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -86,14 +84,14 @@ def parallel(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> A
         return NO_DATA
     found: dict[float, Limits] = {}
     for side in sides:
-        table = columns(runs, [_arm(strategy, side, count) for count in teams]).map(math.log)
-        found[side] = limits(-slope(table, np.log(teams).tolist()))
+        table = paired(runs, [_arm(strategy, side, count) for count in teams], TIME).map(math.log)
+        found[side] = confidence_limits(-slopes(table, np.log(teams).tolist()))
     if not all(each.size for each in found.values()):
         return NO_DATA
     words = "; ".join(
-        f"{side:g} m: shorter by their number to the power of {told(each)}" for side, each in found.items()
+        f"{side:g} m: shorter by their number to the power of {each.text()}" for side, each in found.items()
     )
-    holds = [positive(each) for each in found.values()]
+    holds = [each.exceeds(0) for each in found.values()]
     return words, None if None in holds else all(holds)
 
 

@@ -4,7 +4,7 @@
 
 writes ``rooms_50.yaml``, ``rooms_100.yaml`` and so on, the floors that the sweep uses. Rooms are 25 m x 25 m, with a
 door of 2 m in every wall between two of them. Doors stand off the middle of their walls, in another place from wall to
-wall, so that nobody sees far through several.
+wall, so that no robot sees far through several.
 """
 
 import sys
@@ -17,9 +17,9 @@ import yaml
 ROOM_M: Final = 25.0
 DOOR_M: Final = 2.0
 SIDES_M: Final = (50, 100, 150, 200)
-"""Of the sweep."""
+"""Sides of the sweep's floors."""
 OFF_M: Final = (-7.0, 4.0, 8.0, -3.0)
-"""So far from the middles of the walls are the doors, one after the other."""
+"""Distances of the doors from the middles of their walls, one after the other."""
 Wall = list[float]
 
 

@@ -17,17 +17,17 @@ from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed, dump
 from cosim.settings import Count, Rate, Seconds
 from cosim.simulation import simulate
-from experiments.aggregation_search import searching
-from experiments.aggregation_search.searching import COLUMNS
+from experiments.aggregation import searching
+from experiments.aggregation.searching import COLUMNS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
 
 LEAST_S: Final = 30.0
-"""No period is shorter: a host has to tell its plan, and searchers to go somewhere."""
+"""Shortest period: a host has to send its plan, and searchers have to go somewhere."""
 USUAL_M2: Final = 150.0**2 / 3
-"""The area of a sub-team for which the scenario's periods hold."""
+"""Area of a sub-team for which the scenario's periods hold."""
 GROWING: Final = ("reconvene_s", "lost_s")
-"""The periods of the protocol that are proportional to that area."""
+"""Periods of the protocol that are proportional to that area."""
 
 
 class Parameters(searching.Parameters):

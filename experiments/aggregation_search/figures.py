@@ -13,31 +13,30 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
-from cosim.report import estimate, estimates
-from experiments.aggregation_search.comparison import (
-    NAMES,
-    OURS,
-    TIME,
+from cosim.report.comparison import (
+    NO_DATA,
+    Answer,
+    Arm,
     against,
-    bootstrapped,
-    columns,
-    completes,
-    less,
-    positive,
+    bootstrap_limits,
+    by_replicate,
+    confidence_limits,
+    mostly,
+    paired,
     spread_of_means,
-    told,
 )
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+from cosim.report.estimates import estimate, estimates
+from experiments.aggregation.claims import NAMES, OURS, TIME, UNITS, less
 
 CASES: Final = ("normal", "out_of_range", "failed")
 FAULTS: Final = CASES[1:]
 STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
 WRITTEN_OFF: Final = 1.5
-"""Who removes a lost host and its searchers from the team (section VI.A) does three thirds of the work with two."""
+"""Factor of the time if a lost host and its searchers are removed (section VI.A): two thirds do all work."""
 IN_TIME: Final = 0.9
-"""The share of the searches that has to come to an end in time for a strategy to be called robust."""
+"""Share of the searches that must come to an end in time for a strategy to be robust."""
 MUCH: Final = 10.0
-"""Movement "usually consumes much more power than communication": an order of magnitude."""
+"""Factor of "usually consumes much more power than communication": an order of magnitude."""
 COSTS: Final = {
     "distance_m": "driven, m",
     "distance_after_m": "after the end, m",
@@ -73,20 +72,20 @@ def _deviation(samples: Floats) -> Floats:
 
 def _least(runs: pd.DataFrame, cases: list[str], statistic: Any) -> Answer:
     """Answer whether *statistic* of the searches in *cases* is smaller for SRP than for MRP and than for MI."""
-    table = columns(runs, [_arm(strategy, case) for strategy in OURS for case in cases])
+    table = paired(runs, [_arm(strategy, case) for strategy in OURS for case in cases], TIME)
     if len(table) < 2:
         return NO_DATA if table.empty else ("one replicate", None)
     size = len(cases)
     parts = {strategy: slice(size * rank, size * (rank + 1)) for rank, strategy in enumerate(OURS)}
-    own = {strategy: bootstrapped(table.iloc[:, part], statistic) for strategy, part in parts.items()}
+    own = {strategy: bootstrap_limits(table.iloc[:, part], statistic) for strategy, part in parts.items()}
 
     def lead(other: str, samples: Floats) -> Floats:
         found: Floats = statistic(samples[..., parts[other]]) - statistic(samples[..., parts["srp"]])
         return found
 
-    leads = [bootstrapped(table, partial(lead, other)) for other in ("mrp", "mi")]
-    words = "; ".join(f"{NAMES[strategy]} {told(found, 'min')}" for strategy, found in own.items())
-    return words, all(positive(each) for each in leads)
+    leads = [bootstrap_limits(table, partial(lead, other)) for other in ("mrp", "mi")]
+    words = "; ".join(f"{NAMES[strategy]} {found.text('min')}" for strategy, found in own.items())
+    return words, all(each.exceeds(0) for each in leads)
 
 
 def slower_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -112,7 +111,7 @@ def faster_than_random(strategy: str, case: str, runs: pd.DataFrame, observation
 def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a fault costs less time than writing the sub-team off would, and searches still come to an end."""
     slower, bearable = less(runs, [("", _arm(strategy, case), _arm(strategy, "normal"))], factor=WRITTEN_OFF)
-    ends, in_time = completes(runs, [("", _arm(strategy, case))], IN_TIME)
+    ends, in_time = mostly(runs, [("", _arm(strategy, case))], IN_TIME)
     if "-" in (slower, ends):
         return NO_DATA
     holds = None if bearable is None or in_time is None else bearable and in_time
@@ -137,11 +136,11 @@ def spares(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFram
 def motion_dominates(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether motion takes more than ``MUCH`` times the energy of the radios, all well."""
     arm = _arm(strategy, "normal")
-    motion, radio = (values_of(runs, arm, metric) for metric in ("motion_j", "radio_j"))
+    motion, radio = (by_replicate(runs, arm, metric) for metric in ("motion_j", "radio_j"))
     both = pd.concat([motion, radio], axis=1, join="inner", keys=range(2)).dropna()
     if both.empty:
         return NO_DATA
-    return against(both, "motion_j"), positive(limits(both[0] - MUCH * both[1]))
+    return against(both, UNITS["motion_j"]), confidence_limits(both[0] - MUCH * both[1]).exceeds(0)
 
 
 # ---------------------------------------------------------------- tables and figures

@@ -1,13 +1,12 @@
-"""What paper 004 says that does not depend on how messages travel, as tests; ``deploys_adhoc`` is ``deploys``."""
+"""Paper 004's claims that do not depend on how messages travel, as tests; ``deploys_adhoc`` is ``deploys``."""
 
 from functools import partial
 from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes
-from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
-from experiments.reflection_tables.comparison import Answer, Arm
+from cosim.report.comparison import NO_DATA, Answer, Arm, mostly
+from experiments.deployment.claims import IN_TIME, touches_nothing
 
 __all__ = ["touches_nothing"]
 
@@ -19,10 +18,10 @@ KILLED: Final = ("none", "robot", "host")
 def deploys(network: str, killed: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether with every executive that was run the runs end deployed, so many of them being *killed*."""
     if not {"deployed", "executive"} <= set(runs):
-        return completes(pd.DataFrame(), [], IN_TIME)
+        return NO_DATA
     made = [each for each in EXECUTIVES if each in set(runs["executive"])]
     arms: list[tuple[str, Arm]] = [(each, {"network": network, "executive": each, "killed": killed}) for each in made]
-    return completes(runs.assign(completed=runs["deployed"]), arms, IN_TIME)
+    return mostly(runs, arms, IN_TIME, "deployed")
 
 
 # ---------------------------------------------------------------- the tests that published.csv names

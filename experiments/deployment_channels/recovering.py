@@ -1,6 +1,6 @@
 """What a deployment costs over a channel, and what becomes of it when a robot, or the host, is killed in mid-play.
 
-The starts are drawn as in :mod:`experiments.deployment_strategies.deploying`, whose settings these are; all arms of a
+The starts are drawn as in :mod:`experiments.deployment.deploying`, whose settings these are; all arms of a
 replicate have the same ones. What is counted beside its columns is how long the team takes to notice and to act.
 """
 
@@ -14,7 +14,7 @@ from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.units import S, to_seconds
-from experiments.deployment_strategies.deploying import Parameters
+from experiments.deployment.deploying import Parameters
 from protocols.deployment.spec import METRICS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]
@@ -27,7 +27,7 @@ _KEPT: Final = (
     *("wall_contacts", "nearest_m", "robots_killed"),
 )
 _RENEWED: Final = re.compile(r".*(~\d+(?=/stage-\d+/)|/reunited(?=/))")
-"""How the names of drives begin whose stages were made anew: for the robots that are left, or a team that met again."""
+"""Beginning of the names of drives whose stages were planned again: for the robots left, or a reunited team."""
 _OWN: Final = (
     Column("until_deployed_s", "float", "s", "deployment_s; the longest run if they never were held"),
     Column("noticed_s", "float", "s", "from the death until a host took the robot for lost; NaN if none ever did"),
@@ -80,7 +80,7 @@ def recovery(rows: Iterable[Row], killed: Iterable[tuple[int, int]], host: int) 
 
 
 def _recovered(rows: Iterable[Row], at: int, noticed: int) -> float:
-    """Return how long after *at* a robot set off by stages that nobody had been at before the loss was *noticed*.
+    """Return how long after *at* a robot set off by stages that no robot had been at before the loss was *noticed*.
 
     Whoever orders: the host, or each robot itself.
     """

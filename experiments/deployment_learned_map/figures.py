@@ -1,13 +1,12 @@
-"""What paper 004 says of deploying by a map just made, as tests; ``deploys_adhoc`` is ``deploys`` for ``adhoc``."""
+"""Paper 004's claims on deploying by a map just made, as tests; ``deploys_adhoc`` is ``deploys`` for ``adhoc``."""
 
 from functools import partial
 from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes
-from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
-from experiments.reflection_tables.comparison import Answer, Arm
+from cosim.report.comparison import NO_DATA, Answer, Arm, mostly
+from experiments.deployment.claims import IN_TIME, touches_nothing
 
 __all__ = ["touches_nothing"]
 
@@ -18,12 +17,12 @@ EXPLORERS: Final = (2, 4)
 def _share(metric: str, network: str, runs: pd.DataFrame) -> Answer:
     """Answer whether *metric*, 1 or 0, is 1 with every number of explorers, by the map that they learn."""
     if not {metric, "explorers"} <= set(runs):
-        return completes(pd.DataFrame(), [], IN_TIME)
+        return NO_DATA
     sizes = [size for size in EXPLORERS if size in set(runs["explorers"])]
     arms: list[tuple[str, Arm]] = [
         (f"{size} exploring", {"map": "learned", "network": network, "explorers": size}) for size in sizes
     ]
-    return completes(runs.assign(completed=runs[metric]), arms, IN_TIME)
+    return mostly(runs, arms, IN_TIME, metric)
 
 
 def returns(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:

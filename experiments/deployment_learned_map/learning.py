@@ -1,6 +1,6 @@
 """Some robots explore a floor, return to base, and then a team is deployed by the map just made (paper 004, section 2).
 
-The starts are drawn as in :mod:`experiments.deployment_strategies.deploying`, whose settings these are. The scenario
+The starts are drawn as in :mod:`experiments.deployment.deploying`, whose settings these are. The scenario
 calls three plays, each when the one before has ended: to explore, to return, to deploy.
 """
 
@@ -13,7 +13,7 @@ from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.units import to_seconds
-from experiments.deployment_strategies.deploying import Parameters
+from experiments.deployment.deploying import Parameters
 from protocols.deployment.spec import METRICS
 
 __all__ = ["COLUMNS", "Parameters", "measure"]

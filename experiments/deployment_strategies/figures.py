@@ -1,4 +1,4 @@
-"""What paper 004 says of its three strategies, as tests: how many robots move, and what the augmentations are good for.
+"""Paper 004's claims on its three strategies, as tests: how many robots move, and what the augmentations are good for.
 
 ``lowers_group_4`` in published.csv is ``lowers`` for the strategy ``group`` and four robots; the tests by such names
 are made at the end of this file. Interference is robot-seconds that robots lose to others: below their free speed
@@ -15,22 +15,32 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from experiments.aggregation_search.comparison import columns, completes, quotient, told
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, Label, limits, values_of
+from cosim.report.comparison import (
+    NO_DATA,
+    Answer,
+    Arm,
+    Label,
+    by_replicate,
+    confidence_limits,
+    mostly,
+    paired,
+    ratio_of_means,
+)
+from experiments.deployment.claims import IN_TIME, touches_nothing
+
+__all__ = ["touches_nothing"]
 
 STRATEGIES: Final = ("group", "wave", "leap_frog")
 AUGMENTED: Final = ("group", "leap_frog")
-"""Those that have anything to augment."""
+"""Strategies that have anything to augment."""
 SIZES: Final = (2, 4, 6, 8)
 LOST: Final = "interference_s"
 HINDERED: Final = "hindered_s"
 WAITED: Final = "waited_s"
 EITHER: Final = "lost_or_waited_s"
-"""Both together."""
-IN_TIME: Final = 0.9
-"""More than this share of the runs must end deployed for a strategy to be called robust."""
+"""Column of both together."""
 NOTHING: Final = 0.01
-"""Less than this share of the time under way is no interference."""
+"""Share of the time under way below which there is no interference."""
 UNIT: Final = "robot-s"
 
 
@@ -75,7 +85,7 @@ def moving(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Ans
 def _means(runs: pd.DataFrame, strategy: str, sizes: Sequence[int], metric: str) -> pd.DataFrame:
     """Return the mean over team sizes, augmented (0) and not (1), a row a replicate; those that have all arms."""
     parts = [
-        columns(runs, [_arm(strategy, size, augmentation) for size in sizes], metric).mean(axis=1)
+        paired(runs, [_arm(strategy, size, augmentation) for size in sizes], metric).mean(axis=1)
         for augmentation in ("with", "without")
     ]
     return pd.concat(parts, axis=1, join="inner", keys=(0, 1)).dropna()
@@ -87,11 +97,11 @@ def lowers(strategy: str, size: int | None, metric: str, runs: pd.DataFrame, obs
     both = _means(runs, strategy, sizes, metric) if sizes else pd.DataFrame()
     if both.empty:
         return NO_DATA
-    found = limits(both[1] - both[0])
+    found = confidence_limits(both[1] - both[0])
     one, other = (f"{mean:.4g}" for mean in both.mean())
-    words = f"{one} with against {other} {UNIT} without; {told(found, UNIT)} less"
+    words = f"{one} with against {other} {UNIT} without; {found.text(UNIT)} less"
     if (both[1] > 0).any():
-        words += f", x {quotient(both).mean:.3g}"
+        words += f", x {ratio_of_means(both).mean:.3g}"
     return words, None if found.size < 2 else found.lower > 0
 
 
@@ -109,11 +119,11 @@ def none_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether robots of a wave lose less than ``NOTHING`` of the time under way, with every size of team."""
     words, holds = [], []
     for size in _sizes(runs):
-        lost, way = (values_of(runs, _arm("wave", size, "without"), metric) for metric in (LOST, "under_way_s"))
+        lost, way = (by_replicate(runs, _arm("wave", size, "without"), metric) for metric in (LOST, "under_way_s"))
         shares = (lost / way).dropna()
         if shares.empty:
             return NO_DATA
-        found = limits(shares)
+        found = confidence_limits(shares)
         words.append(f"{size} robots: {100 * found.mean:.3g} % of the time under way")
         holds.append(None if math.isnan(found.upper) else found.upper < NOTHING)
     return ("; ".join(words), None if None in holds else all(holds)) if holds else NO_DATA
@@ -124,18 +134,7 @@ def none_wave(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def deploys(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether with every size of team the augmented strategy ends deployed."""
-    if "deployed" not in runs:
-        return NO_DATA
-    runs = runs.assign(completed=runs["deployed"])
-    return completes(runs, [(f"{size} robots:", _arm(strategy, size)) for size in _sizes(runs)], IN_TIME)
-
-
-def touches_nothing(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether no body touched another, or a wall, in any run."""
-    if runs.empty or not {"collisions", "wall_contacts"} <= set(runs):
-        return NO_DATA
-    bodies, walls = (int(runs[name].sum()) for name in ("collisions", "wall_contacts"))
-    return f"{bodies} contacts of bodies, {walls} with walls in {len(runs)} runs", bodies + walls == 0
+    return mostly(runs, [(f"{size} robots:", _arm(strategy, size)) for size in _sizes(runs)], IN_TIME, "deployed")
 
 
 def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -146,9 +145,9 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
         for size in _sizes(runs):
             row: dict[str, Label] = {"strategy": strategy, "robots": size}
             for metric in ("until_deployed_s", "way_m", LOST, EITHER):
-                both = columns(runs, [_arm(strategy, size), _arm(strategy, size, "without")], metric)
+                both = paired(runs, [_arm(strategy, size), _arm(strategy, size, "without")], metric)
                 known = not both.empty and bool((both[1] > 0).any())
-                row[metric] = f"x {quotient(both).mean:.3g}" if known else "-"
+                row[metric] = f"x {ratio_of_means(both).mean:.3g}" if known else "-"
             rows.append(row)
     return {"with the augmentations over without": pd.DataFrame(rows)} if rows else {}
 

@@ -1,24 +1,23 @@
-"""What paper 004, section 7, says of its typical scenario, as tests; ``time_adhoc`` is ``time`` for ``adhoc``."""
+"""Paper 004, section 7: the claims on its typical scenario, as tests; ``time_adhoc`` is ``time`` for ``adhoc``."""
 
 from functools import partial
 from typing import Final
 
 import pandas as pd
 
-from cosim.report import estimate
-from experiments.aggregation_search.comparison import completes
-from experiments.deployment_strategies.figures import IN_TIME, touches_nothing
-from experiments.reflection_tables.comparison import NO_DATA, Answer, values_of
+from cosim.report.comparison import NO_DATA, Answer, by_replicate, mostly
+from cosim.report.estimates import estimate
+from experiments.deployment.claims import IN_TIME, touches_nothing
 
 __all__ = ["touches_nothing"]
 
 NETWORKS: Final = ("ideal", "adhoc")
 TIME_S: Final = (180.0, 240.0)
-"""The whole deployment would take about 3-4 minutes."""
+"""Range of the paper's "about 3-4 minutes" for the whole deployment."""
 WAY_M: Final = 50.0
-"""The robots would average about 50 meters of travel."""
+"""The paper's "about 50 meters of travel" in the mean of the robots."""
 ABOUT: Final = 0.1
-"""That much off is still about it."""
+"""Share by which a value may be off and still be about the paper's."""
 
 
 def _interval(network: str, metric: str, runs: pd.DataFrame) -> tuple[float, float, str]:
@@ -26,7 +25,7 @@ def _interval(network: str, metric: str, runs: pd.DataFrame) -> tuple[float, flo
 
     A run that never came to its end counts with its length, so the mean is a lower bound then.
     """
-    values = values_of(runs, {"network": network}, metric)
+    values = by_replicate(runs, {"network": network}, metric)
     found = estimate(values)
     return found.mean, found.half, str(found)
 
@@ -57,19 +56,18 @@ def way(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 def deploys(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the runs end deployed."""
-    runs = runs.assign(completed=runs["deployed"]) if "deployed" in runs else runs
-    return completes(runs, [("", {"network": network})], IN_TIME)
+    return mostly(runs, [("", {"network": network})], IN_TIME, "deployed")
 
 
 def four_to_b(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether all four robots move in the first stage of every run."""
-    counts = values_of(runs, {"network": network}, "moving_1").dropna()
+    counts = by_replicate(runs, {"network": network}, "moving_1").dropna()
     return (f"4 in {int((counts == 4).sum())} of {len(counts)}", bool((counts == 4).all())) if len(counts) else NO_DATA
 
 
 def ahead(network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the first leap-frogging robot has left the intersection before the group pair in every run."""
-    leads_s = values_of(runs, {"network": network}, "leap_ahead_s").dropna()
+    leads_s = by_replicate(runs, {"network": network}, "leap_ahead_s").dropna()
     return (f"by {leads_s.min():.3g} s at least", bool((leads_s > 0).all())) if len(leads_s) else NO_DATA
 
 

@@ -6,28 +6,18 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import less, told
-from experiments.exploration_teams.comparison import (
-    MAPS,
-    SLIGHT,
-    TIME,
-    above,
-    levels,
-    more,
-    panels,
-    sooner_than,
-    untouched,
-)
-from experiments.exploration_teams.curves import coverage_over_time
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+from cosim.report.comparison import NO_DATA, Answer, Arm, above, by_replicate, confidence_limits, less, levels, more
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import MAPS, PANELS, SLIGHT, TIME_LABEL, sooner_than, untouched
+from experiments.exploration.curves import coverage_over_time
 
 USUAL: Final = "usual"
 NO_LAYER: Final = "no subsumption"
 MANY: Final = 4
 LED_ON: Final = 0.75
-"""Escapes are effective if more than this share of the paths lead to a frontier."""
+"""Share of the paths that must lead to a frontier for escapes to be effective."""
 STALLED: Final = 0.95
-"""Who covers less has stalled."""
+"""Coverage below which a robot has stalled."""
 
 
 def _arm(floor: str, robots: int, behaviour: str = USUAL) -> Arm:
@@ -36,7 +26,7 @@ def _arm(floor: str, robots: int, behaviour: str = USUAL) -> Arm:
 
 def _stalls(floor: str, robots: int, runs: pd.DataFrame) -> Answer:
     without = _arm(floor, robots, "no escape")
-    share = limits(values_of(runs, without, "coverage"))
+    share = confidence_limits(by_replicate(runs, without, "coverage"))
     if not share.size:
         return NO_DATA
     words, less_than = more(
@@ -44,7 +34,7 @@ def _stalls(floor: str, robots: int, runs: pd.DataFrame) -> Answer:
     )
     below = None if share.size < 2 else share.upper < STALLED
     holds = None if None in (below, less_than) else bool(below and less_than)
-    return f"{words}; without it {told(share)}", holds
+    return f"{words}; without it {share.text()}", holds
 
 
 def stalls(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -82,7 +72,7 @@ def obstacle_range(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -
 
 
 def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether nobody is held up, without the layer of the sensors' own."""
+    """Answer whether no robot is held up, without the layer of the sensors' own."""
     return untouched(runs, [_arm(floor, n, NO_LAYER) for n in levels(runs, "robots")])
 
 
@@ -102,8 +92,8 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     over, lines = ("behaviour", behaviours), ("robots", {1: "1 robot", MANY: f"{MANY} robots"})
     named = ("behaviour", {each: each for each in behaviours})
     return [
-        *panels(runs, folder, "coverage_by_behaviour.png", "coverage", "share covered", over, lines),
-        *panels(runs, folder, "time_by_behaviour.png", TIME, "time to 95 %, s", over, lines),
+        *draw_panels(runs, folder / "coverage_by_behaviour.png", ("coverage", "share covered"), over, lines, PANELS),
+        *draw_panels(runs, folder / "time_by_behaviour.png", TIME_LABEL, over, lines, PANELS),
         *coverage_over_time(runs, folder, "coverage_over_time.png", (1, MANY), named),
     ]
 

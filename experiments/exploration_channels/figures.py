@@ -6,9 +6,9 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes
-from experiments.exploration_teams.comparison import IN_TIME, MUCH, SLIGHT, TIME, panels, sooner_than
-from experiments.reflection_tables.comparison import Answer, Arm
+from cosim.report.comparison import Answer, Arm, mostly
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import IN_TIME, MUCH, PANELS, SLIGHT, TIME, sooner_than
 
 FLOORS: Final = ("corridor", "office")
 NETWORKS: Final = ("shared", "ideal", "near", "adhoc", "bluetooth")
@@ -37,14 +37,14 @@ def costs_little(floor: str, network: str, runs: pd.DataFrame, observations: pd.
 
 def covers(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the floor is covered."""
-    return completes(runs, [("", _arm(floor, network))], IN_TIME)
+    return mostly(runs, [("", _arm(floor, network))], IN_TIME)
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw time, double coverage and bytes by network, a line a team size."""
     over = ("network", NETWORKS)
     pictures = [
-        panels(runs, folder, f"{metric}_by_network.png", metric, label, over, ("robots", LINES))
+        draw_panels(runs, folder / f"{metric}_by_network.png", (metric, label), over, ("robots", LINES), PANELS)
         for metric, label in METRICS.items()
     ]
     return [path for paths in pictures for path in paths]

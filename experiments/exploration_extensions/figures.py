@@ -6,16 +6,16 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import less
-from experiments.exploration_teams.comparison import MAPS, TIME, above, levels, more, panels, sooner_than
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm
+from cosim.report.comparison import NO_DATA, Answer, Arm, above, less, levels, more
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import MAPS, PANELS, TIME, sooner_than
 
 PLAIN: Final = "schemas"
 MANY: Final = 4
 MAINTAINED: Final = 0.75
-"""Visibility is maintained if robots see another for more than this share of their time."""
+"""Share of their time for which robots must see another for visibility to be maintained."""
 WATCHED: Final = 0.5
-"""Overwatch is reproduced if those who move see one that stands for more than this share."""
+"""Share of their time for which moving robots must see one at rest for overwatch to be reproduced."""
 COVERED: Final = 0.95
 NAMES: Final = {2: "2 robots", MANY: f"{MANY} robots"}
 FLOORS: Final = tuple(floor for floor in MAPS if floor != "empty")
@@ -31,7 +31,7 @@ def sooner(extension: str, floor: str, runs: pd.DataFrame, observations: pd.Data
 
 
 def visibility(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether robots that keep each other in sight see another for longer than those who do not."""
+    """Answer whether robots that keep each other in sight see another for longer than without."""
     pairs = [(n, _arm(floor, n, "visibility"), _arm(floor, n)) for n in levels(runs, "robots")]
     return more(runs, [(f"{n} robots:", arm, "in_sight", plain, "in_sight") for n, arm, plain in pairs])
 
@@ -53,7 +53,7 @@ def near(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 
 
 def leapfrog(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether robots move under the eyes of others that stand: more than half of the time, and than without."""
+    """Answer whether robots move in sight of others at rest: more than half of the time, and than without."""
     sizes = levels(runs, "robots")
     arms = [(f"{n} robots:", _arm(floor, n, "leapfrog")) for n in sizes]
     words, holds = above(runs, arms, "beacon_in_sight", WATCHED)
@@ -73,7 +73,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             ("in_sight_by_extension.png", "in_sight", "share of the time with another in sight"),
             ("beacon_by_extension.png", "beacon_in_sight", "moving, with a standing one in sight"),
         )
-        for path in panels(runs, folder, name, metric, label, over, lines)
+        for path in draw_panels(runs, folder / name, (metric, label), over, lines, PANELS)
     ]
 
 

@@ -1,7 +1,7 @@
 """How much robots of an exploration see of each other, by true poses: beside what ``exploration_teams`` measures.
 
 A look a second, until 95 % of what can be seen has been. Robots see each other in line of sight past the walls and
-within a range, the same for all arms; bodies hide nobody. A robot stands if it has hardly moved since the last look.
+within a range, the same for all arms; bodies hide no one. A robot stands if it has hardly moved since the last look.
 """
 
 import math
@@ -21,11 +21,11 @@ from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
 from cosim.units import S, from_seconds
 from cosim.world.floorplan import load_floorplan
-from experiments.exploration_teams import exploring
+from experiments.exploration import exploring
 from protocols.exploration.spec import METRICS
 
 STANDS_M: Final = 0.02
-"""Who has moved less than this in a second stands."""
+"""Movement in a second below which a robot counts as standing, m."""
 _OWN: Final = (
     Column("in_sight", "float", "1", "share of the robots' time in which one sees another"),
     Column("beacon_in_sight", "float", "1", "share of the time of robots that move in which one sees one that stands"),
@@ -58,7 +58,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 
 
 def ended(metrics: Mapping[str, float], duration_s: float) -> dict[str, float]:
-    """Return what a run tells of itself, and when it saw 95 %: the longest time, a lower bound, if it never did."""
+    """Return the metrics of a run, and when it saw 95 %: the longest time, a lower bound, if it never did."""
     found = {metric.name: metrics[metric.name] for metric in METRICS}
     never = math.isnan(found["time_95_s"])
     return found | {

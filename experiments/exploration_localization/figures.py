@@ -9,62 +9,53 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.aggregation_search.comparison import Pair, completes, less
+from cosim.report.comparison import NO_DATA, Answer, Arm, Pair, above, by_replicate, less_censored, mostly
+from cosim.report.drawing import legend_outside
+from experiments.exploration.claims import IN_TIME, sooner_than, untouched
 from experiments.exploration_localization.mapping import TIMES_S
-from experiments.exploration_teams.comparison import IN_TIME, above, sooner_than, untouched
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, values_of
 
 MAPS: Final = {"corridor": "corridor with rooms", "office": "office"}
 TRUE: Final = "true"
 ODOMETRY: Final = "odometry"
 CONSTANT: Final = "constant speed"
 STOPS: Final = {1: "stop at 0.1 m", 2: "stop at 0.2 m", 4: "stop at 0.4 m"}
-"""The arms with speed control, by their threshold in tenths of a metre, which are cells."""
+"""Arms with speed control, by their threshold in tenths of a metre, which are cells."""
 NAMES: Final = {
     TRUE: "true positions",
     ODOMETRY: "odometry alone",
     CONSTANT: "filter, constant speed",
     **{stop: f"filter, {stop}" for stop in STOPS.values()},
 }
-"""The arms, as figures call them."""
+"""Names of the arms in figures."""
 MOSTLY: Final = 0.5
-"""Waiting helps if more than this share of the waits end with the robot localised again."""
+"""Share of the waits that must end with the robot localised again for waiting to help."""
 
 
 def _arm(floor: str, position: str) -> Arm:
     return {"map": floor, "position": position}
 
 
-def smaller(runs: pd.DataFrame, pairs: Sequence[Pair], metric: str) -> Answer:
-    """Answer whether in every one of *pairs* the first arm has the smaller *metric*, an error.
+def smaller(runs: pd.DataFrame, pair: Pair, metric: str) -> Answer:
+    """Answer whether the first arm of *pair* has the smaller *metric*, an error.
 
-    Who sees less errs less: a run that ended before 95 % had been seen counts with a lower bound of its error. No pair
-    holds whose first arm has such runs, and none fails whose second has. These stay open.
+    Robots that see less err less: a run that ended before 95 % had been seen counts with a lower bound of its error.
     """
-    words, holds = [], []
-    for label, arm, than in pairs:
-        found, answer = less(runs, [(label, arm, than)], metric)
-        if found == NO_DATA[0]:
-            return NO_DATA
-        cut = [int((values_of(runs, each, "reached") < 1).sum()) for each in (arm, than)]
-        words.append(found + (f", {cut[0]} and {cut[1]} runs cut" if any(cut) else ""))
-        holds.append(None if (answer is True and cut[0]) or (answer is False and cut[1]) else answer)
-    return "; ".join(words), False if False in holds else None if None in holds else True
+    return less_censored(runs, [pair], metric)
 
 
 def filters(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the filter's map is truer than that of odometry, at the same speed."""
-    return smaller(runs, [("", _arm(floor, CONSTANT), _arm(floor, ODOMETRY))], "map_error")
+    return smaller(runs, ("", _arm(floor, CONSTANT), _arm(floor, ODOMETRY)), "map_error")
 
 
 def maps(floor: str, stop: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the map is truer if the filter sets the speed."""
-    return smaller(runs, [("", _arm(floor, STOPS[stop]), _arm(floor, CONSTANT))], "map_error")
+    return smaller(runs, ("", _arm(floor, STOPS[stop]), _arm(floor, CONSTANT)), "map_error")
 
 
 def places(floor: str, stop: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the robot knows better where it is if the filter sets the speed."""
-    return smaller(runs, [("", _arm(floor, STOPS[stop]), _arm(floor, CONSTANT))], "pose_error_m")
+    return smaller(runs, ("", _arm(floor, STOPS[stop]), _arm(floor, CONSTANT)), "pose_error_m")
 
 
 def costs(floor: str, stop: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -79,20 +70,20 @@ def stricter_slower(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) 
 
 def stricter_truer(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a threshold of a cell makes truer maps than one of four."""
-    return smaller(runs, [("", _arm(floor, STOPS[1]), _arm(floor, STOPS[4]))], "map_error")
+    return smaller(runs, ("", _arm(floor, STOPS[1]), _arm(floor, STOPS[4])), "map_error")
 
 
 def localised(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether waits mostly end with the robot localised again, at each threshold at which it waits at all."""
     arms = [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()]
-    waiting = [(label, arm) for label, arm in arms if values_of(runs, arm, "waits_localised").notna().any()]
+    waiting = [(label, arm) for label, arm in arms if by_replicate(runs, arm, "waits_localised").notna().any()]
     return above(runs, waiting, "waits_localised", MOSTLY)
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the floor is still covered with the filter's speeds, and nobody held up."""
+    """Answer whether the floor is still covered with the filter's speeds, and no robot held up."""
     arms = [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()]
-    covered, all_covered = completes(runs, arms, IN_TIME)
+    covered, all_covered = mostly(runs, arms, IN_TIME)
     touched, free = untouched(runs, [arm for _, arm in arms])
     if free is None or covered == NO_DATA[0]:
         return NO_DATA
@@ -151,8 +142,7 @@ def _saved(figure: Figure, plots: Sequence[Axes], label: str, path: Path) -> Pat
     plots[0].set_ylabel(label)
     for plot in plots:
         plot.grid(alpha=0.3)
-    handles = {text: handle for plot in plots for handle, text in zip(*plot.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+    legend_outside(figure, plots)
     figure.savefig(path, dpi=120)
     return path
 

@@ -21,21 +21,21 @@ from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import from_seconds, to_seconds
-from experiments.exploration_teams.exploring import Parameters
+from experiments.exploration.exploring import Parameters
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
 
 LOOK_S: Final = 1.0
-"""So often poses are compared,"""
+"""Interval between comparisons of poses, s."""
 MAP_S: Final = 20.0
-"""and so often maps."""
+"""Interval between comparisons of maps, s."""
 TIMES_S: Final = tuple(range(100, 2000, 100))
-"""When map errors are told."""
+"""Times at which map errors are recorded, s."""
 TOUCHED: Final = 0.75
-"""A wall touches a cell if it is not so many cells from its centre: it may run along an edge, or end at a corner."""
+"""Distance from a cell's centre, in cells, below which a wall touches it: along an edge, or at a corner."""
 FARTHEST_M: Final = 5.0
-"""Walls are looked for so far from an occupied cell."""
+"""Range within which walls are looked for from an occupied cell."""
 _TOLD: Final = (
     ("time_50_s", "s", "until half of what can be seen had been; NaN if it never was"),
     ("coverage", "1", "share of the cells that can be seen that were"),

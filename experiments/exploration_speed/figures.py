@@ -6,19 +6,10 @@ from typing import Final
 
 import pandas as pd
 
-from experiments.aggregation_search.comparison import completes, positive, told
-from experiments.exploration_teams.comparison import (
-    IN_TIME,
-    MAPS,
-    TIME,
-    levels,
-    panels,
-    shares_saved,
-    sooner_than,
-    untouched,
-)
-from experiments.exploration_teams.curves import coverage_over_time
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits
+from cosim.report.comparison import NO_DATA, Answer, Arm, confidence_limits, levels, mostly, saving
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import IN_TIME, MAPS, PANELS, TIME, TIME_LABEL, sooner_than, untouched
+from experiments.exploration.curves import coverage_over_time
 
 CONSTANT: Final = "constant"
 FASTER: Final = "by obstacles"
@@ -35,9 +26,9 @@ def sooner(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFra
 
 
 def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether the floor is still covered, and nobody held up."""
+    """Answer whether the floor is still covered, and no robot held up."""
     arms = [(f"{n} robots:", _arm(floor, n, FASTER)) for n in levels(runs, "robots")]
-    covered, all_covered = completes(runs, arms, IN_TIME)
+    covered, all_covered = mostly(runs, arms, IN_TIME)
     touched, free = untouched(runs, [arm for _, arm in arms])
     if free is None or covered == NO_DATA[0]:
         return NO_DATA
@@ -50,14 +41,14 @@ def open_gains(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> An
     words, holds = [], []
     for robots in levels(runs, "robots"):
         shares = [
-            shares_saved(runs, _arm(each, robots, FASTER), _arm(each, robots, CONSTANT)) for each in ("empty", floor)
+            saving(runs, _arm(each, robots, FASTER), _arm(each, robots, CONSTANT), TIME) for each in ("empty", floor)
         ]
-        difference = limits(shares[0] - shares[1])
+        difference = confidence_limits(shares[0] - shares[1])
         if not difference.size:
             return NO_DATA
         one, other = (f"{100 * share.mean():.3g} %" for share in shares)
-        words.append(f"{robots} robots: {one} against {other}, difference of the shares {told(difference)}")
-        holds.append(positive(difference))
+        words.append(f"{robots} robots: {one} against {other}, difference of the shares {difference.text()}")
+        holds.append(difference.exceeds(0))
     return ("; ".join(words), None if None in holds else all(holds)) if holds else NO_DATA
 
 
@@ -65,7 +56,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     """Draw the time to 95 % against team size, and coverage over time, a line a speed."""
     sizes, lines = ("robots", levels(runs, "robots")), ("speed", {CONSTANT: CONSTANT, FASTER: "faster in the open"})
     return [
-        *panels(runs, folder, "time_by_speed.png", TIME, "time to 95 %, s", sizes, lines),
+        *draw_panels(runs, folder / "time_by_speed.png", TIME_LABEL, sizes, lines, PANELS),
         *coverage_over_time(runs, folder, "coverage_over_time.png", SIZES, lines),
     ]
 

@@ -11,22 +11,23 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from experiments.aggregation_search.comparison import columns, completes, positive, slope, told
-from experiments.exploration_teams.comparison import (
-    IN_TIME,
-    MAPS,
-    MUCH,
-    TIME,
+from cosim.report.comparison import (
+    NO_DATA,
+    Answer,
+    Arm,
     above,
+    by_replicate,
+    confidence_limits,
     levels,
     more,
-    panels,
-    sooner_than,
-    untouched,
+    mostly,
+    paired,
+    slopes,
 )
-from experiments.exploration_teams.curves import coverage_over_time
+from cosim.report.drawing import draw_panels
+from experiments.exploration.claims import IN_TIME, MAPS, MUCH, PANELS, TIME_LABEL, sooner_than, untouched
+from experiments.exploration.curves import coverage_over_time
 from experiments.exploration_teams.growing import chosen, draw_growth, draw_ways, watch
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
 
 NAMES: Final = {
     "schemas": "motor schemas (the paper)",
@@ -53,7 +54,7 @@ def faster(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFra
 
 def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether teams of every size cover the floor."""
-    return completes(runs, [(f"{n} robots:", _arm(floor, n)) for n in levels(runs, "robots")], IN_TIME)
+    return mostly(runs, [(f"{n} robots:", _arm(floor, n)) for n in levels(runs, "robots")], IN_TIME)
 
 
 def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -85,31 +86,32 @@ def no_force_empty(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
 def no_way_office(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether robots alone stall in the office although there is a force."""
     arm = _arm("office", 1)
-    stalls = values_of(runs, arm, "stalls") - values_of(runs, arm, "stalls_no_force")
-    found = limits(stalls)
-    return (f"stalls: {told(found)}", positive(found)) if found.size else NO_DATA
+    stalls = by_replicate(runs, arm, "stalls") - by_replicate(runs, arm, "stalls_no_force")
+    found = confidence_limits(stalls)
+    return (f"stalls: {found.text()}", found.exceeds(0)) if found.size else NO_DATA
 
 
 def overlap(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the share of the floor that is covered twice grows with the team."""
     sizes = [n for n in levels(runs, "robots") if n > 1]
-    table = columns(runs, [_arm(floor, n) for n in sizes], "covered_twice") if len(sizes) > 1 else pd.DataFrame()
+    table = paired(runs, [_arm(floor, n) for n in sizes], "covered_twice") if len(sizes) > 1 else pd.DataFrame()
     if table.empty:
         return NO_DATA
     means = ", ".join(f"{n} robots {100 * mean:.3g} %" for n, mean in zip(sizes, table.mean(), strict=True))
-    found = limits(slope(table, np.log2(sizes).tolist()))
-    return f"{means}; by each doubling {told(found)}", positive(found)
+    found = confidence_limits(slopes(table, np.log2(sizes).tolist()))
+    return f"{means}; by each doubling {found.text()}", found.exceeds(0)
 
 
 def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw times and what is covered twice against team size, coverage over time, and one exploration from above.
 
-    That exploration, the first of four robots by schemas on the last floor, is made anew: the results hold no ways.
+    That exploration, the first of four robots by schemas on the last floor, is run again: the results hold no ways.
     """
     sizes, lines = ("robots", levels(runs, "robots")), ("algorithm", NAMES)
+    twice = ("covered_twice", "share covered twice")
     return [
-        *panels(runs, folder, "time_by_size.png", TIME, "time to 95 %, s", sizes, lines),
-        *panels(runs, folder, "twice_by_size.png", "covered_twice", "share covered twice", sizes, lines),
+        *draw_panels(runs, folder / "time_by_size.png", TIME_LABEL, sizes, lines, PANELS),
+        *draw_panels(runs, folder / "twice_by_size.png", twice, sizes, lines, PANELS),
         *coverage_over_time(runs, folder, "coverage_over_time.png", (1, *LARGE), lines),
         *_from_above(runs, folder),
     ]

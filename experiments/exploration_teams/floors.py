@@ -3,7 +3,7 @@
     python -P -m experiments.exploration_teams.floors experiments/floors
 
 writes ``explore_empty.yaml``, ``explore_corridor.yaml`` and ``explore_office.yaml``. Doors stand off the middle of
-their walls, in another place from room to room, so that nobody sees far through several.
+their walls, in another place from room to room, so that no robot sees far through several.
 """
 
 import sys
@@ -16,7 +16,7 @@ import yaml
 
 SIDE_M: Final = 40.0
 OFF: Final = (-0.3, 0.2, 0.35, -0.15, 0.0)
-"""So far from the middle of its wall is a door, in lengths of the wall; one after the other."""
+"""Distances of the doors from the middles of their walls, in lengths of the wall, one after the other."""
 ABOUT: Final = {
     "empty": "nothing but the outer walls",
     "corridor": "a corridor of 3 m from end to end, four rooms of 10 m x 18.5 m on each side, doors of 1.2 m",

@@ -17,21 +17,21 @@ from matplotlib.figure import Figure
 from cosim.arrays import Bytes, Floats
 from cosim.experiment import load_experiment
 from cosim.geometry.marking import states
+from cosim.report.drawing import tracks
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
 from cosim.units import S, Time, to_seconds
-from experiments.exploration_teams.exploring import Parameters
-from experiments.reflection_tables.trajectories import ways
+from experiments.exploration.exploring import Parameters
 
 USUAL: Final = ("map=office", "robots=4", "algorithm=schemas")
-"""What is drawn unless something else is chosen."""
+"""Choices that are drawn by default."""
 SHARES: Final = (0.25, 0.5, 0.75, 0.99)
-"""Of what can be seen: the map is drawn when so much has been, or at the end."""
+"""Shares of what can be seen at which the map is drawn; also at the end."""
 EVERY: Final[Time] = 5 * S
-"""So often it is looked how much that is."""
+"""Interval between checks of that share."""
 COLOURS: Final = ListedColormap(["0.75", "white", "black"])
-"""Unknown, empty, occupied."""
+"""Colours of unknown, empty and occupied cells."""
 
 
 class Picture(NamedTuple):
@@ -48,9 +48,9 @@ class Exploration(NamedTuple):
 
     pictures: list[Picture]
     ways: dict[int, Floats]
-    """Of each robot, a table (ticks, 3): time in ns, x and y in m."""
+    """For each robot a table (ticks, 3): time in ns, x and y in m."""
     extent_m: tuple[float, float, float, float]
-    """Of the pictures: left, right, low, high."""
+    """Extent of the pictures: left, right, low, high."""
     walls_m: Floats
 
 
@@ -94,7 +94,7 @@ def watch(scenario: Scenario, seed: int, shares: Sequence[float] = SHARES) -> Ex
             wanted = [] if over else [share for share in wanted if share > coverage]
     (left, low), size = frame.origin_m, frame.cell_m
     extent_m = left, left + frame.nx * size, low, low + frame.ny * size
-    return Exploration(pictures, ways(simulation.trace), extent_m, simulation.floorplan.walls_m)
+    return Exploration(pictures, tracks(simulation.trace), extent_m, simulation.floorplan.walls_m)
 
 
 def draw_growth(run: Exploration, path: Path) -> None:

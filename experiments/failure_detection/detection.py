@@ -1,7 +1,7 @@
 """One robot's heartbeats, as they come over a channel, judged by all detectors at once: mistakes, and crashes noticed.
 
 Robot 0 runs the machine of ``protocols.monitoring`` and sends heartbeats; what arrives at robot 1, and when, is
-recorded, and each detector is told of it. So all detectors of a run see the same losses and delays. A run is one long
+recorded, and given to each detector. So all detectors of a run see the same losses and delays. A run is one long
 watch over a robot that lives, for the mistakes, and some shorter ones, each over a robot that is killed at a random
 instant, for the detection time. Metrics are those of Chen, Toueg and Aguilera
 (``protocols.detection.quality``).
@@ -9,7 +9,7 @@ instant, for the detection time. Metrics are those of Chen, Toueg and Aguilera
 With T the time within which a crash is to be noticed, eta the period and E(D) the mean delay:
 
     nfd_s          freshness points T - eta after a heartbeat is sent; T is a bound
-    nfd_e, _32     the same after it is expected, T - eta - E(D); 1000 or 32 arrivals tell when that is
+    nfd_e, _32     the same after it is expected, T - eta - E(D); 1000 or 32 arrivals show when that is
     fixed          a time-out of T - E(D): the same mean detection time, but no bound
     fixed_cut_4, _8  heartbeats later than c = 4 or 8 E(D) do not count, time-out T - c: T is a bound
     phi_akka, phi_normal   do not know T, but a threshold; they adapt to what they see
@@ -46,11 +46,11 @@ from protocols.monitoring.parameters import Parameters as Monitoring
 SENDER: Final[Address] = 0
 WATCHER: Final[Address] = 1
 SETTLING: Final = 100
-"""Periods before mistakes count, and before a robot is killed: what detectors are told at first is mostly forgotten."""
+"""Periods before mistakes count, and before a robot is killed: by then detectors have forgotten most of the start."""
 OLDEST: Final = 1000
 """Periods after which every robot that is to be killed has been."""
 LAST_ARRIVALS: Final = 10 * S
-"""After the last heartbeat; nothing is on its way for as long."""
+"""Time after the last heartbeat; no message takes as long."""
 PATIENCE: Final = 1000
 """Periods after a crash within which it is noticed, or never."""
 LONG_WINDOW: Final = 1000
@@ -119,7 +119,7 @@ class Recorder:
 
 
 class Chatter(Recorder):
-    """The third robot: it sends payloads at the points of a Poisson process, and listens to nobody."""
+    """The third robot: it sends payloads at the points of a Poisson process, and listens to none."""
 
     def __init__(self, network: Network, channel: IdealChannel, address: Address, stream: np.random.Generator) -> None:
         super().__init__()
@@ -182,10 +182,10 @@ class Candidate(NamedTuple):
     bound_s: float = math.nan
     threshold: float = math.nan
     cut: Time | None = None
-    """Heartbeats that are later than this do not count."""
+    """Delay above which heartbeats do not count."""
 
     def told(self, heard: Arrivals, period: Time) -> Arrivals:
-        """Return those of the arrivals that it is told of."""
+        """Return those of the arrivals that it gets."""
         cut = self.cut
         return heard if cut is None else [(number, time) for number, time in heard if time - number * period <= cut]
 

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report import CONFIDENCE, estimates
+from cosim.report.estimates import CONFIDENCE, estimates
 from experiments.failure_detection.theory import nfd_s
 
 Answer = tuple[str, bool | None]
@@ -22,12 +22,12 @@ NO_DATA: Final[Answer] = ("-", None)
 NEEDED: Final = {"network", "period_s", "detector", "bound_s", "threshold", "mistakes", "watched_s", "accuracy"}
 PERIOD_S: Final = 1.0
 LOSS: Final = {"lossless": 0.0, "loss_1": 0.01, "loss_10": 0.1}
-"""The networks whose delays and losses the theory knows."""
+"""Networks whose delays and losses the theory knows."""
 MEAN_DELAY_S: Final = 0.02
 HOUR_S: Final = 3600.0
 DETECTORS: Final = ("nfd_s", "nfd_e", "nfd_e_32", "fixed", "fixed_cut_4", "fixed_cut_8", "phi_akka", "phi_normal")
 BOUNDED: Final = DETECTORS[:6]
-"""Those that are set by the time within which a crash is to be noticed."""
+"""Detectors that are set by the time within which a crash is to be noticed."""
 
 
 def _rows(observations: pd.DataFrame, network: str, detector: str) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""What Chen, Toueg and Aguilera's theorem says of NFD-S on a channel that loses and delays each heartbeat by itself.
+"""Chen, Toueg and Aguilera's theorem on NFD-S on a channel that loses and delays each heartbeat by itself.
 
 With a period eta, freshness points delta after a heartbeat is sent, losses with probability p and a delay D:
 
@@ -19,7 +19,7 @@ from typing import NamedTuple
 from scipy.integrate import quad
 
 TAILS = 15.0
-"""So many mean delays after a heartbeat is sent, what is left of the tail is nothing (3e-7)."""
+"""Number of mean delays after which the rest of the tail counts as nothing (3e-7)."""
 
 
 class Theory(NamedTuple):

@@ -7,10 +7,9 @@ from typing import Final
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.aggregation_search.comparison import Pair, less
-from experiments.exploration_teams.comparison import SLIGHT, sooner_than
+from cosim.report.comparison import Answer, Pair, less
+from experiments.exploration.claims import SLIGHT, sooner_than
 from experiments.gain_tuning.tuning import EVALUATION, GAINS, SEARCH, TRIAL, TUNED
-from experiments.reflection_tables.comparison import Answer
 
 PAIR: Final[Pair] = ("", {"gains": TUNED}, {"gains": TRIAL})
 

@@ -27,7 +27,7 @@ from cosim.trace import Field as Column
 SEARCH, EVALUATION = "search", "evaluation"
 TRIAL, TUNED, CANDIDATE = "informed trial", "tuned", "candidate"
 FIRST_OFFICE: Final = {SEARCH: 1_000, EVALUATION: 1_000_000}
-"""Seeds of offices begin here, and differ from search to search."""
+"""First seeds of offices, by stage; they differ from search to search."""
 MOST_OFFICES: Final = 100
 GAINS: Final = ("frontier_m", "obstacle_m", "obstacle_gain", "robot_range_scale", "robot_gain_scale")
 """Settings of the schemas that are searched for. Of frontiers' and obstacles' gains only the quotient counts."""

@@ -1,7 +1,7 @@
 """How long a device takes to be found: inquiries on the Bluetooth channel, each with devices of its own.
 
 Every inquiry has a channel of its own: clocks with random phases and drifts, scan windows with random offsets, and a
-first train drawn for it. Hosts do nothing but ask for an inquiry (device 0) and note what they are told; all else is
+first train drawn for it. Hosts do nothing but ask for an inquiry (device 0) and record its results; all else is
 done by the link controllers of ``cosim.channels.bluetooth``.
 """
 
@@ -50,13 +50,13 @@ class Parameters(Settings):
 
 
 class Host:
-    """An endpoint that notes when its device was told of each other one."""
+    """An endpoint that records when its device discovered each other one."""
 
     def __init__(self) -> None:
         self.found: dict[Address, Time] = {}
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Expect nothing: nobody sends."""
+        """Expect nothing: no device sends."""
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note the end of the first FHS of a device."""

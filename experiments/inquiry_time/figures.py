@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import Estimate, estimates
+from cosim.report.estimates import Estimate, estimates
 
 Answer = tuple[str, bool | None]
 

@@ -1,4 +1,4 @@
-"""How long a team stands still when one of its robots dies: a run of robots, and what its events tell of the death.
+"""How long a team stands still when one of its robots dies: a run of robots, and what its events show of the death.
 
 The machines do not know when a robot has died, only when they have noticed; the run does. So the times are read from
 the trace: a survivor has *noticed* when it reports that it has lost its team, or that its team goes on without the
@@ -42,7 +42,7 @@ _OF_THE_RUN: Final = ("coverage", "time_to_cover_s", "setup_s", "reform_s", "tea
 
 
 class Parameters(Settings):
-    """A run of Pseudonet, and who dies in it."""
+    """A run of Pseudonet, and the robot that dies in it."""
 
     scenario: Scenario = Field(description="the run, without faults or with others")
     robot: Count = Field(default=0, ge=0, description="who dies; the first master is robot 0")
@@ -51,7 +51,7 @@ class Parameters(Settings):
 
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
-    """Make the run and return ``COLUMNS``; the times after the death are NaN where nobody dies.
+    """Make the run and return ``COLUMNS``; the times after the death are NaN where no robot dies.
 
     Raise UserError for a run that cannot be set up.
     """
@@ -73,7 +73,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
 
 
 def after_death(trace: Trace, survivors: set[Address], died: Time) -> dict[str, float]:
-    """Return what the events of *trace* tell of the time after *died*, in ns, with the names of ``COLUMNS``."""
+    """Return what the events of *trace* show of the time after *died*, in ns, with the names of ``COLUMNS``."""
     noticed: dict[Address, Time] = {}
     regrouped: set[Address] = set()
     resumed: dict[Address, Time] = {}
@@ -96,10 +96,10 @@ def after_death(trace: Trace, survivors: set[Address], died: Time) -> dict[str, 
 
 
 def teams(trace: Trace, survivors: set[Address]) -> int:
-    """Return in how many teams the *survivors* ended, from the sizes that they were told last.
+    """Return in how many teams the *survivors* ended, from the sizes that they received last.
 
-    As many robots as a team has members have been told its size: those who were told k make up 1/k of a team each.
-    The dead are told nothing any more, and are not in the last team of anybody who has noticed.
+    As many robots as a team has members have received its size: each that received k makes up 1/k of a team.
+    The dead receive nothing any more, and are not in the last team of a robot that has noticed.
     """
     size: dict[Address, int] = {}
     events = trace.columns("events")

@@ -42,9 +42,9 @@ TIMES: Final = Timing(
     silence=60 * S,
 )
 SETTLE: Final = 10 * MS
-"""Between the set-up and the exchange that is measured."""
+"""Time between the set-up and the exchange that is measured."""
 T_POLL_SLOTS: Final = 96_000
-"""No poll but those of the strategy: the next one of the link controller is a minute away."""
+"""Poll interval of the link controller, so long that only the strategy polls."""
 SUPERVISION_S: Final = 120.0
 
 

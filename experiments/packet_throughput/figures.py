@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cosim.channels.bluetooth.errors import throughput_kbps
 from cosim.channels.bluetooth.packets import ACL
-from cosim.report import Estimate, estimates
+from cosim.report.estimates import Estimate, estimates
 
 Answer = tuple[str, bool | None]
 

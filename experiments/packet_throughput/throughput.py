@@ -26,13 +26,13 @@ from cosim.settings import Count, Gain, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, SLOT, S, Time, to_seconds
-from experiments.page_time.paging import known_offset
+from experiments.radio.clocks import known_offset
 
 MASTER: Final[Address] = 0
 SLAVE: Final[Address] = 1
 NEAR_M: Final = 1.0
 BACKLOG: Final = 3
-"""Payloads that wait at the master at any time."""
+"""Number of payloads that wait at the master at any time."""
 SETTLE: Final[Time] = 100 * MS
 SET_UP_WITHIN: Final[Time] = 60 * S
 COLUMNS: Final = (

@@ -1,7 +1,7 @@
 """How long a page takes until the paged device answers, by scan mode and by what the pager knows of the other's clock.
 
 Every page has a channel of its own with two devices: clocks with random phases, a scan window with a random offset.
-The pager is told, as by an inquiry, how far the other's clock is from its own: the truth, or anything. What happens
+The pager knows, as from an inquiry, how far the other's clock is from its own: the truth, or anything. What happens
 then is read off the frames: the first ID that the paged device sends is its response.
 """
 
@@ -11,7 +11,6 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.device import BluetoothChannel
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.paging import PageSettings
@@ -25,15 +24,16 @@ from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.trace import Field as Column
 from cosim.units import MS, Time, to_seconds
+from experiments.radio.clocks import known_offset
 
 Mode: TypeAlias = Literal["R0", "R1", "R2"]
 
 PAGER: Final[Address] = 0
 PAGED: Final[Address] = 1
 INTERVAL_S: Final[dict[Mode, float]] = {"R0": 0.01125, "R1": 1.28, "R2": 2.56}
-"""From one page scan window to the next; R0 scans all the time."""
+"""Interval from one page scan window to the next; R0 scans all the time."""
 LOOK: Final[Time] = 160 * MS
-"""How often the outcome of a page is looked at."""
+"""Interval between checks of the outcome of a page."""
 COLUMNS: Final = (
     Column("page", "int", "", "number of the page in the run, from 0"),
     Column("page_time_s", "float", "s", "from the first transmit slot to the start of the response; NaN: none"),
@@ -56,9 +56,9 @@ class Times(NamedTuple):
     """Seconds until the start of the response; NaN if there was none."""
 
     from_slot_s: float
-    """From the pager's first transmit slot."""
+    """Time from the pager's first transmit slot."""
     from_command_s: float
-    """From the host's command, at any time."""
+    """Time from the host's command, which may come at any time."""
 
 
 class Host:
@@ -68,7 +68,7 @@ class Host:
         self.over = False
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Expect nothing: nobody sends."""
+        """Expect nothing: no device sends."""
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Note the end of the page."""
@@ -90,15 +90,6 @@ def observe(parameters: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
             {"page": number, "page_time_s": times.from_slot_s, "page_time_from_command_s": times.from_command_s}
         )
     return rows
-
-
-def known_offset(pager: NativeClock, paged: NativeClock, now: Time) -> int:
-    """Return how far *paged* is ahead of *pager* in ticks, as an inquiry at *now* would have told a host.
-
-    An FHS tells bits 27-2 of a clock, so that is a multiple of 4.
-    """
-    first = first_transmission(pager, now)
-    return ((paged.tick(pager.time_of(first)) - first) & ~3) % CLOCK_RANGE
 
 
 def page_times(given: Parameters, streams: Streams, number: int) -> Times:

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy import stats
 
-from cosim.report import Estimate, estimates
+from cosim.report.estimates import Estimate, estimates
 
 Answer = tuple[str, bool | None]
 

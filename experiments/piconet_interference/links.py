@@ -12,12 +12,12 @@ from cosim.machine import Address, Connected, LinkEvent, Outgoing, Page, PageFai
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S
-from experiments.page_time.paging import known_offset
+from experiments.radio.clocks import known_offset
 
 SET_UP_WITHIN: Final = 60 * S
 SUPERVISION_S: Final = 2.0
 SETTLE: Final = 20 * MS
-"""From the beginning of the load to that of the count."""
+"""Time from the beginning of the load to that of the count."""
 
 
 class Host:

@@ -39,7 +39,7 @@ FRAME: Final[dict[str, Time]] = {
 """Air time by traffic. No packet of Basic Rate fills its slot, but a closed form is known for one that would."""
 MODES: Final = {"co_channel": CO_CHANNEL, "neighbouring": NEIGHBOURING}
 MARGIN: Final = 3
-"""Slots at either end in which frames are sent, but not counted: what overlaps them is not all there."""
+"""Slots at either end in which frames are sent, but not counted: some that overlap them are missing."""
 COLUMNS: Final = (
     Column("survival", "float", "1", "share of the frames that were received"),
     Column("load", "float", "1", "frames sent in a slot of a piconet"),

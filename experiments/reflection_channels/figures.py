@@ -12,12 +12,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimate, estimates
-from experiments.reflection_tables.comparison import NAMES, NO_DATA, Answer, Arm, cut_top, limits, saves, saving, told
-from experiments.reflection_tables.figures import SIZES, cells
+from cosim.report.comparison import NO_DATA, Answer, Arm, confidence_limits, saves, saving, saving_text
+from cosim.report.drawing import limit_ordinate
+from cosim.report.estimates import estimate, estimates
+from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells
 
-FLOORS: Final = ("first", "second")
-ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
 AT_ONCE: Final = "at once, 0.1 s"
 NONE: Final = "no messages"
 LINKS: Final = {
@@ -28,9 +27,9 @@ LINKS: Final = {
     "adhoc": "802.11, 1 s",
     "adhoc_each_tick": "802.11, 0.1 s",
 }
-"""By the ends of the tests' names."""
+"""Links, by the ends of the tests' names."""
 SLIGHT: Final = 0.1
-"""A link that costs less than this share of the steps costs next to nothing."""
+"""Share of the steps below which a link costs next to nothing."""
 AXES: Final = ("floor", "algorithm", "link")
 METRICS: Final = {
     "steps": "motion steps a target",
@@ -45,15 +44,15 @@ def _arm(floor: str, algorithm: str, link: str) -> Arm:
 
 def minimal(floor: str, algorithm: str, link: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a link, at a frame a second, costs next to nothing against messages at once at every tick."""
-    found = limits(saving(runs, _arm(floor, algorithm, link), _arm(floor, algorithm, AT_ONCE)))
+    found = confidence_limits(saving(runs, _arm(floor, algorithm, link), _arm(floor, algorithm, AT_ONCE), STEPS))
     if not found.size:
         return NO_DATA
-    return told(found), None if found.size < 2 else found.lower > -SLIGHT
+    return saving_text(found), None if found.size < 2 else found.lower > -SLIGHT
 
 
 def helps(floor: str, algorithm: str, link: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether what comes over a link saves steps against the same robots without messages."""
-    return saves(runs, [("", _arm(floor, algorithm, link), _arm(floor, algorithm, NONE))])
+    return saves(runs, [("", _arm(floor, algorithm, link), _arm(floor, algorithm, NONE))], STEPS)
 
 
 def delay(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -96,8 +95,10 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
         row: dict[str, Any] = dict(zip(AXES, (floor, algorithm, link), strict=True))
         row["steps a target"] = str(estimate(part["steps"]))
         for name, other in (("against at once", AT_ONCE), ("against no messages", NONE)):
-            against = limits(saving(frame, _arm(floor, algorithm, link), _arm(floor, algorithm, other)))
-            row[name] = told(against) if against.size and link != other else "-"
+            against = confidence_limits(
+                saving(frame, _arm(floor, algorithm, link), _arm(floor, algorithm, other), STEPS)
+            )
+            row[name] = saving_text(against) if against.size and link != other else "-"
         row["first useful, s"] = str(estimate(part["first_useful_reflection_s"]))
         row["stale, %"] = str(estimate(100 * part["stale_advice"]))
         row["of robots out of sight, %"] = str(estimate(100 * part["unseen"]))
@@ -137,7 +138,7 @@ def _panel(plot: Any, rows: pd.DataFrame, metric: str, places: dict[str, int]) -
             means = [value.mean for value in points[metric]]
             halves = np.nan_to_num([value.half for value in points[metric]])
             plot.errorbar(at, means, yerr=halves, fmt="o", capsize=3, color=f"C{rank}", label=NAMES[algorithm])
-    cut_top(plot, list(rows.groupby(["algorithm", "link"])[metric].mean()))
+    limit_ordinate(plot, list(rows.groupby(["algorithm", "link"])[metric].mean()))
     plot.grid(alpha=0.3)
 
 

@@ -12,30 +12,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimate, estimates
-from experiments.reflection_tables import figures as noiseless
-from experiments.reflection_tables.comparison import (
-    NAMES,
-    NO_DATA,
-    Answer,
-    Arm,
-    cut_top,
-    limits,
-    saves,
-    saving,
-    told,
-    values_of,
-    with_steps,
-)
+from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confidence_limits, saves, saving, saving_text
+from cosim.report.drawing import legend_outside, limit_ordinate
+from cosim.report.estimates import estimate, estimates
+from experiments.reflection.tables import ALGORITHMS, FLOORS, NAMES, SIZES, STEPS, cells, with_steps
 
-FLOORS: Final = ("first", "second")
-ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
 ERRORS: Final = ("0", "0.1", "0.2", "0.3", "0.4")
 ALONE: Final = "alone"
 SOON: Final = "0.2"
-"""The error at which helpers are to have become almost useless: half of the largest."""
+"""Error at which helpers are to have become almost useless: half of the largest."""
 ALMOST_USELESS: Final = 0.1
-"""Helpers that save less than this share of the steps of the robot alone are almost useless."""
+"""Share of the steps of the robot alone below which the saving by helpers is almost useless."""
 
 
 def _arm(floor: str, algorithm: str, error: str) -> Arm:
@@ -45,13 +32,13 @@ def _arm(floor: str, algorithm: str, error: str) -> Arm:
 def grows(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether steps grow with the error: the slope of the straight line through each replicate's is positive."""
     frame = with_steps(runs)
-    found = {float(error): values_of(frame, _arm(floor, algorithm, error)) for error in ERRORS}
+    found = {float(error): by_replicate(frame, _arm(floor, algorithm, error), STEPS) for error in ERRORS}
     table = pd.DataFrame({error: values for error, values in found.items() if not values.empty}).dropna()
     if table.empty or table.shape[1] < 2:
         return NO_DATA
     errors = np.array(table.columns, dtype=float)
     slopes = pd.Series({row: float(np.polyfit(errors, values, 1)[0]) for row, values in table.iterrows()})
-    slope = limits(slopes)
+    slope = confidence_limits(slopes)
     words = f"{slope.mean / 10:+.3g} steps a target for each 0.1"
     if slope.size < 2:
         return words, None
@@ -60,15 +47,17 @@ def grows(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.DataF
 
 def better_than_alone(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the first floor helpers save steps even with the largest error."""
-    return saves(with_steps(runs), [("", _arm("first", algorithm, ERRORS[-1]), _arm("first", algorithm, ALONE))])
+    return saves(with_steps(runs), [("", _arm("first", algorithm, ERRORS[-1]), _arm("first", algorithm, ALONE))], STEPS)
 
 
 def useless(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the second floor, with an error of ``SOON``, helpers save less than ``ALMOST_USELESS``."""
-    found = limits(saving(with_steps(runs), _arm("second", algorithm, SOON), _arm("second", algorithm, ALONE)))
+    found = confidence_limits(
+        saving(with_steps(runs), _arm("second", algorithm, SOON), _arm("second", algorithm, ALONE), STEPS)
+    )
     if not found.size:
         return NO_DATA
-    words = told(found)
+    words = saving_text(found)
     if found.size < 2:
         return words, None
     return f"{words}, at most {100 * found.upper:.3g} %", found.upper < ALMOST_USELESS
@@ -77,7 +66,7 @@ def useless(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> A
 def worse_than_alone(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the second floor VisBug needs more steps with helpers and the largest error than alone."""
     pair = ("alone, against helpers:", _arm("second", "visbug", ALONE), _arm("second", "visbug", ERRORS[-1]))
-    return saves(with_steps(runs), [pair])
+    return saves(with_steps(runs), [pair], STEPS)
 
 
 def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -88,10 +77,10 @@ def tables(runs: pd.DataFrame, observations: pd.DataFrame) -> dict[str, pd.DataF
     rows = []
     for key, part in frame.groupby(["floor", "algorithm", "err_max"], sort=False):
         floor, algorithm, error = map(str, key)
-        against = limits(saving(frame, _arm(floor, algorithm, error), _arm(floor, algorithm, ALONE)))
+        against = confidence_limits(saving(frame, _arm(floor, algorithm, error), _arm(floor, algorithm, ALONE), STEPS))
         row: dict[str, Any] = {"floor": floor, "algorithm": algorithm, "err_max": error}
         row["steps a target"] = str(estimate(part["steps"]))
-        row["against alone"] = told(against) if against.size and error != ALONE else "-"
+        row["against alone"] = saving_text(against) if against.size and error != ALONE else "-"
         rows.append(row)
     return {"steps a target: mean ± half of the 95 % confidence interval": pd.DataFrame(rows)}
 
@@ -116,10 +105,9 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             _printed(plot, floor, algorithm, places, f"C{rank}")
         plot.set(title=f"{floor} floor", xlabel="largest relative error of a distance", ylabel="motion steps a target")
         plot.set_xticks(list(places.values()), list(places))
-        cut_top(plot, list(frame[frame["floor"] == floor].groupby(["algorithm", "err_max"])["steps"].mean()))
+        limit_ordinate(plot, list(frame[frame["floor"] == floor].groupby(["algorithm", "err_max"])["steps"].mean()))
         plot.grid(alpha=0.3)
-    handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+    legend_outside(figure, plots)
     path = folder / "steps_by_error.png"
     figure.savefig(path, dpi=120)
     return [path]
@@ -141,8 +129,8 @@ def _line(plot: Any, points: pd.DataFrame, places: dict[str, float], colour: str
 
 def _printed(plot: Any, floor: str, algorithm: str, places: dict[str, float], colour: str) -> None:
     """Mark what Tables 1 and 2 print: four robots without an error, and R1 alone."""
-    ends = {max(noiseless.SIZES): places[ERRORS[0]], min(noiseless.SIZES): places[ALONE]}
-    known = [each for each in noiseless.cells() if (each.floor, each.algorithm) == (floor, algorithm)]
+    ends = {max(SIZES): places[ERRORS[0]], min(SIZES): places[ALONE]}
+    known = [each for each in cells() if (each.floor, each.algorithm) == (floor, algorithm)]
     marks = [(ends[each.robots], each.steps) for each in known if each.robots in ends]
     label = f"{NAMES[algorithm]}, paper (Tables 1 and 2)"
     plot.plot(*zip(*marks, strict=True), "s", markersize=8, markerfacecolor="none", color=colour, label=label)

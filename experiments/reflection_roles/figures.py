@@ -1,4 +1,4 @@
-"""The claims of paper 000, section 7, on roles, as one-sided tests, and steps and time of the task by who does what.
+"""The claims of paper 000, section 7, on roles, as one-sided tests, and steps and time of the task by roles.
 
 ``dedicated_visbug_2`` in published.csv is ``dedicated`` for the algorithm ``visbug`` and two explorers; the tests by
 such names are made at the end of this file.
@@ -12,12 +12,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimate, estimates
-from experiments.reflection_tables.comparison import NAMES, Answer, Arm, cut_top, limits, saves, saving, told
+from cosim.report.comparison import Answer, Arm, confidence_limits, saves, saving, saving_text
+from cosim.report.drawing import legend_outside, limit_ordinate
+from cosim.report.estimates import estimate, estimates
+from experiments.reflection.tables import ALGORITHMS, NAMES, STEPS
 
-ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
 TEAM: Final = 4
-"""The size of the teams in which dedicated helpers are compared with explorers."""
+"""Size of the teams in which dedicated helpers are compared with explorers."""
 AXES: Final = ("algorithm", "explorers", "helpers")
 
 
@@ -27,26 +28,28 @@ def _arm(algorithm: str, explorers: int, helpers: int) -> Arm:
 
 def dedicated(algorithm: str, explorers: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether in a team of four, of whom some only help, a target takes fewer steps than if all explore."""
-    return saves(runs, [("", _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0))])
+    return saves(runs, [("", _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0))], STEPS)
 
 
 def several(algorithm: str, explorers: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether one helper saves steps for several explorers together."""
-    return saves(runs, [("", _arm(algorithm, explorers, 1), _arm(algorithm, explorers, 0))])
+    return saves(runs, [("", _arm(algorithm, explorers, 1), _arm(algorithm, explorers, 0))], STEPS)
 
 
 def each_other(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether four explorers without a helper need fewer steps a target than one that is alone."""
-    return saves(runs, [("", _arm(algorithm, TEAM, 0), _arm(algorithm, 1, 0))])
+    return saves(runs, [("", _arm(algorithm, TEAM, 0), _arm(algorithm, 1, 0))], STEPS)
 
 
 def sooner(algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Return when teams of four have done the same work, over the time of four explorers: not asked by the paper."""
+    """Return when teams of four have done the same work, over the time of four explorers; no claim of the paper."""
     words = []
     for explorers in range(TEAM - 1, 0, -1):
-        found = limits(saving(runs, _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0), "done_s"))
+        found = confidence_limits(
+            saving(runs, _arm(algorithm, explorers, TEAM - explorers), _arm(algorithm, TEAM, 0), "done_s")
+        )
         if found.size:
-            words.append(f"{explorers} explorers and {TEAM - explorers} helpers: {told(found)}")
+            words.append(f"{explorers} explorers and {TEAM - explorers} helpers: {saving_text(found)}")
     return "; ".join(words) or "-", None
 
 
@@ -81,10 +84,9 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             plot.errorbar(points["helpers"], means, yerr=halves, marker="o", capsize=3, label=label)
         plot.set(title=NAMES[name], xlabel="helpers", ylabel="motion steps a target")
         plot.set_xticks(sorted(runs["helpers"].unique()))
-        cut_top(plot, list(runs[runs["algorithm"] == name].groupby(["explorers", "helpers"])["steps"].mean()))
+        limit_ordinate(plot, list(runs[runs["algorithm"] == name].groupby(["explorers", "helpers"])["steps"].mean()))
         plot.grid(alpha=0.3)
-    handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+    legend_outside(figure, plots)
     path = folder / "steps_by_roles.png"
     figure.savefig(path, dpi=120)
     return [path]

@@ -1,4 +1,4 @@
-"""Who seeks and who helps: a run of goal reflection with so many explorers and so many helpers.
+"""Roles: a run of goal reflection with given numbers of explorers and of helpers.
 
 The work is the same whoever does it: the explorers share out as many targets. Steps are counted by the robots
 themselves, as long as they have a target.
@@ -16,7 +16,7 @@ from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection_tables.choices import steps_with_target
+from experiments.reflection.choices import steps_with_target
 
 COLUMNS: Final = (
     Column("steps", "float", "1", "motion steps a target; one that is given up counts with the steps until then"),
@@ -29,7 +29,7 @@ COLUMNS: Final = (
 
 
 class Parameters(Settings):
-    """A run of goal reflection, and who does what in it."""
+    """A run of goal reflection, and the roles in it."""
 
     scenario: Scenario = Field(description="the run; the team's size and the number of targets are set from the rest")
     explorers: Count = Field(ge=1, description="robots that have targets")

@@ -7,15 +7,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimates
-from experiments.reflection_tables.comparison import NO_DATA, Answer
+from cosim.report.comparison import NO_DATA, Answer
+from cosim.report.estimates import estimates
 from protocols.reflection.frames import Frame, encode
 
 HALL: Final = "all explore a hall"
 ROOMS: Final = "all explore rooms"
 HELPED: Final = "one explores rooms"
 ORDERS: Final = {"bytes_a_frame": 1, "bytes_a_period": 2}
-"""The power of the team's size that the paper gives for each."""
+"""Powers of the team's size that the paper gives, by metric."""
 
 
 def most(robots: int) -> int:
@@ -42,12 +42,12 @@ def _bounded(runs: pd.DataFrame, metric: str) -> Answer:
 
 
 def meeting(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether what a robot tells at a meeting, in the mean of a run, is within M terms and M pairs."""
+    """Answer whether what a robot sends at a meeting, in the mean of a run, is within M terms and M pairs."""
     return _bounded(runs, "bytes_a_frame")
 
 
 def together(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
-    """Answer whether what all robots tell in a period is within M times as much."""
+    """Answer whether what all robots send in a period is within M times as much."""
     return _bounded(runs, "bytes_a_period")
 
 

@@ -19,19 +19,18 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import judge
+from cosim.report.by_choice import draw_verdicts
+from cosim.report.claims import judge, published_claims
+from cosim.report.comparison import Arm, by_replicate, confidence_limits, saving
 from cosim.results import RunStore
-from experiments.reflection_tables.comparison import NAMES, Arm, limits, saving, values_of
-from experiments.reflection_tables.figures import ALGORITHMS, FLOORS, LEAST, SIZES, cells, claims
+from experiments.reflection.tables import ALGORITHMS, FLOORS, LEAST, NAMES, SIZES, STEPS, cells
 
 AXES: Final = ("choice", "floor", "algorithm", "team")
 AS_IN_THE_TABLES: Final = "as in the tables"
 FEW: Final = "smallest"
 MANY: Final = "whole"
 EVERY_TEAM: Final = ("fewer", "closer")
-"""What the ids of claims begin with that need the teams between the smallest and the whole one."""
-VERDICTS: Final = {"holds": "C0", "fails": "C1", "open": "0.8"}
-"""And their colours."""
+"""Beginnings of the ids of claims that need the teams between the smallest and the whole one."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -61,7 +60,7 @@ def verdicts(runs: pd.DataFrame, experiment: str) -> pd.DataFrame:
     """Return the verdict on each claim of *experiment*, a row each, by choice, a column each; those that are judged."""
     module = import_module(f"experiments.{experiment}.figures")
     rows = {}
-    for claim in claims(experiment):
+    for claim in published_claims(Path(__file__).parent.parent / experiment):
         if "team" in runs and claim.id.startswith(EVERY_TEAM):
             continue
         row = {
@@ -92,25 +91,6 @@ def of_choice(runs: pd.DataFrame, choice: str) -> pd.DataFrame:
     return found
 
 
-def draw_verdicts(found: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the verdicts, a row a claim, a column a choice."""
-    if found.empty:
-        return []
-    figure = Figure(figsize=(4.0 + 0.34 * found.shape[1], 2.4 + 0.24 * found.shape[0]), layout="constrained")
-    plot = figure.subplots()
-    for word, colour in VERDICTS.items():
-        rows, columns = np.nonzero(found.to_numpy() == word)
-        plot.plot(columns, rows, "s", markersize=11, color=colour, label=word)
-    plot.set_xticks(range(found.shape[1]), list(found.columns), rotation=60, ha="right", fontsize="small")
-    plot.set_yticks(range(found.shape[0]), [name.replace("_", " ") for name in found.index], fontsize="small")
-    plot.set_xlim(-0.6, found.shape[1] - 0.4)
-    plot.set_ylim(found.shape[0] - 0.4, -0.6)
-    figure.legend(*plot.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize="small")
-    path = folder / "claims_by_choice.png"
-    figure.savefig(path, dpi=120)
-    return [path]
-
-
 # ---------------------------------------------------------------- what helpers save
 
 
@@ -135,15 +115,15 @@ def savings(runs: pd.DataFrame) -> pd.DataFrame:
 
 def _row(runs: pd.DataFrame, choice: str, floor: str, algorithm: str) -> dict[str, Any]:
     few, many = (_arm(choice, floor, algorithm, team) for team in (FEW, MANY))
-    found = limits(saving(runs, many, few))
+    found = confidence_limits(saving(runs, many, few, STEPS))
     if not found.size:
         return {}
     row: dict[str, Any] = {"choice": choice, "floor": floor, "algorithm": algorithm, "robots": LEAST[algorithm]}
     row |= {"published": 100 * published(floor, algorithm), "sets": found.size}
     row |= {"saved": 100 * found.mean, "at_least": 100 * found.lower, "at_most": 100 * found.upper}
     for name, arm in ((FEW, few), (MANY, many)):
-        row[f"steps_{name}"] = float(values_of(runs, arm).mean())
-        row[f"given_up_{name}"] = 100 * float(values_of(runs, arm, "given_up").mean())
+        row[f"steps_{name}"] = float(by_replicate(runs, arm, STEPS).mean())
+        row[f"given_up_{name}"] = 100 * float(by_replicate(runs, arm, "given_up").mean())
     return row
 
 

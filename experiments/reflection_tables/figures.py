@@ -8,70 +8,33 @@ import math
 from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import Claim, estimate, estimates, published_claims
-from experiments.reflection_tables.comparison import (
-    NAMES,
+from cosim.report.comparison import (
     NO_DATA,
     Answer,
     Arm,
-    limits,
-    ratio_limits,
+    by_replicate,
+    confidence_limits,
+    log_spread,
+    mean_ratio,
     saves,
     saving,
-    spread,
-    told,
-    values_of,
-    with_steps,
+    saving_text,
 )
+from cosim.report.drawing import legend_outside
+from cosim.report.estimates import estimate, estimates
+from experiments.reflection.tables import ALGORITHMS, CELL, FLOORS, LEAST, NAMES, SIZES, STEPS, cells, with_steps
 
-FLOORS: Final = ("first", "second")
-ALGORITHMS: Final = ("avoid_past", "visbug", "potential_field")
-SIZES: Final = (1, 2, 3, 4)
-LEAST: Final = {"avoid_past": 1, "visbug": 1, "potential_field": 2}
-"""The smallest team for which the paper prints a number."""
 ALIKE: Final = 1.3
 """Algorithms are alike if their steps differ by less than this factor: the curves that the paper calls very similar
 differ by up to 1.28 (Table 1, four robots: 257.2 and 201.2), and those of smaller teams by 2.1 and 1.5."""
 TICKS: Final = (100, 200, 300, 500, 1000, 2000)
-"""Of the steps a target."""
-CELL: Final = "cell_"
-"""What the ids of the printed cells begin with."""
-
-
-class Cell(NamedTuple):
-    """A cell of Table 1 or 2."""
-
-    floor: str
-    algorithm: str
-    robots: int
-    steps: float
-
-    @property
-    def arm(self) -> Arm:
-        """The axes' values."""
-        return {"floor": self.floor, "algorithm": self.algorithm, "robots": self.robots}
-
-
-def claims(experiment: str = "reflection_tables") -> list[Claim]:
-    """Return the rows of the published.csv of *experiment*."""
-    return published_claims(Path(__file__).parent.parent / experiment)
-
-
-def cells() -> list[Cell]:
-    """Return the printed cells, from published.csv beside this file."""
-    found = []
-    for row in claims():
-        if row.id.startswith(CELL):
-            floor, rest = row.id.removeprefix(CELL).split("_", 1)
-            algorithm, robots = rest.rsplit("_", 1)
-            found.append(Cell(floor, algorithm, int(robots), float(row.published)))
-    return found
+"""Ticks of the axis of steps a target."""
 
 
 def _arm(floor: str, algorithm: str, robots: int) -> Arm:
@@ -83,7 +46,7 @@ def _arm(floor: str, algorithm: str, robots: int) -> Arm:
 
 def cell(floor: str, algorithm: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Return our number for a printed cell; floors and gains are not the paper's, so it is neither right nor wrong."""
-    found = estimate(values_of(with_steps(runs), _arm(floor, algorithm, robots)))
+    found = estimate(by_replicate(with_steps(runs), _arm(floor, algorithm, robots), STEPS))
     return (str(found), None) if found.size else NO_DATA
 
 
@@ -94,13 +57,13 @@ def fewer(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.DataF
         (f"{few} to {many} robots", _arm(floor, algorithm, many), _arm(floor, algorithm, few))
         for few, many in pairwise(sizes)
     ]
-    return saves(with_steps(runs), pairs)
+    return saves(with_steps(runs), pairs, STEPS)
 
 
 def reduction(floor: str, algorithm: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the largest team saves steps against the smallest that the paper has a number for."""
     pair = ("", _arm(floor, algorithm, SIZES[-1]), _arm(floor, algorithm, LEAST[algorithm]))
-    return saves(with_steps(runs), [pair])
+    return saves(with_steps(runs), [pair], STEPS)
 
 
 def alike(robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -108,7 +71,7 @@ def alike(robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer
     frame = with_steps(runs)
     words, inside = [], []
     for one, other in combinations(ALGORITHMS, 2):
-        found = ratio_limits(frame, _arm("first", one, robots), _arm("first", other, robots))
+        found = mean_ratio(frame, _arm("first", one, robots), _arm("first", other, robots), STEPS)
         if not found.size:
             return NO_DATA
         words.append(f"{one} / {other} {found.mean:.3g} ({found.lower:.3g} to {found.upper:.3g})")
@@ -119,18 +82,20 @@ def alike(robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer
 def closer(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the first floor the algorithms differ less with three and with four robots than with two."""
     frame = with_steps(runs)
-    widths = {size: spread(frame, [_arm("first", name, size) for name in ALGORITHMS]) for size in SIZES[1:]}
+    widths = {size: log_spread(frame, [_arm("first", name, size) for name in ALGORITHMS], STEPS) for size in SIZES[1:]}
     if any(width.empty for width in widths.values()):
         return NO_DATA
     words = ", ".join(f"{size} robots: x {math.exp(width.mean()):.3g}" for size, width in widths.items())
-    gains = [limits((widths[2] - widths[size]).dropna()) for size in SIZES[2:]]
+    gains = [confidence_limits((widths[2] - widths[size]).dropna()) for size in SIZES[2:]]
     holds = None if any(gain.size < 2 for gain in gains) else all(gain.lower > 0 for gain in gains)
     return f"most over fewest steps: {words}", holds
 
 
 def differ(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the second floor, with four robots, the algorithms still differ by more than ``ALIKE``."""
-    width = limits(spread(with_steps(runs), [_arm("second", name, SIZES[-1]) for name in ALGORITHMS]))
+    width = confidence_limits(
+        log_spread(with_steps(runs), [_arm("second", name, SIZES[-1]) for name in ALGORITHMS], STEPS)
+    )
     if not width.size:
         return NO_DATA
     words = f"most over fewest steps: x {math.exp(width.mean):.3g}"
@@ -143,12 +108,13 @@ def visbug_gains_most(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether on the first floor VisBug gains a larger share by three helpers than the others do."""
     frame = with_steps(runs)
     shares = {
-        name: saving(frame, _arm("first", name, SIZES[-1]), _arm("first", name, LEAST[name])) for name in ALGORITHMS
+        name: saving(frame, _arm("first", name, SIZES[-1]), _arm("first", name, LEAST[name]), STEPS)
+        for name in ALGORITHMS
     }
     if any(share.empty for share in shares.values()):
         return NO_DATA
-    words = "; ".join(f"{name} {told(limits(share))}" for name, share in shares.items())
-    leads = [limits((shares["visbug"] - shares[name]).dropna()) for name in ALGORITHMS if name != "visbug"]
+    words = "; ".join(f"{name} {saving_text(confidence_limits(share))}" for name, share in shares.items())
+    leads = [confidence_limits((shares["visbug"] - shares[name]).dropna()) for name in ALGORITHMS if name != "visbug"]
     return words, None if any(lead.size < 2 for lead in leads) else all(lead.lower > 0 for lead in leads)
 
 
@@ -156,12 +122,12 @@ def visbug_lowest(robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -
     """Answer whether VisBug needs fewer steps on the second floor than either of the others."""
     others = [name for name in ALGORITHMS if name != "visbug"]
     pairs = [(f"against {other}", _arm("second", "visbug", robots), _arm("second", other, robots)) for other in others]
-    return saves(with_steps(runs), pairs)
+    return saves(with_steps(runs), pairs, STEPS)
 
 
 def alone_fails(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the potential field, alone, gives up targets."""
-    found = limits(_given_up(runs, floor, 1))
+    found = confidence_limits(_given_up(runs, floor, 1))
     if not found.size:
         return NO_DATA
     words = f"{100 * found.mean:.3g} % of the targets given up"
@@ -182,7 +148,7 @@ def rescues(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answe
     """Answer whether the potential field gives up a smaller share of its targets with helpers than alone."""
     alone = _given_up(runs, floor, 1)
     with_helpers = {size: _given_up(runs, floor, size) for size in _sizes(runs) if size > 1}
-    gains = {size: limits((alone - shares).dropna()) for size, shares in with_helpers.items()}
+    gains = {size: confidence_limits((alone - shares).dropna()) for size, shares in with_helpers.items()}
     if not gains or not all(gain.size for gain in gains.values()):
         return NO_DATA
     words = ", ".join(f"{size} robots {100 * gain.mean:.3g} points" for size, gain in gains.items())
@@ -195,7 +161,7 @@ def _given_up(runs: pd.DataFrame, floor: str, robots: int, algorithm: str = "pot
     if not {"targets_given_up", "targets"} <= set(runs):
         return pd.Series(dtype=float)
     frame = runs.assign(given_up=runs["targets_given_up"] / runs["targets"])
-    return values_of(frame, _arm(floor, algorithm, robots), "given_up")
+    return by_replicate(frame, _arm(floor, algorithm, robots), "given_up")
 
 
 def _sizes(runs: pd.DataFrame) -> list[int]:
@@ -232,12 +198,12 @@ def _reduction_row(
 ) -> dict[str, str]:
     few, many = LEAST[algorithm], SIZES[-1]
     share = 1 - printed[floor, algorithm, many] / printed[floor, algorithm, few]
-    ours = limits(saving(frame, _arm(floor, algorithm, many), _arm(floor, algorithm, few)))
+    ours = confidence_limits(saving(frame, _arm(floor, algorithm, many), _arm(floor, algorithm, few), STEPS))
     return {
         "floor": floor,
         "algorithm": algorithm,
         "published": f"saves {100 * share:.3g} %",
-        "ours": told(ours) if ours.size else "-",
+        "ours": saving_text(ours) if ours.size else "-",
     }
 
 
@@ -267,8 +233,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
         plot.set_yticks(TICKS, map(str, TICKS))
         plot.minorticks_off()
         plot.grid(alpha=0.3)
-    handles = {label: handle for plot in plots for handle, label in zip(*plot.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+    legend_outside(figure, plots)
     path = folder / "steps_beside_the_paper.png"
     figure.savefig(path, dpi=120)
     return [path, *_draw_reductions(frame, folder)]
@@ -278,7 +243,7 @@ def _draw_reductions(frame: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the relative reductions from R1 (potential field: R1,2) to the largest team, ours beside theirs."""
     printed = {(each.floor, each.algorithm, each.robots): each.steps for each in cells()}
     arms = [(floor, name) for floor in FLOORS for name in ALGORITHMS]
-    ours = [limits(saving(frame, _arm(*arm, SIZES[-1]), _arm(*arm, LEAST[arm[1]]))) for arm in arms]
+    ours = [confidence_limits(saving(frame, _arm(*arm, SIZES[-1]), _arm(*arm, LEAST[arm[1]]), STEPS)) for arm in arms]
     if not any(each.size for each in ours):
         return []
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cosim.experiment import base_scenario
+from cosim.report.drawing import tracks
 from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
@@ -40,7 +41,7 @@ def picture(scenario: Scenario, seed: int, path: Path) -> None:
     """Run *scenario* with *seed* and draw it into the file *path*."""
     simulation = Simulation(scenario, seed, (POSES,))
     outcome = simulation.run()
-    poses = ways(outcome.trace)
+    poses = tracks(outcome.trace)
     figure = Figure(figsize=(10.0, 7.2), layout="constrained")
     plot = figure.subplots()
     for x_1, y_1, x_2, y_2 in simulation.floorplan.walls_m:
@@ -53,14 +54,6 @@ def picture(scenario: Scenario, seed: int, path: Path) -> None:
     plot.set(xlabel="m", ylabel="m", aspect="equal", title=f"{reached:g} targets reached in {steps:g} motion steps")
     figure.legend(*_once(plot), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(path, dpi=120)
-
-
-def ways(trace: Trace) -> dict[int, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return a table (ticks, 3) of time in ns, x and y in m for each robot, from the poses in *trace*."""
-    poses = trace.columns(POSES.name)
-    table = np.column_stack([poses["time_ns"], poses["x_m"], poses["y_m"]])
-    sources = np.array(poses["source"])
-    return {int(robot): table[sources == robot] for robot in np.unique(sources)}
 
 
 def promised(trace: Trace) -> list[tuple[int, int]]:

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.reflection_tables.comparison import NO_DATA, Answer, Arm, limits, values_of
+from cosim.report.comparison import NO_DATA, Answer, Arm, by_replicate, confidence_limits
 
 SHAPES: Final = ("diamond", "ladder", "ring")
 GOLDEN: Final = 0.618
 INTERVAL_S: Final = 0.1
-"""From payload to payload."""
+"""Interval from payload to payload."""
 TC_S: Final = 5.5
-"""A TC interval, and the jitter of the one who repeats the TC on its way to the source of the ring."""
+"""A TC interval, and the jitter of the router that repeats the TC on its way to the source of the ring."""
 ROWS: Final = {
     "outage_s": "outage, s",
     "steady_s": "steady after, s",
@@ -27,7 +27,7 @@ ROWS: Final = {
 def learnt(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether in every run the source of the ring learns within ``TC_S`` of a death that OLSR has noticed."""
     arm: Arm = {"router": "olsr", "shape": "ring"}
-    took = values_of(runs, arm, "recovery_s").sub(values_of(runs, arm, "noticed_s")).dropna()
+    took = by_replicate(runs, arm, "recovery_s").sub(by_replicate(runs, arm, "noticed_s")).dropna()
     if took.empty:
         return NO_DATA
     return f"{took.mean():.3g}, at most {took.max():.3g}", bool(took.max() <= TC_S)
@@ -49,8 +49,8 @@ def _shorter(one: str, other: str, runs: pd.DataFrame, observations: pd.DataFram
     """Answer whether outages are shorter with *one* than with *other* in every shape, by one-sided 95 % tests."""
     words, holds = [], True
     for shape in SHAPES:
-        mine, others = (values_of(runs, {"router": name, "shape": shape}, "outage_s") for name in (one, other))
-        found = limits((others - mine).dropna())
+        mine, others = (by_replicate(runs, {"router": name, "shape": shape}, "outage_s") for name in (one, other))
+        found = confidence_limits((others - mine).dropna())
         if not found.size:
             return NO_DATA
         words.append(f"{shape} {mine.mean():.3g} against {others.mean():.3g} (shorter by {found.lower:.2g} at least)")
@@ -64,7 +64,7 @@ def milliseconds(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether AODV with the MAC's feedback adds less than 10 ms to the interval, by a one-sided 95 % test."""
     words, holds = [], True
     for shape in SHAPES:
-        found = limits(values_of(runs, {"router": "aodv_mac", "shape": shape}, "outage_s") - INTERVAL_S)
+        found = confidence_limits(by_replicate(runs, {"router": "aodv_mac", "shape": shape}, "outage_s") - INTERVAL_S)
         if not found.size:
             return NO_DATA
         words.append(f"{shape} {found.mean:.3g} (at most {found.upper:.3g})")

@@ -1,6 +1,7 @@
-"""A router that knows where all are and who is on: what no router can do better.
+"""A router that knows where all stations are and which are on: no router can do better.
 
-For every payload, at every hop, it asks networkx for a shortest way among those who are on. It says nothing to others.
+For every payload, at every hop, it asks networkx for a shortest way among those that are on. It sends nothing of its
+own.
 """
 
 from collections.abc import Sequence
@@ -8,9 +9,8 @@ from itertools import count
 
 import networkx as nx
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.machine import Address, Outcome
 from cosim.units import Time
 
@@ -18,7 +18,7 @@ TTL = 64
 
 
 def reach(places_m: Sequence[tuple[float, float]], range_m: float) -> "nx.Graph[Address]":
-    """Return who reaches whom: stations at *places_m*, by number."""
+    """Return which stations at *places_m* reach which, by number."""
     return nx.random_geometric_graph(len(places_m), range_m, pos=dict(enumerate(places_m)))
 
 
@@ -26,7 +26,7 @@ class Omniscient(Queues):
     """One robot's router."""
 
     def __init__(self, address: Address, graph: "nx.Graph[Address]") -> None:
-        """Read *graph*, all who are on and who reaches whom, anew for every payload."""
+        """Read *graph*, all stations that are on and reach each other, again for every payload."""
         super().__init__(address)
         self._graph = graph
         self._sent: dict[int, tuple[Datagram, int | None]] = {}
@@ -49,13 +49,13 @@ class Omniscient(Queues):
         """Send a payload another way that a neighbour has not taken: that one is known to be off."""
         datagram, told = self._sent.pop(token)
         if acknowledged:
-            self._tell(told, Outcome.DELIVERED)
+            self._report_fate(told, Outcome.DELIVERED)
         else:
             self._route(datagram, told)
 
     def hop_refused(self, token: int, now: Time) -> None:
         """Lose a payload that the station has no room for."""
-        self._tell(self._sent.pop(token)[1], Outcome.QUEUE_FULL)
+        self._report_fate(self._sent.pop(token)[1], Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Do nothing."""
@@ -65,14 +65,14 @@ class Omniscient(Queues):
         return None
 
     def summary(self) -> dict[str, float]:
-        """Return that it has told nobody anything."""
+        """Return that it has sent nothing."""
         return {"control_octets": 0.0}
 
     def _route(self, datagram: Datagram, token: int | None) -> None:
         try:
             neighbour = nx.shortest_path(self._graph, self._address, datagram.destination)[1]
         except (nx.NetworkXNoPath, nx.NodeNotFound):
-            self._tell(token, Outcome.NO_ROUTE)
+            self._report_fate(token, Outcome.NO_ROUTE)
             return
         number = next(self._numbers)
         self._sent[number] = datagram, token

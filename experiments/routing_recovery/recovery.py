@@ -29,11 +29,11 @@ from cosim.units import MS, S, Time, from_seconds, to_seconds
 from experiments.routing_recovery.omniscient import Omniscient, reach
 
 LOOK: Final = 10 * MS
-"""So often it is looked whether the death has been noticed."""
+"""Interval between checks whether the death has been noticed."""
 GAP: Final = S // 2
-"""Longer without a payload is an interruption."""
+"""Time without a payload above which there is an interruption."""
 END: Final = 2 * S
-"""Payloads of the last 2 s are not counted: they may be under way."""
+"""Time at the end whose payloads are not counted: they may be under way."""
 COLUMNS: Final = (
     Column("outage_s", "float", "s", "from the last payload over the old way to the first over another"),
     Column("recovery_s", "float", "s", "from the death to the first payload over another way"),
@@ -45,7 +45,7 @@ COLUMNS: Final = (
     Column("control_octets_per_s", "float", "octet/s", "of all routers, with IPv4 and UDP headers"),
     Column("frames_per_payload", "float", "1", "on the air, with ACKs and all that routers say"),
 )
-"""NaN: nothing has come over another way, or nobody keeps a table in which the death could be seen."""
+"""NaN: nothing has come over another way, or no router keeps a table in which the death could be seen."""
 SOURCE: Final = 0
 
 
@@ -81,21 +81,21 @@ class Parameters(Settings):
 
 
 class Observed(AdhocChannel):
-    """A channel that notes over whom payloads go, and who has heard whom."""
+    """A channel that records over which stations payloads go, and which have heard which."""
 
     def __init__(self, given: Parameters, kernel: Kernel, streams: Streams) -> None:
         places_m, self.destination = SHAPES[given.shape]
         self._who = reach(places_m, given.radio.range_m or math.inf)
         self.last_relay: Address | None = None
-        """Who has handed the last payload to its destination."""
+        """Robot that has handed the last payload to its destination."""
         self.sender_over: dict[Address, Address] = {}
-        """Who has sent the last payload over each relay."""
+        """Robot that has sent the last payload over each relay."""
         self.sent_to: dict[tuple[Address, Address], int] = {}
-        """How many payloads each has handed to its station for each neighbour."""
+        """Number of payloads that each has handed to its station for each neighbour."""
         self.done_with: dict[tuple[Address, Address], int] = {}
-        """How many of them the station is done with: acknowledged, or tried often enough."""
+        """Number of them that the station is done with: acknowledged, or tried often enough."""
         self.heard_at: dict[tuple[Address, Address], Time] = {}
-        """When each router has last had a sign of life of each neighbour."""
+        """Times at which each router last heard each neighbour."""
         super().__init__(given.radio, kernel, Trace(()), len(places_m), streams)
         self.moved(np.array(places_m))
 
@@ -116,7 +116,7 @@ class Observed(AdhocChannel):
         super().power(address, on)
 
     def received(self, address: Address, frame: Frame) -> None:
-        """Note who has been heard, and over whom a payload has come."""
+        """Record which station was heard, and over which one a payload came."""
         assert frame.packet is not None
         datagram = decode(frame.packet.payload)
         if datagram.port == PAYLOAD_PORT and address == self.destination:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.report import estimates
+from cosim.report.estimates import estimates
 
 NEEDED: Final = {"network", "access", "stations", "throughput_mbps", "bianchi_mbps"}
 COLUMNS: Final = 4

@@ -26,9 +26,9 @@ from cosim.trace import Trace
 from cosim.units import S, Time, to_seconds
 
 WAITING: Final = 2
-"""Payloads that a station holds."""
+"""Number of payloads that a station holds."""
 LONGEST: Final = 86_400 * S
-"""No run takes as long."""
+"""Time longer than any run."""
 COLUMNS: Final = (
     Column("throughput_mbps", "float", "Mb/s", "payload that was acknowledged, by all stations"),
     Column("bianchi_mbps", "float", "Mb/s", "what Bianchi's model says; NaN for the standard's counting"),
@@ -63,7 +63,7 @@ class Tally:
         self.sent = 0.0
         """Frames in the time of the count."""
         self.seconds = math.nan
-        """Of the count."""
+        """Time of the count."""
         self._given = given
         self._total = 0
         self._begin = (0, 0.0)
@@ -135,9 +135,9 @@ class Chances(NamedTuple):
     """What stations do in a slot of Bianchi's model."""
 
     tau: float
-    """With this probability a station begins a frame."""
+    """Probability that a station begins a frame."""
     collides: float
-    """With this probability another does as well."""
+    """Probability that another does as well."""
 
 
 def chances(stations: int, window: int, doublings: int) -> Chances:

@@ -10,7 +10,7 @@ from cosim.documents import read_yaml, validated
 from cosim.errors import UserError
 from cosim.geometry.polylines import middle
 from cosim.machine import Address
-from cosim.navigation.localization_motion import Pose
+from cosim.navigation.localization.motion import Pose
 from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of

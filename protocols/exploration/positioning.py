@@ -19,7 +19,7 @@ import numpy as np
 
 from cosim.arrays import Floats
 from cosim.machine import Event
-from cosim.navigation.slam import Slam, SlamEstimate, share_of_speed
+from cosim.navigation.slam import MapGrid, Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time
@@ -170,8 +170,8 @@ class Filtered:
             return Position(observation, 0.0, 1.0)
         if self._slam is None:
             frame = self._frame
-            shape = frame.ny, frame.nx
-            self._slam = Slam(shape, frame.origin_m, frame.cell_m, sensed, beams, self._draws, self._filter)
+            grid = MapGrid((frame.ny, frame.nx), frame.origin_m, frame.cell_m)
+            self._slam = Slam(grid, sensed, beams, self._draws, self._filter)
         found = self._slam.observe(sensed, self._without_bodies(observation, ranges_m, beams))
         share = 1.0 if self._control is None else self._control.share(found.spread_m)
         if self._ticks % self._report_ticks == 0:

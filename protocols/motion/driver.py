@@ -21,7 +21,7 @@ from cosim.navigation.dwa import (
     unseen_gap,
     walls_near,
 )
-from cosim.navigation.localization_motion import Pose
+from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.motion.floor import Aim, Floor

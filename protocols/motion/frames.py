@@ -8,7 +8,7 @@ know of the correction, see :class:`Located`.
 import math
 from typing import NamedTuple, Self
 
-from cosim.navigation.localization_motion import Pose
+from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation
 
 

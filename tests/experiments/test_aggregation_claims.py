@@ -14,7 +14,6 @@ from scipy import stats
 from experiments.aggregation_channels import figures as channels
 from experiments.aggregation_laboratory import figures as laboratory
 from experiments.aggregation_scaling import figures as scaling
-from experiments.aggregation_search import comparison
 from experiments.aggregation_search import figures as search
 from tests.checkout import EXPERIMENTS
 
@@ -153,76 +152,6 @@ def test_what_varies_least_is_judged_by_the_scatter_and_not_by_the_mean(case: st
     assert answer("aggregation_search", test, runs)[1] is False
     assert answer("aggregation_search", test, NONE) == ("-", None)
     assert answer("aggregation_search", test, ONE["aggregation_search"])[1] is None
-
-
-def test_less_needs_every_pair_and_the_factor() -> None:
-    runs = sweep(
-        {"strategy": ("a", "b", "c")}, lambda arm: {"search_time_min": {"a": 1.0, "b": 1.2, "c": 0.9}[arm["strategy"]]}
-    )
-    a, b, c = ({"strategy": name} for name in "abc")
-    assert comparison.less(runs, [("", a, b)])[1]
-    assert not comparison.less(runs, [("", a, b), ("", a, c)])[1]
-    assert comparison.less(runs, [("", b, a)], factor=1.25)[1]
-    assert not comparison.less(runs, [("", b, a)], factor=1.15)[1]
-
-
-def test_equivalence_is_refused_on_either_side() -> None:
-    times = {"srp": 10.0, "above": 11.5, "below": 8.5, "like": 10.5}
-    runs = sweep({"strategy": tuple(times)}, lambda arm: {"search_time_min": times[arm["strategy"]]})
-    found = {name: comparison.within(runs, {"strategy": name}, {"strategy": "srp"}, 0.1)[1] for name in times}
-    assert found == {"srp": True, "above": False, "below": False, "like": True}
-
-
-@pytest.mark.slow
-def test_a_difference_by_chance_holds_in_one_of_twenty() -> None:
-    stream = np.random.default_rng(5)
-    runs = []
-    for trial in range(600):
-        for strategy in ("mi", "mrp"):
-            times = stream.normal(10, 1, 15)
-            runs.append(
-                pd.DataFrame({"strategy": strategy, "trial": trial, "replicate": range(15), "search_time_min": times})
-            )
-    parts = pd.concat(runs).groupby("trial")
-    held = [comparison.less(part, [("", {"strategy": "mi"}, {"strategy": "mrp"})])[1] for _, part in parts]
-    low, high = stats.binom.ppf([0.001, 0.999], 600, 0.05)
-    assert low <= sum(map(bool, held)) <= high
-
-
-def test_the_limits_of_a_share_are_those_of_clopper_and_pearson() -> None:
-    found = comparison.share_limits(pd.Series([1.0] * 27 + [0.0] * 3))
-    interval = stats.binomtest(27, 30).proportion_ci(0.9, "exact")
-    assert (found.lower, found.upper) == pytest.approx(tuple(interval))
-    assert comparison.share_limits(pd.Series([1.0] * 15)).lower == pytest.approx(0.05 ** (1 / 15))
-
-
-@pytest.mark.parametrize(
-    ("ended", "of", "answer"),
-    [(11, 11, True), (10, 11, False), (10, 10, None), (9, 10, None), (4, 10, False), (1, 1, None)],
-)
-def test_a_share_that_so_few_runs_cannot_show_stays_open(ended: int, of: int, answer: bool | None) -> None:
-    """More than 75 %: 0.05 to the power of 1/11 is 0.762, of 1/10 0.741; 4 of 10 have 0.697 as their upper limit."""
-    runs = pd.DataFrame({"strategy": "mi", "replicate": range(of), "completed": [1.0] * ended + [0.0] * (of - ended)})
-    assert comparison.completes(runs, [("", {"strategy": "mi"})], 0.75)[1] is answer
-
-
-def test_the_bootstrap_of_a_mean_has_the_limits_of_student() -> None:
-    values = pd.DataFrame({0: np.random.default_rng(3).normal(5, 2, 200)})
-    found = comparison.bootstrapped(values, lambda samples: samples.mean(axis=1)[:, 0])
-    half = stats.t.ppf(0.95, 199) * values[0].std() / np.sqrt(200)
-    assert found.mean == pytest.approx(values[0].mean())
-    assert found.lower == pytest.approx(found.mean - half, abs=0.1 * half)
-    assert found.upper == pytest.approx(found.mean + half, abs=0.1 * half)
-
-
-def test_the_quotient_of_means_has_the_limits_of_the_delta_method() -> None:
-    stream = np.random.default_rng(4)
-    other = stream.normal(10, 1, 400)
-    both = pd.DataFrame({0: 2 * other + stream.normal(0, 0.5, 400), 1: other})
-    found = comparison.quotient(both)
-    error = 0.5 / 10 / np.sqrt(400)
-    assert found.mean == pytest.approx(2.0, abs=4 * error)
-    assert found.upper - found.mean == pytest.approx(stats.t.ppf(0.95, 399) * error, rel=0.15)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 import yaml
 
+from experiments.deployment.deploying import lead_s, left
 from experiments.deployment_strategies import figures as strategies
-from experiments.deployment_strategies.deploying import lead_s, left
 from experiments.deployment_wean import figures as wean
 from tests.checkout import EXPERIMENTS
 

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from cosim.experiment import load_experiment
 from cosim.scenario import load
 from cosim.simulation import Simulation
-from experiments.deployment_strategies import deploying
-from experiments.deployment_strategies.deploying import COLUMNS, Parameters, measure
+from experiments.deployment import deploying
+from experiments.deployment.deploying import COLUMNS, Parameters, measure
 from tests.checkout import EXPERIMENTS
 
 NAMES = ("deployment_strategies", "deployment_wean")

@@ -11,11 +11,12 @@ import pytest
 
 from cosim.experiment import Arm, find_function, load_experiment
 from cosim.geometry.planning import cost_to_go, wall_planning_grid
+from cosim.report.by_choice import verdicts
+from cosim.report.claims import published_claims
 from cosim.world.floorplan import FloorplanSettings, load_floorplan
+from experiments.aggregation import searching
 from experiments.aggregation_laboratory import placing
 from experiments.aggregation_scaling import floors, scaling
-from experiments.aggregation_search import alternatives, searching
-from experiments.reflection_tables.figures import claims
 from tests.checkout import EXPERIMENTS
 
 SWEEPS = sorted(EXPERIMENTS.glob("aggregation_*/*.yaml"))
@@ -244,8 +245,8 @@ def test_alternatives_have_the_arms_of_every_claim(name: str):
         for one in arms
         for at in range(2)
     ).assign(completed=1.0)
-    found = alternatives.verdicts(runs, name)
-    assert list(found.index) == [claim.id for claim in claims(name)]
+    found = verdicts(runs, EXPERIMENTS / name)
+    assert list(found.index) == [claim.id for claim in published_claims(EXPERIMENTS / name)]
     assert "no data" not in set(found.to_numpy().ravel())
 
 
@@ -257,6 +258,6 @@ def test_claims_are_judged_for_each_choice_alone():
         for (choice, strategy), value in minutes.items()
         for at in range(5)
     )
-    found = alternatives.verdicts(runs, "aggregation_search")
+    found = verdicts(runs, EXPERIMENTS / "aggregation_search")
     assert found.loc["fastest_normal"].to_dict() == {"open": "holds", "nested": "fails"}
     assert "fastest_failed" not in found.index  # no such runs

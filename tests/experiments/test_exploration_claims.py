@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.exploration.claims import MAPS
 from experiments.exploration_behaviour import figures as behaviour
 from experiments.exploration_channels import figures as channels
 from experiments.exploration_speed import figures as speed
 from experiments.exploration_teams import figures as teams
 from experiments.exploration_teams import floors
-from experiments.exploration_teams.comparison import MAPS
 from tests.checkout import EXPERIMENTS
 
 MODULES = {

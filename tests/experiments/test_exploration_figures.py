@@ -11,12 +11,13 @@ import pytest
 import yaml
 
 from cosim.geometry.marking import EMPTY, OCCUPIED, UNKNOWN
+from cosim.report.drawing import draw_panels
 from cosim.scenario import Scenario
 from cosim.units import S
+from experiments.exploration.claims import PANELS, TIME
+from experiments.exploration.curves import POINTS, coverage_over_time, curve
+from experiments.exploration.exploring import COLUMNS, measure
 from experiments.exploration_teams import figures, growing
-from experiments.exploration_teams.comparison import TIME, panels
-from experiments.exploration_teams.curves import POINTS, coverage_over_time, curve
-from experiments.exploration_teams.exploring import COLUMNS, measure
 from experiments.exploration_teams.growing import SHARES, Exploration, chosen, watch
 
 NONE = pd.DataFrame()
@@ -73,7 +74,7 @@ def test_all_points_stand_inside_the_panels_of_the_time_by_size(
     kept: list[Any] = []
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
     runs.loc[runs["map"] == "office", TIME] *= 5.0  # the last panel has the largest
-    panels(runs, tmp_path, "x.png", TIME, "s", ("robots", (1, 4)), ("algorithm", figures.NAMES))
+    draw_panels(runs, tmp_path / "x.png", (TIME, "s"), ("robots", (1, 4)), ("algorithm", figures.NAMES), PANELS)
     assert len(kept) == 2
     for panel in kept:
         assert panel.get_ylim()[0] == 0.0 < 5 * 950 <= panel.get_ylim()[1]

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import pytest
 
 from cosim.units import S
-from experiments.exploration_teams.exploring import Partings, told
+from experiments.exploration.exploring import Partings, told
 
 END_S = 60
 

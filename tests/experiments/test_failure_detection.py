@@ -13,7 +13,7 @@ from scipy import stats
 
 from cosim.experiment import load_experiment
 from cosim.randomness import Streams
-from cosim.report import report
+from cosim.report.sweep_report import report
 from cosim.sweep import run_sweep
 from cosim.units import MS, US, S
 from experiments.failure_detection import detection, figures

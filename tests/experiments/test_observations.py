@@ -13,7 +13,8 @@ import yaml
 
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
-from cosim.report import Claim, estimate, estimates, judge
+from cosim.report.claims import Claim, judge
+from cosim.report.estimates import estimate, estimates
 from cosim.results import RunStore
 from cosim.sweep import run_sweep
 from experiments.inquiry_time import discovery

@@ -12,7 +12,7 @@ from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.errors import CosimError
 from cosim.experiment import load_experiment
-from cosim.report import report
+from cosim.report.sweep_report import report
 from cosim.sweep import run_sweep
 from cosim.units import SLOT, S
 from experiments.packet_throughput import figures

@@ -11,7 +11,7 @@ import pytest
 from cosim.channels.bluetooth.hopping import basic_channel
 from cosim.experiment import load_experiment
 from cosim.randomness import Streams
-from cosim.report import report
+from cosim.report.sweep_report import report
 from cosim.sweep import run_sweep
 from cosim.units import SLOT, TICK, US
 from experiments.piconet_interference import figures, links

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
 from cosim.randomness import Streams
-from cosim.report import Report, report
+from cosim.report.sweep_report import Report, report
 from cosim.sweep import run_sweep
 from cosim.units import TICK, S
 from experiments.inquiry_time import discovery

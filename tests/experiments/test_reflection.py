@@ -8,19 +8,19 @@ import pandas as pd
 import pytest
 import yaml
 
-from cosim import report as reports
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
-from cosim.report import Report, judge, report
+from cosim.report.claims import judge, published_claims
+from cosim.report.sweep_report import Report, report
 from cosim.simulation import simulate
 from cosim.sweep import run_sweep
+from experiments.reflection import choices
 from experiments.reflection_channels import figures as channels
 from experiments.reflection_noise import figures as noise
 from experiments.reflection_roles import figures as roles
 from experiments.reflection_roles.roles import COLUMNS, measure
 from experiments.reflection_scaling import figures as scaling
-from experiments.reflection_tables import alternatives, choices, figures, trajectories
-from experiments.reflection_tables.comparison import limits, ratio_limits, saves, saving
+from experiments.reflection_tables import alternatives, figures, trajectories
 from tests.checkout import EXPERIMENTS
 
 NOTHING = pd.DataFrame()
@@ -50,39 +50,6 @@ def tables_of(steps: dict[tuple[Any, ...], list[float]], **more: float) -> pd.Da
 def answer(module: Any, test: str, runs: pd.DataFrame) -> bool | None:
     found: bool | None = getattr(module, test)(runs, NOTHING)[1]
     return found
-
-
-# ---------------------------------------------------------------- comparisons
-
-
-def test_limits_are_those_of_students_t():
-    found = limits(pd.Series([1.0, 2.0, 3.0, 4.0, 5.0]))
-    half = 2.131847 * math.sqrt(2.5) / math.sqrt(5)  # t of 0.95 and 4 degrees of freedom, from a printed table
-    assert found.mean == 3.0
-    assert found.lower == pytest.approx(3.0 - half, abs=1e-5)
-    assert found.upper == pytest.approx(3.0 + half, abs=1e-5)
-    assert math.isnan(limits(pd.Series([1.0])).lower)
-
-
-def test_savings_are_taken_within_a_replicate():
-    runs = pd.DataFrame({"team": ["a", "a", "b", "b", "b"], "replicate": [0, 1, 1, 0, 2], "steps": [1, 30, 40, 2, 9]})
-    found = saving(runs, {"team": "a"}, {"team": "b"})
-    assert dict(found) == {0: 0.5, 1: 0.25}  # the third replicate is in one arm only
-
-
-def test_a_claim_of_several_pairs_holds_if_each_of_them_does():
-    runs = pd.DataFrame({"team": list("aabbcc"), "replicate": [0, 1] * 3, "steps": [10.0, 10.1, 20, 20, 10, 10.2]})
-    better, equal = ("", {"team": "a"}, {"team": "b"}), ("", {"team": "a"}, {"team": "c"})
-    assert saves(runs, [better])[1] is True
-    assert saves(runs, [better, equal])[1] is False
-    assert saves(runs, [better], least=0.6)[1] is False
-    assert saves(runs[runs["replicate"] == 0], [better])[1] is None  # a single run has no limits
-    assert saves(runs, [better, ("", {"team": "a"}, {"team": "d"})]) == ("-", None)
-
-
-def test_ratios_are_geometric():
-    runs = pd.DataFrame({"team": list("aabb"), "replicate": [0, 1] * 2, "steps": [1.0, 4.0, 1.0, 1.0]})
-    assert ratio_limits(runs, {"team": "a"}, {"team": "b"}).mean == pytest.approx(2.0)
 
 
 # ---------------------------------------------------------------- claims
@@ -335,7 +302,7 @@ def test_a_run_with_nothing_chosen_is_the_run_of_the_scenario():
 
 @pytest.mark.parametrize("name", MODULES)
 def test_claims_name_tests_that_are_there_and_have_no_data_without_runs(name: str):
-    claims = reports.published_claims(EXPERIMENTS / name)
+    claims = published_claims(EXPERIMENTS / name)
     assert len({claim.id for claim in claims}) == len(claims) > 2
     module: Any = MODULES[name]
     for rows in (NOTHING, pd.DataFrame({"status": ["done"], "replicate": [0]})):

@@ -6,9 +6,9 @@ from typing import NoReturn
 import pandas as pd
 import pytest
 
-from cosim import report as reports
 from cosim.experiment import experiment_folders, find_experiment, load_experiment
-from cosim.report import Report, judge, report
+from cosim.report.claims import judge, published_claims
+from cosim.report.sweep_report import Report, report
 from cosim.sweep import run_sweep
 from experiments.messaging_delay import figures as delay_figures
 from experiments.pseudonet_coverage import figures as coverage_figures
@@ -75,7 +75,7 @@ def test_a_folder_in_which_all_runs_failed_is_reported(
 def test_claims_about_columns_that_are_not_there_have_no_data(rows: pd.DataFrame):
     nothing = pd.DataFrame()
     for name, module in (("messaging_delay", delay_figures), ("pseudonet_coverage", coverage_figures)):
-        claims = reports.published_claims(experiment_folders()[name])
+        claims = published_claims(experiment_folders()[name])
         assert {judge(claim, rows, nothing, module).verdict for claim in claims} == {"no data"}
     assert coverage_figures.tables(rows, nothing) == {}
     assert coverage_figures.draw(rows, nothing, Path()) == []
@@ -118,6 +118,6 @@ def test_a_first_look_at_coverage_has_intervals_and_both_channels_in_a_panel():
 
 @pytest.mark.parametrize("name", ["messaging_delay", "pseudonet_coverage"])
 def test_claims_speak_of_the_paper(name: str):
-    for row in reports.published_claims(experiment_folders()[name]):
+    for row in published_claims(experiment_folders()[name]):
         assert "issue" not in row.claim
         assert "report it" not in row.claim

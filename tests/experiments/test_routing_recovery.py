@@ -11,7 +11,7 @@ import pytest
 from cosim.channels.adhoc.mac import Frame
 from cosim.experiment import load_experiment
 from cosim.machine import BROADCAST, Address, Outcome
-from cosim.report import report
+from cosim.report.sweep_report import report
 from cosim.sweep import run_sweep
 from cosim.units import S
 from experiments.routing_recovery import figures, recovery

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.experiment import load_experiment
-from cosim.report import Report, report
+from cosim.report.sweep_report import Report, report
 from cosim.sweep import run_sweep
 from cosim.trace import Trace, events_table
 from cosim.units import S, Time

@@ -12,7 +12,7 @@ import yaml
 
 from cosim.channels.bluetooth.bits.codes import crc16
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.controller import Identity
+from cosim.channels.bluetooth.radio import Identity
 from cosim.cli import main
 from cosim.export.baseband import LINK_TYPE, interface, packets
 from cosim.export.pcapng import INBOUND, Interface, Packet, write_pcapng

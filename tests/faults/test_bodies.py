@@ -11,8 +11,7 @@ from cosim.errors import UserError
 from cosim.geometry.segments import segment_grid
 from cosim.machine import Drive, GoTo
 from cosim.robots.body import BodySettings
-from cosim.robots.carry import Carry
-from cosim.robots.motion import Fleet
+from cosim.robots.motion import Carry, Fleet
 from cosim.scenario import build
 from cosim.simulation import Simulation, simulate
 from cosim.trace import POSES

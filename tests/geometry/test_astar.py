@@ -8,7 +8,6 @@ import pytest
 import scipy.sparse
 
 from cosim.geometry.astar import (
-    _searched,
     astar,
     clearance_cost,
     costs_from,
@@ -144,20 +143,6 @@ def test_the_nearest_goal_is_the_one_of_the_cheapest_way(seed, reading):
     assert cost_of(way, costs, start) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("reading", READINGS)
-def test_the_search_goes_straight_to_a_goal_in_the_open(reading):
-    passable = np.ones((60, 60), bool)
-    goal = 60 * 40 + 50
-    ends = np.arange(passable.size).reshape(passable.shape) == goal
-    looked_at = {}
-    for estimate in (0, 1 + READINGS.index(reading)):
-        last, cost, _ = _searched(passable, ends, flat(ends), 0, goal, estimate, reading, True)
-        assert last == 62 * 41 + 51, "of the grid with its border"
-        looked_at[estimate > 0] = np.isfinite(cost).sum()
-    assert looked_at[True] < 51 * 8, "a way of 51 cells and their neighbours"
-    assert looked_at[False] > 2000
-
-
 @pytest.mark.parametrize("dear", [0.0, 40.0, 1e7])
 def test_ways_are_cheapest_whatever_the_range_of_costs_and_the_size_of_the_queue(dear, monkeypatch):
     """Wide ranges need more buckets than there are, many cells more links than there are at first."""
@@ -167,7 +152,7 @@ def test_ways_are_cheapest_whatever_the_range_of_costs_and_the_size_of_the_queue
     start, goal = np.flatnonzero(passable)[[0, -1]].tolist()
     costs = graph(passable, flat(passable), extra, start, DIAGONAL)
     expected = cheapest(costs, start)
-    monkeypatch.setattr("cosim.geometry.astar._LINKS", 16)
+    monkeypatch.setattr("cosim.geometry.grid_search._LINKS", 16)
     np.testing.assert_allclose(costs_from(passable, extra, start).ravel(), expected, rtol=1e-12)
     assert cost_of(astar(passable, extra, start, goal), costs, start) == pytest.approx(expected[goal], rel=1e-12)
     far = np.zeros_like(passable)

@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from cosim.geometry.grids import EAST, NORTH, OFFSETS, SOUTH, WEST, coverage_grid, distances
-from cosim.geometry.occupancy import outline
+from cosim.world.maps import outline
 
 
 def nowhere(points):

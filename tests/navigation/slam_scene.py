@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.geometry.segments import ray_casts, segment_grid
 from cosim.navigation.schemas import beam_directions
-from cosim.navigation.slam import Slam, SlamParameters
+from cosim.navigation.slam import MapGrid, Slam, SlamParameters
 from cosim.randomness import Draws
 
 CELL_M = 0.1
@@ -54,7 +54,8 @@ def course(corners, step_m=0.25):
 
 
 def slam_at(start, seed=0, **own):
-    return Slam(SHAPE, ORIGIN_M, CELL_M, start, beam_directions(BEAMS), Draws(seed, "slam"), SlamParameters(**own))
+    grid = MapGrid(SHAPE, ORIGIN_M, CELL_M)
+    return Slam(grid, start, beam_directions(BEAMS), Draws(seed, "slam"), SlamParameters(**own))
 
 
 def drive(filter_, walls, poses, seed, noise=0.03, noise_m=0.01):

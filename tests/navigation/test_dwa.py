@@ -28,10 +28,10 @@ from cosim.navigation.dwa import (
     walls_near,
 )
 from cosim.robots.body import BodySettings
-from cosim.robots.drive import braking_way as drive_braking_way
-from cosim.robots.drive import chord as drive_chord
-from cosim.robots.drive import towards as drive_towards
 from cosim.robots.motion import Fleet
+from cosim.robots.motion import braking_way as drive_braking_way
+from cosim.robots.motion import chord as drive_chord
+from cosim.robots.motion import towards as drive_towards
 from cosim.units import MS
 
 TICK = 100 * MS

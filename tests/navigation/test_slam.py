@@ -9,9 +9,9 @@ from pydantic import ValidationError
 
 from cosim.geometry.segments import clearance
 from cosim.navigation.schemas import beam_directions
-from cosim.navigation.slam import SlamParameters, share_of_speed
-from cosim.navigation.slam_matching import (
+from cosim.navigation.slam import (
     NUMBERS,
+    SlamParameters,
     choose_ends,
     climb,
     field_fit,
@@ -19,6 +19,7 @@ from cosim.navigation.slam_matching import (
     make_field,
     match_particles,
     settle_field,
+    share_of_speed,
     stamp_of,
 )
 from tests.navigation.slam_scene import (

@@ -156,7 +156,7 @@ ROOM_FAULTS = [
         "links[HEARD_UP, k] = time_of(piconet, tick) + HEADER_AIR\n    piconet[IDLE]",
     ),
     Fault("broadcasts outlive the last link", "polling", "queues", "(master_alone and p.lt_addr == EVERYONE)", "False"),
-    Fault("what has been on the air is flushed", "polling", "intake", " and not payload.tries", ""),
+    Fault("what has been on the air is flushed", "polling", "piconet", " and not payload.tries", ""),
     Fault("T_poll is long by one slot", "polling", "polling", "2 * t_poll_slots", "2 * t_poll_slots + 2"),
     Fault("after an answer a slot pair is lost", "polling", "polling", "tick + 2 * slots\n", "tick + 2 * slots + 4\n"),
     Fault(
@@ -185,8 +185,8 @@ ROOM_FAULTS = [
     Fault(
         "supervision is long by 1 ns",
         "polling",
-        "supervision",
-        "deadline = min(sides) + self._timeout",
-        "deadline = min(sides) + self._timeout + 1",
+        "piconet",
+        "deadline = min(sides) + self._settings.supervision",
+        "deadline = min(sides) + self._settings.supervision + 1",
     ),
 ]

@@ -8,11 +8,9 @@ import pytest
 from PIL import Image
 
 from cosim.errors import UserError
-from cosim.geometry import occupancy
-from cosim.geometry.occupancy import outline
 from cosim.world import maps
 from cosim.world.floorplan import FloorplanSettings, load_floorplan
-from cosim.world.maps import RosMapSettings, occupancy_percent, read_movingai_map, read_percent, read_ros_map
+from cosim.world.maps import RosMapSettings, occupancy_percent, outline, read_movingai_map, read_percent, read_ros_map
 
 KEYS = {"image": "m.pgm", "resolution": 0.5, "origin": [0.0, 0.0, 0.0], "negate": 0}
 KEYS |= {"occupied_thresh": 0.65, "free_thresh": 0.25}
@@ -250,7 +248,7 @@ def test_the_outline_is_the_same_in_bands_of_any_height(monkeypatch):
     cells = np.random.default_rng(1).random((9, 13)) < 0.5
     at_once = outline(cells).tolist()
     for band in (1, 30, 50):
-        monkeypatch.setattr(occupancy, "_BAND", band)
+        monkeypatch.setattr(maps, "_BAND", band)
         assert outline(cells).tolist() == at_once
     assert len(outline(cells, len(at_once))) == len(at_once)
     with pytest.raises(ValueError, match="more segments than it may have"):

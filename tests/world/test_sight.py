@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from cosim.geometry.occupancy import outline
 from cosim.geometry.segments import packed_walls, sees, segment_grid
+from cosim.world.maps import outline
 from cosim.world.sight import lines_of_sight, look_again, seen_by_each, wall_losses_db
 
 

@@ -1,4 +1,4 @@
-"""The medium of one 802.11 channel: whom a frame reaches, and when it begins and ends at each, after a short delay."""
+"""The medium of one 802.11 channel: which stations a frame reaches, and when it begins and ends there."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -11,7 +11,7 @@ from cosim.units import Time
 
 
 class Medium:
-    """Carries frames to all whom they reach."""
+    """Carries frames to all stations that they reach, after a short delay."""
 
     def __init__(
         self,
@@ -21,9 +21,10 @@ class Medium:
         note: Callable[[Frame, Address, bool], None] | None = None,
         ended: Callable[[Frame, bool, Sequence[tuple[Address, float]]], None] | None = None,
     ) -> None:
-        """Ask *reach* whom a sender reaches, with how many mW, when a frame begins; tell *note* who received which.
+        """Carry frames to the stations, and with the powers in mW, that *reach* returns for the sender when one begins.
 
-        *ended* is told of every frame, whether its sender was on to its end, and whom it has reached.
+        *note* is called with (frame, station, whether it was received), *ended* with (frame, whether its sender was on
+        to its end, the stations and powers that it has reached).
         """
         self.stations: Sequence[Station] = ()
         self._kernel = kernel
@@ -32,16 +33,16 @@ class Medium:
         self._note = note
         self._ended = ended
         self.frames = 0
-        """How many have been on the air."""
+        """Number of frames that have been on the air."""
         self._over = 0
-        """How many have arrived to their end."""
+        """Number of frames that have arrived to their end."""
         self._beginning: list[Frame] = []
-        """What has begun at one instant, and arrives at one."""
+        """Frames that have begun at one instant, and arrive at one."""
         self._cut: list[Frame] = []
 
     @property
     def silent(self) -> bool:
-        """No frame is on the air."""
+        """True if no frame is on the air."""
         return self._over == self.frames
 
     def begin(self, frame: Frame) -> None:
@@ -53,7 +54,7 @@ class Medium:
         self.frames += 1
 
     def cut(self, frame: Frame) -> None:
-        """Let nobody receive *frame*, which is on the air; its energy stays there to its end."""
+        """Let no station receive *frame*, which is on the air; its energy stays there to its end."""
         self._cut.append(frame)
 
     def _arrive(self, frames: list[Frame]) -> None:

@@ -1,16 +1,16 @@
 """An 802.11 ad hoc network as a channel: a station for every robot, on one medium.
 
 A payload to one robot is acknowledged by its radio, and sent again if it is not; one to all is sent once, at the lowest
-basic rate. What looks like a link to a host is reach: inquiry finds who is in reach, and a link ends with it. There is
-no such thing in 802.11; it lets protocols that manage links run here unchanged.
+basic rate. What looks like a link to a host is reach: inquiry finds the robots in reach, and a link ends with it. There
+is no such thing in 802.11; it lets protocols that manage links run here unchanged.
 
-Robots may send with powers of their own, or, where signals do not fade, reach as far as they do: a frame arrives at who
-is at most the sender's reach away, however far it reaches itself. So a robot may hear another that does not hear it:
-its acknowledgements are lost, and what is meant for it is sent until the limit.
+Robots may have transmit powers of their own, or, where signals do not fade, ranges of their own: a frame arrives at all
+robots within the sender's range, whatever theirs. So a robot may hear another that does not hear it: its
+acknowledgements are lost, and payloads for it are repeated up to the limit.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -21,13 +21,11 @@ import numpy.typing as npt
 from cosim.channels.adhoc.air import Medium
 from cosim.channels.adhoc.dcf import Station
 from cosim.channels.adhoc.errors import frame_log_success
-from cosim.channels.adhoc.forwarding import Forwarding
-from cosim.channels.adhoc.handover import Handover
+from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import Frame, Packet
 from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
 from cosim.channels.adhoc.routing.base import Delivery
-from cosim.channels.adhoc.routing.choice import make_router
 from cosim.channels.adhoc.settings import AdhocSettings, mw
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
@@ -38,15 +36,49 @@ from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, Fate, Outcome, Outgoing, Reception
 from cosim.protocol import Metric
-from cosim.randomness import Streams
+from cosim.randomness import Draws, Streams
 from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
 FAINT_MW: Final = 1e-14
-"""What arrives with less than -140 dBm is nothing, not even interference."""
+"""Power (-140 dBm) below which a signal is neglected, even as interference."""
 RECEPTION: Final = 2
-"""The purpose of the draws for errors."""
+"""Purpose of the draws of errors."""
+JITTER: Final = 3
+"""Purpose of the draws of the time that a host takes to hand over a payload."""
 UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
+
+
+class Handover:
+    """The ways from hosts to their radios: each takes a random time, and no payload overtakes another."""
+
+    def __init__(self, jitter: Time, size: int, kernel: Kernel, draws: Draws) -> None:
+        self._jitter = jitter
+        self._kernel = kernel
+        self._draws = draws
+        self._handed = [0] * size
+        self._last: list[Time] = [0] * size
+        """Instant at which the last payload of each was handed over, or will be."""
+        self._incarnations = [0] * size
+        """Number of times that what was under way has been forgotten."""
+
+    def hand(self, source: Address, take: Callable[[], None]) -> None:
+        """Call *take* when a payload of *source* has reached its radio: at once if hosts take no time."""
+        if self._jitter == 0:
+            take()
+            return
+        late = self._draws.below(self._jitter + 1, self._handed[source], source, JITTER)
+        self._handed[source] += 1
+        self._last[source] = max(self._last[source], self._kernel.now + late)
+        self._kernel.at(self._last[source], partial(self._arrive, source, self._incarnations[source], take))
+
+    def forget(self, source: Address) -> None:
+        """Lose what is under way from *source*."""
+        self._incarnations[source] += 1
+
+    def _arrive(self, source: Address, incarnation: int, take: Callable[[], None]) -> None:
+        if incarnation == self._incarnations[source]:
+            take()
 
 
 class AdhocChannel(IdealChannel):
@@ -69,9 +101,9 @@ class AdhocChannel(IdealChannel):
         walls: tuple[SegmentGrid, npt.ArrayLike] | None = None,
         strengths: Sequence[float | None] = (),
     ) -> None:
-        """*walls* and what each of them costs, dB, matter if signals fade.
+        """*walls* and the loss of each in dB matter if signals fade.
 
-        *strengths* are what each robot has, if not None, instead of ``power_dbm``, or of ``range_m`` if they do not.
+        *strengths* are the robots' own values, if not None, of ``power_dbm``, or of ``range_m`` if signals do not fade.
         """
         super().__init__(IdealSettings(delay_s=settings.propagation_s), kernel, trace, size)
         self._settings = settings
@@ -82,7 +114,7 @@ class AdhocChannel(IdealChannel):
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
         self._reached: list[tuple[tuple[Address, float], ...]] | None = None
-        """Whom each robot reaches, with how many mW, once somebody has asked since they have moved."""
+        """Robots that each robot reaches, and with how many mW; None until it is needed after a move."""
         self._positions_m: Positions = np.zeros((size, 2))
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._arrivals: list[Arrival] = []
@@ -90,7 +122,7 @@ class AdhocChannel(IdealChannel):
         timing = settings.timing()
         self._air = Medium(kernel, timing.delay, self._reaches, self._note, self._ended)
         self._held = [0] * size
-        """Payloads that each device has been handed and is not done with."""
+        """Number of payloads that each device has been handed and has not finished."""
         self._draws = streams.draws("adhoc")
         self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         self._receivers = [self._receiver(address) for address in range(size)]
@@ -99,7 +131,7 @@ class AdhocChannel(IdealChannel):
             for address, receiver in enumerate(self._receivers)
         ]
         self._air.stations = self._stations
-        self._jamming = Jamming(kernel, self._jam_mw, self._anybody_cares)
+        self._jamming = Jamming(kernel, self._jam_mw, self._jamming_matters)
         self._jamming.stations = self._stations
         self._forwarding = self._routers(streams)
 
@@ -136,21 +168,21 @@ class AdhocChannel(IdealChannel):
         if self._most is not None and self._held[source] >= self._most:
             self.note_unsent(source, outgoing.destination, len(outgoing.payload), Outcome.QUEUE_FULL)
             if outgoing.token is not None:
-                self._tell((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
+                self._report((source, Fate(outgoing.token, Outcome.QUEUE_FULL)))
             return
         self._held[source] += 1
         packet = Packet(outgoing.destination, outgoing.payload, outgoing.token)
         self._handover.hand(source, partial(self._queue, source, packet))
 
     def moved(self, positions_m: Positions) -> None:
-        """Note that robots may be in reach of others now; links between robots that are not any more are lost."""
+        """Note that robots have moved; links between robots that are no longer in reach of each other are lost."""
         self._positions_m = positions_m
         self._reached = None
         self._jamming.moved()
         self._lose_links()
 
     def advance(self, now: Time) -> None:
-        """Have stations know what jammers have done up to *now*, while robots are still where they were."""
+        """Bring the power of jammers at stations up to *now*, while robots are still where they were."""
         self._jamming.advance()
 
     def power(self, address: Address, on: bool) -> None:
@@ -164,12 +196,12 @@ class AdhocChannel(IdealChannel):
             self._forwarding.power(address, on)
 
     def summary(self) -> dict[str, float]:
-        """Return how many frames were sent, and how many payloads were given up."""
+        """Return the number of frames sent, and of payloads given up."""
         routed: dict[str, float] = {} if self._forwarding is None else self._forwarding.summary()
         return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped), **routed}
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
         if self._propagation is None:
             raise UserError("radios without propagation notice no walls")
         self._jamming.advance()
@@ -178,7 +210,7 @@ class AdhocChannel(IdealChannel):
         self._jamming.moved()
 
     def jam(self, jammer: Jammer) -> None:
-        """Have *jammer* on the air as well, at its times; raise UserError for a radio that is not in its band.
+        """Put *jammer* on the air as well, at its times; raise UserError for a radio that is not in its band.
 
         Without a law of propagation its power does not matter: it spoils all that arrives in range_m of it.
         """
@@ -189,7 +221,7 @@ class AdhocChannel(IdealChannel):
             self._jamming.add(heard)
 
     def _jam_mw(self, jammers: Sequence[Jammer]) -> list[list[float]]:
-        """Return what each robot receives of each jammer on one of its channels: a row a jammer, in mW."""
+        """Return the power of each jammer (row) at each robot on one of its channels, in mW."""
         places_m = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
         if self._propagation is None:
             apart = np.linalg.norm(places_m[:, None] - self._positions_m[None], axis=-1)
@@ -200,8 +232,8 @@ class AdhocChannel(IdealChannel):
         received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
         return received
 
-    def _anybody_cares(self) -> bool:
-        """Return whether it matters to anybody now what jammers do."""
+    def _jamming_matters(self) -> bool:
+        """Return whether jammers matter to any station now."""
         return not self._air.silent or any(not station.at_rest for station in self._stations)
 
     def _hears(self, one: Address, other: Address) -> bool:
@@ -212,7 +244,7 @@ class AdhocChannel(IdealChannel):
         return any(address == other and power_mw >= least for address, power_mw in self._powers()[one])
 
     def _reaches(self, source: Address) -> Sequence[tuple[Address, float]]:
-        """Return whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
+        """Return the robots that *source* reaches now, with how many mW: all that are switched on, however weakly."""
         return self._powers()[source]
 
     def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
@@ -230,7 +262,7 @@ class AdhocChannel(IdealChannel):
             self._reached = [tuple(heard[begin:end]) for begin, end in pairwise(ends)]
         return self._reached
 
-    # ------------------------------------------------------------ what stations tell
+    # ------------------------------------------------------------ what stations report
 
     def received(self, address: Address, frame: Frame) -> None:
         """Take what has arrived at *address*: a payload, or a packet for its router."""
@@ -251,7 +283,7 @@ class AdhocChannel(IdealChannel):
         self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Tell a host, or a router, what has become of its payload."""
+        """Report the fate of a packet to its host, or its router."""
         self._dropped += not acknowledged
         self._held[address] -= 1
         if self._forwarding is not None:
@@ -260,14 +292,14 @@ class AdhocChannel(IdealChannel):
         if packet.token is not None:
             to_all = packet.destination == BROADCAST
             fate = Outcome.SENT if to_all else Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED
-            self.told(address, packet.token, fate)
+            self.report_fate(address, packet.token, fate)
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
-        """Tell the host of *address* what has become of a payload."""
-        self._tell((address, Fate(token, outcome)))
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
+        """Report the fate of a payload to the host of *address*."""
+        self._report((address, Fate(token, outcome)))
 
     def transmit(self, address: Address, packet: Packet) -> None:
-        """Have the station of *address* send what its router wants to; what it has no room for is lost."""
+        """Have the station of *address* send a packet of its router; it is lost if there is no room for it."""
         if self._most is None or self._held[address] < self._most:
             self._held[address] += 1
             self._queue(address, packet)
@@ -275,7 +307,7 @@ class AdhocChannel(IdealChannel):
             self._forwarding.refused(address, packet)
 
     def _queue(self, address: Address, packet: Packet) -> None:
-        self._jamming.care()
+        self._jamming.follow()
         self._stations[address].send(packet)
 
     def _hand_over(self) -> None:
@@ -283,12 +315,12 @@ class AdhocChannel(IdealChannel):
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
     def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        """Write a row for every frame at every station in reach that it is meant for."""
+        """Record every frame at every station in reach that it is meant for."""
         if self._frames_wanted and frame.destination in (BROADCAST, address):
             self._row(frame, address, "received" if received else "collided")
 
     def _ended(self, frame: Frame, whole: bool, reached: Sequence[tuple[Address, float]]) -> None:
-        """Write what was on the air, and a row for a frame that has reached nobody whom it is meant for."""
+        """Record what was on the air, and a row for a frame that has reached no robot that it was meant for."""
         meant_for = frame.destination
         if self._frames_wanted and not (reached if meant_for == BROADCAST else any(a == meant_for for a, _ in reached)):
             self._row(frame, meant_for, "out_of_range")
@@ -315,7 +347,7 @@ def _fading(
 
 
 def _strength(settings: AdhocSettings, own: Sequence[float | None], size: int) -> npt.NDArray[np.float64]:
-    """Return with how many mW each robot sends, or how many m it reaches if signals do not fade; shape (size, 1)."""
+    """Return the power of each robot in mW, or its range in m if signals do not fade; shape (size, 1)."""
     if settings.propagation is None:
         return np.array([[reach_m] for reach_m in of_each(own, settings.range_m or math.inf, size)])
     return np.array([[mw(power_dbm)] for power_dbm in of_each(own, settings.power_dbm, size)])

@@ -1,12 +1,12 @@
-"""The distributed coordination function of one station: when it may send, and what it does with what it hears.
+"""The distributed coordination function of one station: when it may send, and how it answers what it hears.
 
 IEEE 802.11-1999, clause 9.2. Slots of a back-off are computed, never scheduled: a station that counts down knows the
 instant at which it will send if the medium stays idle, and what a busy medium leaves of the counter is arithmetic.
 
 Readings, where the standard leaves something open:
 
-- energy is sensed only after the time of the clear channel assessment, a part of a slot: who is due in the slot in
-  which another begins sends, too, and the frames collide;
+- energy is sensed only after the time of the clear channel assessment, a part of a slot: a station that is due in the
+  slot in which another begins sends too, and the frames collide;
 - a payload that comes while the medium is idle, but not yet for an interframe space, waits for that without a back-off;
 - a back-off is drawn after every frame of the own queue, and runs down whether or not there is a next one;
 - slots count from the end of the interframe space, or from when the back-off was drawn, whichever is later; if it was
@@ -21,9 +21,8 @@ own; with an EIFS that is DIFS, and a time-out that is shorter, these are the co
 
 from collections import deque
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
-from cosim.channels.adhoc.backoff import Backoff
 from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Form, Frame, Kind, Packet, Timing, data, request
 from cosim.channels.adhoc.reception import Receiver
 from cosim.kernel import AIR, Handle, Kernel
@@ -31,25 +30,73 @@ from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
 
+BACKOFF: Final = 1
+"""Purpose of the draws of back-offs."""
+
 
 class Air(Protocol):
-    """Where frames go."""
+    """The medium that a station sends on."""
 
     def begin(self, frame: Frame) -> None:
         """Carry *frame*, which begins now."""
 
     def cut(self, frame: Frame) -> None:
-        """Let nobody receive *frame*, which is on the air: its sender is off."""
+        """Let no station receive *frame*, which is on the air: its sender is off."""
 
 
 class Host(Protocol):
-    """Whom a station works for."""
+    """The host of a station."""
 
     def received(self, address: Address, frame: Frame) -> None:
         """Take a DATA frame for *address*, at its end; each only once."""
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Take notice that *packet* is off the queue: acknowledged (or broadcast), or tried often enough."""
+        """Note that *packet* is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
+
+
+class Backoff:
+    """The back-off of one station: idle slots to wait for, from a window that failures double (9.2.4, 9.2.5.2)."""
+
+    def __init__(self, address: Address, access: Access, slot: Time, draws: Draws) -> None:
+        self.pending = False
+        """True if there is a back-off to be done."""
+        self._address = address
+        self._access = access
+        self._slot = slot
+        self._draws = draws
+        self._drawn = 0
+        self._window = access.cw_min
+        self._slots = 0
+        self._not_before: Time = 0
+        self._counted_from: Time = 0
+
+    def draw(self, not_before: Time) -> None:
+        """Draw a new back-off, whose slots count from *not_before* at the earliest."""
+        self._slots = self._draws.below(self._window + 1, self._drawn, self._address, BACKOFF)
+        self._drawn += 1
+        self._not_before = not_before
+        self.pending = True
+
+    def ends_at(self, idle: Time) -> Time:
+        """Go on counting from *idle*, the end of the interframe space; return when it ends if the medium stays idle."""
+        self._counted_from = max(idle, self._not_before)
+        return self._counted_from + self._slots * self._slot
+
+    def interrupt(self, sensed_at: Time) -> None:
+        """Take off the slots that have ended before *sensed_at*, at which the medium is known to be busy."""
+        over = sensed_at - self._counted_from
+        if over > 0:
+            self._slots -= -(-over // self._slot) - 1
+            if self._access.bianchi_counting:
+                self._slots = max(self._slots - 1, 0)
+
+    def widen(self) -> None:
+        """Double the window, up to its greatest value."""
+        self._window = min(2 * self._window + 1, self._access.cw_max)
+
+    def narrow(self) -> None:
+        """Reset the window to its smallest value."""
+        self._window = self._access.cw_min
 
 
 class Station:
@@ -76,22 +123,22 @@ class Station:
         self._backoff = Backoff(address, access, timing.slot, draws)
         self._receiver = receiver
         self._ends: Handle | None = None
-        """When the back-off ends, or the interframe space before a frame without one, if the medium stays idle."""
+        """End of the back-off, or of the interframe space before a frame without one, if the medium stays idle."""
         self._idle_from: Time = kernel.now
         self._reserved_until: Time = 0
         """The network allocation vector."""
         self._erred = False
-        """EIFS is due."""
+        """True if EIFS is due in place of DIFS."""
         self._sending: Frame | None = None
         self._acts: list[Handle] = []
-        """What is certain to come: the end of what it sends, or an answer after SIFS."""
+        """Events that are certain: the end of what it sends, or an answer after SIFS."""
         self._exchanging = False
-        """The first of the queue is on its way: from its first frame to its end or failure."""
+        """True while the first of the queue is on its way, from its first frame to its end or failure."""
         self._awaits: Kind | None = None
         self._timeout: Handle | None = None
         self._numbers = 0
         self._heard: dict[Address, int] = {}
-        """The last sequence number of each sender."""
+        """Last sequence number of each sender."""
 
     # ------------------------------------------------------------ the queue
 
@@ -124,7 +171,7 @@ class Station:
 
     @property
     def at_rest(self) -> bool:
-        """It has nothing to send: no payload, no answer, and no back-off to be done."""
+        """True if it has nothing to send: no payload, no answer, and no back-off to be done."""
         answers = any(act.time >= self._kernel.now for act in self._acts)
         return not (self.queue or self._backoff.pending or answers)
 
@@ -157,7 +204,7 @@ class Station:
     # ------------------------------------------------------------ access to the medium
 
     def _contend(self) -> None:
-        """Set out for the instant at which to send, or have the back-off done, if the medium stays idle."""
+        """Schedule the instant at which to send, or at which the back-off ends, if the medium stays idle."""
         backoff = self._backoff
         if self._exchanging or self._ends is not None or not (backoff.pending or self.queue):
             return
@@ -187,7 +234,7 @@ class Station:
             self._transmit_data()
 
     def _defer(self, sensed_at: Time) -> None:
-        """Stop counting for a medium that is busy, and known to be from *sensed_at* on; who is due before, sends."""
+        """Stop counting while the medium is busy, known from *sensed_at* on; a station that is due before sends."""
         ends = self._ends
         if ends is None or ends.time < sensed_at:
             return
@@ -227,7 +274,7 @@ class Station:
             self._contend()
 
     def _give_up(self) -> None:
-        """No response has come; what is being received may still be one."""
+        """Fail as no response has come, unless a frame is being received, which may be one."""
         self._timeout = None
         if not self._receiver.follows:
             self._fail()
@@ -235,13 +282,13 @@ class Station:
     # ------------------------------------------------------------ receiving
 
     def energy_begins(self, frame: Frame, power_mw: float) -> None:
-        """A frame begins to arrive."""
+        """Note that a frame begins to arrive."""
         now, sending = self._kernel.now, self._sending is not None
         if self._receiver.begins(frame, power_mw, sending, now) and not sending:
             self._defer(now + self._timing.cca)
 
     def energy_ends(self, frame: Frame, whole: bool) -> bool:
-        """A frame has arrived to its end, *whole* unless its sender was cut off; return whether it was received."""
+        """Note that a frame has arrived to its end, *whole* unless cut off; return whether it was received."""
         was_busy = self._receiver.energy
         received = self._receiver.ends(frame, whole, self._kernel.now)
         idle = was_busy and not self._receiver.energy and self._sending is None
@@ -257,7 +304,7 @@ class Station:
         return bool(received)
 
     def jammed(self, power_mw: float, at: Time) -> None:
-        """Receive so much power of jammers from *at* on, which lies in the past only for a station at rest."""
+        """Receive *power_mw* of jammers from *at* on, which is in the past only for a station at rest."""
         if not self._receiver.disturb(power_mw, at) or self._sending is not None:
             return
         if self._receiver.energy:
@@ -291,7 +338,7 @@ class Station:
         self._acts = [self._kernel.after(self._timing.sifs, partial(self._transmit, answer), AIR)]
 
     def _go_on(self) -> None:
-        """The awaited response is there."""
+        """Go on with the exchange: the awaited response has come."""
         if self._timeout is not None:
             self._timeout.cancel()
             self._timeout = None

@@ -1,6 +1,6 @@
-"""How probably the bits of an 802.11 frame arrive right, given the ratio of its power to noise and interference.
+"""Probability that the bits of an 802.11 frame arrive right, given the ratio of its power to noise and interference.
 
-SINR is a plain ratio s, within the bandwidth of the receiver. All that disturbs counts as white noise. The models are
+SINR is a plain ratio s, within the bandwidth of the receiver. All interference counts as white noise. The models are
 those of ns-3 (DsssErrorRateModel, NistErrorRateModel), from Pei and Henderson, "Validation of ns-3 802.11b PHY model",
 2009, and "Validation of OFDM error rate model in ns-3", 2010.
 
@@ -20,10 +20,10 @@ and the bit after it, from the convolutional code of constraint length 7, with a
     1 / (2 k) times the sum of B_j D^j,    D = sqrt(4 p (1 - p))
 
 where B_j counts the wrong bits of all wrong paths at distance j that leave the right one within a period of k bits
-(Frenger et al., "Multi-rate convolutional codes", 1998). This is for a decoder that is given bits, not how sure they
-are; receivers that are given both do with 2 to 3 dB less.
+(Frenger et al., "Multi-rate convolutional codes", 1998). This is for hard decisions; receivers with soft decisions need
+2 to 3 dB less.
 
-No bit is wrong more often than every second time, whatever an approximation says. Bits (with CCK groups of four) fail
+No bit is wrong with a probability above 1/2, whatever an approximation gives. Bits (with CCK groups of four) fail
 independently, so parts of a frame multiply, and logarithms add.
 """
 
@@ -38,7 +38,7 @@ from cosim.channels.adhoc.phy import HOPPING, Phy, sections
 from cosim.units import Time
 
 NOISE_FIGURE_DB: Final = 7.0
-"""Of a usual receiver, as in ns-3."""
+"""Noise figure of a usual receiver, as in ns-3."""
 _NOISE_DBM_PER_HZ: Final = 10.0 * math.log10(1.380649e-23 * 290.0 * 1e3)
 """Thermal noise at 290 K."""
 _COIN: Final = math.log(0.5)
@@ -67,12 +67,12 @@ def _dqpsk(sinr: float) -> float:
 _STEPS: Final = 8
 """Entries of the table for each unit of b."""
 _HIGHEST: Final = 24
-"""Above this b nothing is ever wrong: 1e-64."""
+"""Value of b above which errors are neglected: 1e-64."""
 
 
 @cache  # when it is first asked for: few networks have such rates, and scipy takes a quarter of a second to load
 def _cck_table() -> tuple[float, ...]:
-    """Return the logarithms of how probably a group of four bits is wrong, for b from -1/8 on.
+    """Return the logarithms of the probability that a group of four bits is wrong, for b from -1/8 on.
 
     In the integral y = x + b > 0; its complement to 1 is integrated instead, in which nothing cancels.
     """
@@ -110,11 +110,11 @@ class _Code(NamedTuple):
     """One puncturing of the convolutional code with generators 133 and 171 (octal), IEEE 802.11-2007, 17.3.5.5."""
 
     period: int
-    """k, bits after which the puncturing repeats itself."""
+    """Period k in bits after which the puncturing repeats itself."""
     distance: int
-    """Of the nearest wrong path."""
+    """Distance of the nearest wrong path."""
     step: int
-    """From one distance to the next."""
+    """Step from one distance to the next."""
     wrong: tuple[int, ...]
     """B_j, from the nearest on."""
 
@@ -151,7 +151,7 @@ _PER_BIT: Final[dict[int, Callable[[float], float]]] = {
     48000: partial(_coded, 7 / 24, 42.0, _TWO_THIRDS),
     54000: partial(_coded, 7 / 24, 42.0, _THREE_QUARTERS),
 }
-"""By rate: the logarithm of the probability that a bit is right, at a SINR above 0."""
+"""Logarithm of the probability that a bit is right, at a SINR above 0, by rate."""
 
 
 def log_success(rate_kbps: int, sinr: float, bits: float) -> float:
@@ -172,7 +172,7 @@ def packet_success(rate_kbps: int, sinr: float, bits: float) -> float:
 
 
 def bit_error_rate(rate_kbps: int, sinr: float) -> float:
-    """Return how probably a bit, after decoding, is wrong, if bits failed one by one and lost as many frames."""
+    """Return the bit error rate after decoding of independent errors that would lose as many frames."""
     return -math.expm1(log_success(rate_kbps, sinr, 1.0))
 
 

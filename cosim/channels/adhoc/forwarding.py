@@ -1,4 +1,4 @@
-"""The routers of a network: they are driven here as nodes drive machines, between hosts and stations.
+"""The routers of a network, driven between hosts and stations as nodes drive machines.
 
 A router that is switched on is a new one, without memory.
 """
@@ -7,15 +7,21 @@ from collections.abc import Callable
 from typing import Protocol
 
 from cosim.channels.adhoc.mac import Frame, Packet
+from cosim.channels.adhoc.routing.aodv import Aodv
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery, Router
+from cosim.channels.adhoc.routing.flooding import Flooding, FloodingSettings
+from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
+from cosim.channels.adhoc.settings import RoutingSettings
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE, Handle, Kernel
 from cosim.machine import Address, Outcome, Outgoing
+from cosim.randomness import Draws
 from cosim.units import Time
 
 
 class Ends(Protocol):
-    """What routers are between."""
+    """The two ends that routers stand between: stations and hosts."""
 
     def transmit(self, address: Address, packet: Packet) -> None:
         """Have the station of *address* send *packet* to a neighbour, or to all in reach; or call ``refused``."""
@@ -26,8 +32,19 @@ class Ends(Protocol):
     def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
         """Count a payload of *source* that has never been on the air."""
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
-        """Tell the host of *address* what has become of a payload."""
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
+        """Report the fate of a payload to the host of *address*."""
+
+
+def make_router(settings: RoutingSettings, address: Address, draws: Draws, now: Time) -> Router:
+    """Return the router of the robot *address*, which begins at *now* and knows nothing."""
+    match settings:
+        case FloodingSettings():
+            return Flooding(address, settings, draws, now)
+        case AodvSettings():
+            return Aodv(address, settings, draws, now)
+        case OlsrSettings():
+            return Olsr(address, settings, draws, now)
 
 
 class Forwarding:
@@ -40,7 +57,7 @@ class Forwarding:
         self.routers = [make(address, kernel.now) for address in range(size)]
         self._on = [True] * size
         self._past: dict[str, float] = {}
-        """What routers have counted whose robots have been switched on anew."""
+        """Counts of the earlier routers of robots that have been switched on again."""
         self._timers: list[Handle | None] = [None] * size
         for address in range(size):
             self._drain(address)
@@ -57,18 +74,18 @@ class Forwarding:
         self._drain(address)
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Tell the router at *address* what has become of a packet."""
+        """Report the fate of a packet to the router at *address*."""
         if packet.token is not None:
             self.routers[address].hop_done(packet.token, acknowledged, self._kernel.now)
             self._drain(address)
 
     def refused(self, address: Address, packet: Packet) -> None:
-        """Tell the router at *address*, within ``transmit``, that its station has no room for a packet."""
+        """Report to the router at *address*, within ``transmit``, that its station has no room for a packet."""
         if packet.token is not None:
             self.routers[address].hop_refused(packet.token, self._kernel.now)
 
     def power(self, address: Address, on: bool) -> None:
-        """Have a router forget everything, and begin anew when it is switched on."""
+        """Stop the router at *address*, or put a new one without memory in its place."""
         self._on[address] = on
         if on:
             _add(self._past, self.routers[address].summary())
@@ -76,14 +93,14 @@ class Forwarding:
         self._drain(address)
 
     def summary(self) -> dict[str, float]:
-        """Return what all routers have counted, summed up, those of earlier lives too."""
+        """Return what all routers have counted, summed up, earlier ones included."""
         total = dict(self._past)
         for router in self.routers:
             _add(total, router.summary())
         return total
 
     def _drain(self, address: Address) -> None:
-        """Act on what a router has left, and have it woken when it wants to be."""
+        """Act on what a router has left, and schedule its next wake."""
         if not self._on[address]:
             return
         router = self.routers[address]
@@ -91,8 +108,8 @@ class Forwarding:
             self._ends.transmit(address, Packet(neighbour, packet, token))
         for delivery in router.deliveries():
             self._ends.arrived(address, delivery)
-        for told, outcome in router.fates():
-            self._ends.told(address, told, outcome)
+        for token, outcome in router.fates():
+            self._ends.report_fate(address, token, outcome)
         for destination, length, why in router.unsent():
             self._ends.note_unsent(address, destination, length, why)
         self._arm(address)

@@ -1,11 +1,11 @@
-"""What jammers do to the stations of one 802.11 channel: how much of their power falls into its band, and when.
+"""Jammers at the stations of one 802.11 channel: how much of their power falls into its band, and when.
 
 The band is as wide as the physical layer says, about 2412 + 5 (n - 1) MHz for channel n; its receivers are taken to
 pass all of it evenly, and nothing else. A jammer's power on channel k is spread evenly over the 1 MHz about 2402 + k
 MHz. It arrives at once, and is noise: it makes the medium busy if it is energy enough, and disturbs what is received.
 
-Nothing is scheduled but the instants at which that power changes, and of these none while no station has anything to
-send and no frame is on the air. What has changed meanwhile is made up for when somebody begins to care.
+Only the instants at which that power changes are scheduled, and none of them while no station has anything to send and
+no frame is on the air. Changes during that time are made up for when a station begins to send.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,28 +17,28 @@ from cosim.units import MS, Time
 
 FIRST_MHZ: Final = 2412.0
 SPACING_MHZ: Final = 5.0
-"""Between the middles of neighbouring 802.11 channels in the band of 2.4 GHz."""
+"""Spacing of the centres of neighbouring 802.11 channels in the band of 2.4 GHz."""
 LOWEST_JAMMED_MHZ: Final = 2402.0
 MEMORY: Final = 10 * MS
-"""What was longer ago than any interframe space does not matter to a station that has had nothing to do."""
+"""Time after which a change no longer matters to a station at rest: longer than any interframe space."""
 
 Gains: TypeAlias = Callable[[Sequence[Jammer]], Sequence[Sequence[float]]]
-"""jammers -> mW that each station receives of each, on one channel of 1 MHz: a row a jammer."""
+"""Function from jammers to the power in mW of each (row) at each station, on one channel of 1 MHz."""
 
 
-class Sufferer(Protocol):
-    """A station, as far as it is jammed."""
+class JammedStation(Protocol):
+    """What jammers need of a station."""
 
     def jammed(self, power_mw: float, at: Time) -> None:
-        """Receive so much power of jammers from *at* on."""
+        """Receive *power_mw* of jammers from *at* on."""
 
 
 class Source(NamedTuple):
-    """A jammer, and how much of each of its channels falls into the band."""
+    """A jammer, and the share of each of its channels that falls into the band."""
 
     jammer: Jammer
     shares: tuple[float, ...]
-    """Of its channels, in their order: 0 to 1."""
+    """Shares of its channels, in their order: 0 to 1."""
 
     def weight(self, at: Time) -> float:
         """Return how many of its channels, in all, are on in the band at *at*."""
@@ -53,7 +53,7 @@ class Source(NamedTuple):
         return self.shares[since // jammer.dwell % len(self.shares)]
 
     def next_change(self, after: Time) -> Time | None:
-        """Return the first instant after *after* at which its weight may be another; None if it never is again."""
+        """Return the first instant after *after* at which its weight may change; None if it never changes again."""
         jammer = self.jammer
         if after < jammer.start:
             return jammer.start
@@ -89,40 +89,40 @@ def source(jammer: Jammer, channel: int, bandwidth_hz: float) -> Source | None:
 class Jamming:
     """All jammers of a channel."""
 
-    def __init__(self, kernel: Kernel, gains: Gains, anybody_cares: Callable[[], bool]) -> None:
-        """Ask *gains* how strong jammers are at each station, and *anybody_cares* whether changes matter now."""
-        self.stations: Sequence[Sufferer] = ()
+    def __init__(self, kernel: Kernel, gains: Gains, matters: Callable[[], bool]) -> None:
+        """Take the power of jammers at each station from *gains*; *matters* returns whether changes matter now."""
+        self.stations: Sequence[JammedStation] = ()
         self._kernel = kernel
         self._gains = gains
-        self._anybody_cares = anybody_cares
+        self._matters = matters
         self._sources: list[Source] = []
         self._received_mw: Sequence[Sequence[float]] | None = None
-        """Of each jammer at each station, on one channel of 1 MHz, once needed since something has moved."""
+        """Power of each jammer (row) at each station, on one channel of 1 MHz; None until needed after a move."""
         self._known_to: Time = 0
-        """Up to when the stations know all."""
+        """Instant up to which the stations are up to date."""
         self._next: Handle | None = None
 
     def add(self, source: Source) -> None:
-        """Have another jammer at its times."""
+        """Add another jammer, which is on at its times."""
         self.advance()
         self._sources.append(source)
         self.moved()
         if self._next is not None:
             self._next.cancel()
             self._next = None
-        if self._anybody_cares():
+        if self._matters():
             self._go_on()
 
     def moved(self) -> None:
-        """Note that stations, or what is in the way, are elsewhere from now on; they have been brought up to now."""
+        """Note that stations or barriers have moved; the stations have been brought up to now before."""
         if self._sources:
             now = self._kernel.now
             self._sources = [each for each in self._sources if each.jammer.end > now]
             self._received_mw = None
-            self._tell(now)
+            self._apply(now)
 
-    def care(self) -> None:
-        """Have stations know the present, and every change from now on: one of them is about to do something."""
+    def follow(self) -> None:
+        """Bring stations up to now and follow every change from now on: one of them is about to send."""
         if self._sources and self._next is None:
             self.advance()
             self._go_on()
@@ -130,7 +130,7 @@ class Jamming:
     def _change(self) -> None:
         self._next = None
         self.advance()
-        if self._anybody_cares():
+        if self._matters():
             self._go_on()
 
     def _go_on(self) -> None:
@@ -139,14 +139,14 @@ class Jamming:
             self._next = self._kernel.at(following, self._change, WORLD)
 
     def advance(self) -> None:
-        """Bring stations up to now: of changes that are too long ago to matter, they learn only what they led to."""
+        """Bring stations up to now: of changes too long ago to matter, only the result is applied."""
         if not self._sources:
             return
         now = self._kernel.now
         begin = max(self._known_to, now - MEMORY)
-        self._tell(begin)
+        self._apply(begin)
         for change in self._changes(begin, now):
-            self._tell(change)
+            self._apply(change)
         self._known_to = now
 
     def _changes(self, begin: Time, end: Time) -> Iterator[Time]:
@@ -160,8 +160,8 @@ class Jamming:
         changes = [change for each in self._sources if (change := each.next_change(time)) is not None]
         return min(changes, default=None)
 
-    def _tell(self, at: Time) -> None:
-        """Tell all stations what they receive from *at* on."""
+    def _apply(self, at: Time) -> None:
+        """Apply to all stations the power that they receive from *at* on."""
         weights = [each.weight(at) for each in self._sources]
         if not any(weights):
             powers_mw = [0.0] * len(self.stations)

@@ -1,4 +1,4 @@
-"""What stations of one 802.11 network share: times, rules of access, and the frames that they put on the air."""
+"""What the stations of one 802.11 network share: times, rules of access, and frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ CTS: Final = "CTS"
 
 
 class Form(NamedTuple):
-    """How a frame is sent."""
+    """The length and rate of a frame on the air."""
 
     duration: Time
-    """On the air, ns."""
+    """Time on the air, ns."""
     octets: int = 0
-    """Of the MAC, with the check sequence."""
+    """Octets of the MAC, with the check sequence."""
     rate_kbps: int = 0
     preamble: Time = 0
-    """Of the PLCP's preamble and header, ns."""
+    """Duration of the PLCP's preamble and header, ns."""
 
 
 class Timing(NamedTuple):
@@ -35,18 +35,18 @@ class Timing(NamedTuple):
     difs: Time
     eifs: Time
     cca: Time
-    """From when energy arrives until it is sensed; less than a slot."""
+    """Time from when energy arrives until it is sensed; less than a slot."""
     delay: Time
-    """From a sender to a receiver, the same for all."""
+    """Propagation delay, the same for all."""
     timeout: Time
-    """From the end of a frame on, for so long an answer is waited for (9.2.8); for Bianchi's model less than DIFS."""
+    """Time after the end of a frame for which an answer is waited for (9.2.8); for Bianchi's model less than DIFS."""
     ack: Form
     rts: Form
     cts: Form
     unicast: Callable[[int], Form]
-    """Of a frame with a payload of so many octets to one station."""
+    """Form of a frame to one station, by the octets of its payload."""
     broadcast: Callable[[int], Form]
-    """The same to all, at the lowest basic rate."""
+    """Form of a frame to all, at the lowest basic rate, by the octets of its payload."""
 
 
 class Access(NamedTuple):
@@ -55,13 +55,13 @@ class Access(NamedTuple):
     cw_min: int = 31
     cw_max: int = 1023
     rts_threshold: int | None = None
-    """Longer payloads, in octets, are preceded by RTS and CTS; None: none are."""
+    """Octets above which a payload is preceded by RTS and CTS; None: no payload is."""
     short_retries: int | None = 7
-    """So often an RTS, or a frame without one, is tried; None: until it succeeds."""
+    """Number of tries of an RTS, or of a frame without one; None: until it succeeds."""
     long_retries: int | None = 4
-    """So often a frame after an RTS is tried."""
+    """Number of tries of a frame after an RTS."""
     bianchi_counting: bool = False
-    """A busy period takes a slot from every back-off."""
+    """True if a busy period takes a slot from every back-off."""
 
     def asks(self, packet: "Packet") -> bool:
         """Return whether *packet* is preceded by an RTS."""
@@ -76,13 +76,13 @@ class Access(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Packet:
-    """What a station has been asked to send, until it is done."""
+    """A payload that a station has to send, until it is done."""
 
     destination: Address
     payload: bytes
     token: int | None = None
     number: int = -1
-    """The sequence number, once it has one."""
+    """Sequence number; -1 before it has one."""
     short: int = 0
     """Failures without a response to an RTS, or to a frame without one."""
     long: int = 0
@@ -95,16 +95,16 @@ class Frame(NamedTuple):
     kind: Kind
     source: Address
     destination: Address
-    """BROADCAST for all."""
+    """Receiver; BROADCAST for all."""
     form: Form
     reserves: Time
-    """For so long after its end the exchange goes on (the duration field): others keep silent."""
+    """Time after its end for which the exchange goes on and others keep silent (the duration field)."""
     number: int
-    """The sequence number of the DATA that it is about, counted by who sends the DATA."""
+    """Sequence number of the DATA that it belongs to, counted by the sender of the DATA."""
     packet: Packet | None = None
-    """Of a DATA frame."""
+    """Packet of a DATA frame."""
     begin: Time = -1
-    """When its sender began; -1 before."""
+    """Instant at which its sender began; -1 before."""
 
 
 def request(source: Address, packet: Packet, timing: Timing) -> Frame:

@@ -43,12 +43,12 @@ _SYMBOL: Final[Time] = 4 * US
 
 
 class Plcp(NamedTuple):
-    """What the PHY puts before the octets of a frame: bits to synchronise on, and a header."""
+    """The bits that the PHY puts before the octets of a frame: a preamble to synchronise on, and a header."""
 
     time: Time
-    """ns, of both."""
+    """Duration of both, ns."""
     header_bits: int
-    """Of the header, the last part: they must be right; the ones before only help to find it."""
+    """Bits of the header, all of which must be right; those of the preamble only help to find it."""
     header_kbps: int
     """The rate, hence the modulation, of the header."""
 
@@ -64,31 +64,31 @@ HOPPING: Final = Plcp(128 * US, 32, 1000)
 
 
 class Phy(NamedTuple):
-    """One physical layer; what a network may set differently (basic rates, windows) by ``_replace``."""
+    """One physical layer; a network may replace its basic rates and windows."""
 
     name: str
     slot: Time
-    """ns, a slot of a back-off."""
+    """Slot of a back-off, ns."""
     sifs: Time
-    """ns between a frame and its answer."""
+    """Time between a frame and its answer, ns."""
     cca: Time
-    """ns of energy on the air after which a station senses it."""
+    """Time after which a station senses energy on the air, ns."""
     cw_min: int
-    """The first contention window: a back-off is one of 0 to this many slots."""
+    """First contention window: a back-off is a number of slots from 0 to this."""
     cw_max: int
-    """The greatest contention window."""
+    """Greatest contention window."""
     plcp: Plcp
     rates_kbps: tuple[int, ...]
     """Rates for data, rising."""
     mandatory_kbps: tuple[int, ...]
-    """Those that every station has."""
+    """Rates that every station has."""
     basic_kbps: tuple[int, ...]
     """The network's basic rate set, for answers and broadcasts."""
     bandwidth_hz: float
-    """Of the receiver, for its noise."""
+    """Bandwidth of the receiver, for its noise."""
     ofdm: bool = False
     extension: Time = 0
-    """ns of silence at the end that count as part of the frame."""
+    """Silence at the end that counts as part of the frame, ns."""
 
     @property
     def difs(self) -> Time:
@@ -156,7 +156,7 @@ ERP_LONG_SLOT: Final = ERP._replace(name="erp_long_slot", slot=20 * US, cca=15 *
 """802.11g with the slots of 802.11b: so the standard wants it in an ad hoc network (7.3.1.4, IBSS)."""
 
 PROFILES: Final[dict[str, Phy]] = {phy.name: phy for phy in (FHSS, DSSS, DSSS_SHORT, OFDM_5GHZ, ERP, ERP_LONG_SLOT)}
-"""All of them, by name."""
+"""All physical layers, by name."""
 
 
 def plcp_of(phy: Phy, rate_kbps: int) -> Plcp:
@@ -206,12 +206,12 @@ class Section(NamedTuple):
     """Part of a frame in which all bits have the same modulation."""
 
     begin: Time
-    """ns since the frame began."""
+    """Time since the frame began, ns."""
     end: Time
     rate_kbps: int
-    """Of its bits, hence their modulation."""
+    """Rate of its bits, hence their modulation."""
     bits: int
-    """Those that must be right, spread evenly over the time."""
+    """Number of bits that must be right, spread evenly over the time."""
 
 
 def sections(phy: Phy, rate_kbps: int, octets: int) -> tuple[Section, Section]:

@@ -1,12 +1,12 @@
-"""What arrives at one station, and what of it can be received.
+"""The frames that arrive at one station, and which of them it receives.
 
 ``RangeReceiver``: every frame in reach is equally strong. One that begins while nothing else is there is followed; any
 other that overlaps it spoils it, and so does a jammer.
 
-``SinrReceiver``: frames have powers. One that is strong enough is followed; all others, jammers and the noise disturb
-it, each for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place
-(capture). Whether what was followed is received is drawn at its end, from how likely all its parts are to have no
-errors.
+``SinrReceiver``: frames have powers. One that is strong enough is followed; all others, jammers and noise disturb it,
+each for as long as it lasts. A much stronger one that begins during the preamble of the first takes its place
+(capture). Whether the frame that was followed is received is drawn at its end, from the probability that all its parts
+have no errors.
 """
 
 from collections.abc import Callable
@@ -20,36 +20,36 @@ Levels: TypeAlias = list[tuple[Time, float]]
 
 
 class Receiver(Protocol):
-    """What a station knows of the medium."""
+    """The receiver of a station."""
 
     energy_from: Time
-    """When the medium became busy last."""
+    """Instant at which the medium became busy last."""
     power_mw: float | None
-    """That of the frame which was followed to its end last; None where all in reach are equally strong."""
+    """Power of the frame that was followed to its end last; None where all in reach are equally strong."""
 
     @property
     def energy(self) -> bool:
-        """The medium is busy with what others send."""
+        """True if the medium is busy with what others send."""
 
     @property
     def follows(self) -> bool:
-        """A frame is being received, be it in vain."""
+        """True if a frame is being received, also if in vain."""
 
     def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
-        """Take in that *frame* begins; who is *deaf*, as it sends, follows none. Return whether that ended silence."""
+        """Note that *frame* begins; a station that sends is *deaf* and follows none. Return whether silence ends."""
 
     def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
-        """Take in that *frame* ends; return whether it was received, None if it was not followed."""
+        """Note that *frame* ends; return whether it was received, None if it was not followed."""
 
     def drop(self) -> None:
         """Follow no frame any more."""
 
     def disturb(self, power_mw: float, at: Time) -> bool:
-        """Take in that so much power of jammers is there from *at* on; return whether silence begins or ends then."""
+        """Note the power of jammers from *at* on; return whether silence begins or ends then."""
 
 
 class RangeReceiver:
-    """All or nothing."""
+    """A receiver by range: frames in reach are equally strong."""
 
     def __init__(self) -> None:
         self.energy_from: Time = 0
@@ -61,16 +61,16 @@ class RangeReceiver:
 
     @property
     def energy(self) -> bool:
-        """Something is arriving, be it of a jammer."""
+        """True if anything is arriving, also of a jammer."""
         return self._arriving > 0 or self._jammed_from is not None
 
     @property
     def follows(self) -> bool:
-        """A frame is being received, spoilt or not."""
+        """True if a frame is being received, spoilt or not."""
         return self._followed is not None
 
     def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
-        """Take in that *frame* begins."""
+        """Note that *frame* begins."""
         if self._followed is not None:
             self._spoilt = True
         elif not self._arriving and not deaf:
@@ -82,7 +82,7 @@ class RangeReceiver:
         return not was_busy
 
     def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
-        """Take in that *frame* ends."""
+        """Note that *frame* ends."""
         self._arriving -= 1
         if frame is not self._followed:
             return None
@@ -95,7 +95,7 @@ class RangeReceiver:
         self._followed = None
 
     def disturb(self, power_mw: float, at: Time) -> bool:
-        """Take in that a jammer is there from *at* on, if its power is not 0; none else."""
+        """Note whether a jammer, of any power but 0, is there from *at* on."""
         was_jammed, is_jammed = self._jammed_from is not None, power_mw > 0.0
         if is_jammed == was_jammed:
             return False
@@ -108,34 +108,34 @@ class RangeReceiver:
         return True
 
     def _spoil(self, until: Time) -> None:
-        """Spoil the frame that is followed, up to *until*, if a jammer has been there before."""
+        """Spoil the frame that is followed if a jammer has been there before *until*."""
         if self._jammed_from is not None and self._jammed_from < until:
             self._spoilt = True
 
 
 class Limits(NamedTuple):
-    """Powers at a receiver in mW, and what they bring about."""
+    """Noise and thresholds of a receiver."""
 
     noise_mw: float
     follows_mw: float
-    """A frame that is weaker is not noticed as one."""
+    """Power in mW below which a frame is not noticed as one."""
     busy_mw: float
-    """So much energy makes the medium busy, whatever it is."""
+    """Energy in mW that makes the medium busy, whatever it is."""
     capture: float
-    """So many times stronger is a frame that takes the place of another; inf: none is."""
+    """Ratio of powers at which a frame takes the place of another; inf: never."""
 
 
 class SinrReceiver:
-    """Powers, noise and interference."""
+    """A receiver by powers, noise and interference."""
 
     def __init__(self, limits: Limits, judge: Callable[[Frame, Levels], bool]) -> None:
-        """Ask *judge* whether a frame that was followed to its end is received."""
+        """Have *judge* decide whether a frame that was followed to its end is received."""
         self.energy_from: Time = 0
         self.power_mw: float | None = None
         self._limits = limits
         self._judge = judge
         self._arriving: dict[int, float] = {}
-        """mW of every frame that arrives, by its identity."""
+        """Power in mW of every frame that arrives, by its identity."""
         self._followed: Frame | None = None
         self._since: Time = 0
         self._levels: Levels = []
@@ -143,16 +143,16 @@ class SinrReceiver:
 
     @property
     def energy(self) -> bool:
-        """There is much energy, or a frame that is followed."""
+        """True if there is much energy, or a frame that is followed."""
         return self._followed is not None or self._jammers_mw + sum(self._arriving.values()) >= self._limits.busy_mw
 
     @property
     def follows(self) -> bool:
-        """A frame is being received, be it in vain."""
+        """True if a frame is being received, also if in vain."""
         return self._followed is not None
 
     def begins(self, frame: Frame, power_mw: float, deaf: bool, now: Time) -> bool:
-        """Take in that *frame* begins."""
+        """Note that *frame* begins."""
         was_busy = self.energy
         self._arriving[id(frame)] = power_mw
         if not deaf and power_mw >= self._limits.follows_mw and self._takes_over(power_mw, now):
@@ -164,7 +164,7 @@ class SinrReceiver:
         return True
 
     def ends(self, frame: Frame, whole: bool, now: Time) -> bool | None:
-        """Take in that *frame* ends."""
+        """Note that *frame* ends."""
         power_mw = self._arriving.pop(id(frame))
         if frame is not self._followed:
             self._note(now)
@@ -177,7 +177,7 @@ class SinrReceiver:
         self._followed = None
 
     def disturb(self, power_mw: float, at: Time) -> bool:
-        """Take in that so much power of jammers is there from *at* on."""
+        """Note the power of jammers from *at* on."""
         if power_mw == self._jammers_mw:
             return False
         was_busy = self.energy
@@ -196,7 +196,7 @@ class SinrReceiver:
         return early and power_mw >= self._limits.capture * self._arriving[id(followed)]
 
     def _note(self, now: Time) -> None:
-        """Note how well the frame that is followed is heard from now on."""
+        """Note the SINR of the frame that is followed from now on."""
         if self._followed is not None:
             power_mw = self._arriving[id(self._followed)]
             others_mw = sum(self._arriving.values()) - power_mw

@@ -1,7 +1,7 @@
-"""What a scenario can say about an 802.11 ad hoc network."""
+"""Parameters of an 802.11 ad hoc network in a scenario."""
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -20,13 +20,18 @@ from cosim.channels.adhoc.phy import (
     plcp_of,
 )
 from cosim.channels.adhoc.reception import Limits
-from cosim.channels.adhoc.routing.choice import RoutingSettings
+from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
+from cosim.channels.adhoc.routing.flooding import FloodingSettings
+from cosim.channels.adhoc.routing.olsr import OlsrSettings
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.settings import Count, Decibels, Gain, Metres, Rate, Seconds, error_at
 from cosim.units import US, from_seconds
 
 PhyName = Literal["dsss", "dsss_short", "erp", "erp_long_slot", "ofdm", "fhss"]
+
+
+RoutingSettings: TypeAlias = Annotated[FloodingSettings | AodvSettings | OlsrSettings, Field(discriminator="kind")]
 
 
 class AdhocSettings(ChannelSettings):
@@ -48,7 +53,7 @@ class AdhocSettings(ChannelSettings):
     capture_db: Decibels | None = Field(
         default=5.0,
         ge=0,
-        description="dB, so much stronger a frame takes over from one in its preamble; null: none does",
+        description="dB by which a frame must be stronger to take over from one in its preamble; null: none does",
     )
     phy: PhyName = Field(
         default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"
@@ -155,7 +160,7 @@ class AdhocSettings(ChannelSettings):
         )
 
     def limits(self) -> Limits:
-        """Return what powers bring about, if signals fade."""
+        """Return the thresholds of receivers, if signals fade."""
         capture = math.inf if self.capture_db is None else mw(self.capture_db)
         noise = noise_dbm(self.radio.bandwidth_hz, self.noise_figure_db)
         return Limits(mw(noise), mw(self.detection_dbm), mw(self.energy_dbm), capture)

@@ -1,22 +1,28 @@
 """Adaptive frequency hopping (Core v1.2, Vol 2 Part B, section 2.3 and Part C, section 4.1.4): which channels are used.
 
-The master counts on which channels of its slot pairs it got what it asked for. A channel on which it failed more often
-than not is left out of the hop set; at least 20 channels stay, the best of the bad ones if need be; after a while a
-channel that was left out is tried again. The specification leaves the classification to the implementer.
+The master counts for each channel how many slot pairs on it succeeded and failed. A channel on which most failed is
+left out of the hop set. At least 20 channels stay, the best of the bad ones if need be. After a while a channel that
+was left out is tried again. The specification leaves the classification to the implementer.
+
+A new hop set is used by the master and all its slaves from the next TX slot on. Neglected are the air time of the link
+manager's messages which announce it, and that a slave may miss them.
 """
 
 from collections.abc import Sequence
 from typing import Final
 
 from cosim.channels.bluetooth.hopping import CHANNELS
+from cosim.channels.bluetooth.polling import NEXT, RUNNING, USED, time_of
+from cosim.channels.bluetooth.state import PiconetState
+from cosim.kernel import Handle
 from cosim.units import Time
 
 LEAST_CHANNELS: Final = 20
-"""The hop set is never smaller (N_min of the specification)."""
+"""Size below which the hop set never falls (N_min of the specification)."""
 SAMPLES: Final = 4
 """Slot pairs on a channel before it is judged."""
 WORST_RATE: Final = 0.5
-"""Part of slot pairs that may fail on a channel that is used."""
+"""Share of slot pairs that may fail on a channel that is used."""
 
 
 def in_order(channels: Sequence[int]) -> list[int]:
@@ -25,7 +31,7 @@ def in_order(channels: Sequence[int]) -> list[int]:
 
 
 class ChannelMap:
-    """What is known of the 79 channels of one piconet; *retry* is how long (ns) a bad one is left out."""
+    """Quality of the 79 channels of one piconet; *retry* is the time in ns for which a bad one is left out."""
 
     def __init__(self, retry: Time) -> None:
         self._retry = retry
@@ -39,9 +45,9 @@ class ChannelMap:
         return in_order([channel for channel in range(CHANNELS) if channel not in self._left_out])
 
     def update(self, heard: Sequence[int], failed: Sequence[int], now: Time) -> bool:
-        """Take the numbers of pairs that went well and badly since the last time, by channel, and choose anew.
+        """Take the numbers of pairs that went well and badly since the last time, by channel, and choose again.
 
-        Return whether the hop set is another one.
+        Return whether the hop set has changed.
         """
         before = set(self._left_out)
         for channel in range(CHANNELS):
@@ -58,7 +64,7 @@ class ChannelMap:
     def _count(self, channel: int, heard: int, failed: int) -> None:
         self._heard[channel] += heard
         self._failed[channel] += failed
-        while self._heard[channel] + self._failed[channel] >= 4 * SAMPLES:  # what was long ago counts less
+        while self._heard[channel] + self._failed[channel] >= 4 * SAMPLES:  # old slot pairs count less
             self._heard[channel] //= 2
             self._failed[channel] //= 2
 
@@ -75,3 +81,44 @@ class ChannelMap:
 
     def _rate(self, channel: int) -> float:
         return self._failed[channel] / max(1, self._heard[channel] + self._failed[channel])
+
+
+class Adaptation:
+    """The hop set of one piconet: all channels at first, assessed every *interval* while there are links."""
+
+    def __init__(self, state: PiconetState, interval: Time, retry: Time) -> None:
+        """Assess every *interval*, and try a bad channel again after *retry*."""
+        self._kernel = state.kernel
+        self._air = state.air
+        self._links = state.links
+        self._interval = interval
+        self._map = ChannelMap(retry)
+        self._pending: Handle | None = None
+        self._use()
+
+    def wake(self) -> None:
+        """Note that there may be links now."""
+        if self._pending is None and self._links.held():
+            self._pending = self._kernel.after(self._interval, self._assess)
+
+    def _assess(self) -> None:
+        """Choose a hop set at the beginning of a slot pair, when nothing of this piconet is on the air."""
+        now, piconet = self._kernel.now, self._links.piconet
+        self._air.advance(now)
+        boundary = int(time_of(piconet, piconet[NEXT]))
+        if piconet[RUNNING] and boundary > now:
+            self._pending = self._kernel.at(boundary, self._assess)
+            return
+        self._pending = None
+        if piconet[RUNNING]:
+            tallies = self._air.band.tallies[self._links.master]
+            heard, failed = tallies.tolist()
+            tallies[:] = 0
+            if self._map.update(heard, failed, now):
+                self._use()
+        self.wake()
+
+    def _use(self) -> None:
+        used = self._map.used
+        self._air.band.used[self._links.master, : len(used)] = used
+        self._links.piconet[USED] = len(used)

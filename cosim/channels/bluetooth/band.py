@@ -1,6 +1,6 @@
-"""All connected piconets of a run, advanced together through the slots in which nobody has a payload.
+"""All connected piconets of a run, advanced together through the slots in which no device has a payload.
 
-A POLL is on the air from its slot's start, and only at its end it is known whether the slave has heard it and answers;
+A POLL is on the air from its slot's start, and whether the slave has heard it and answers is known only at its end, as
 what other piconets send meanwhile may destroy it. So piconets that can disturb each other are advanced in the order of
 time: slot starts, ends of POLLs, ends of NULLs. A piconet that is alone on the air has a shortcut (``polling``).
 
@@ -49,11 +49,11 @@ from cosim.channels.bluetooth.polling import (
 from cosim.jit import njit
 
 LOG_FIELDS: Final = 5
-"""Columns of the log of idle frames: master, tick, LT_ADDR, whether it went up to the master, what became of it."""
+"""Columns of the log of idle frames: master, tick, LT_ADDR, whether it went up to the master, its fate."""
 
 
 class Band(NamedTuple):
-    """The medium and all piconets on it, row i being that of which device i is the master."""
+    """The medium and all piconets on it; row i is the piconet whose master is device i."""
 
     medium: Medium
     piconets: Int64s
@@ -69,7 +69,7 @@ class Band(NamedTuple):
 
 
 def new_band(medium: Medium) -> Band:
-    """Return a band on which nobody has a link."""
+    """Return a band without links."""
     size = len(medium.cursor)
     return Band(
         medium,
@@ -114,7 +114,7 @@ def _when(piconet: State, links: State) -> tuple[int, bool]:
 
 @njit(cache=True)
 def _poll(band: Band, p: int) -> int:
-    """Start the next idle pair; return what became of its POLL if that is clear at once, else RECEIVED."""
+    """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED."""
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
     tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     start = time_of(piconet, tick)
@@ -136,7 +136,7 @@ def _poll(band: Band, p: int) -> int:
 
 @njit(cache=True)
 def _outcome(band: Band, p: int, up: bool) -> int:
-    """Return what becomes of the POLL, or, going *up*, of the NULL of the idle pair under way, at its end."""
+    """Return the fate of the POLL, or, going *up*, of the NULL of the idle pair under way, at its end."""
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
     k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK] + (2 if up else 0)
     source, receiver = piconet[MASTER], links[SLAVE, k]
@@ -154,7 +154,7 @@ def _outcome(band: Band, p: int, up: bool) -> int:
 
 @njit(cache=True)
 def _end(band: Band, p: int) -> int:
-    """End the POLL or NULL under way in a piconet and return what became of it."""
+    """End the POLL or NULL under way in a piconet and return its fate."""
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
     k, up = piconet[PAIR_LINK], piconet[STAGE] == 2
     piconet[STAGE] = 0
@@ -185,7 +185,7 @@ def running(band: Band) -> int:
 
 @njit(cache=True)
 def calm(band: Band) -> bool:
-    """Return whether no frame can be destroyed: by noise never, by others as nobody else sends anything."""
+    """Return whether no frame can be destroyed: there is no noise, and no other device sends anything."""
     medium = band.medium
     if medium.noise_dbm[0] > -np.inf:
         return False
@@ -228,7 +228,7 @@ def advance(band: Band, until: int, last_end: int, log: Int64s) -> int:
     """Decide all slots that start before *until*, all idle, and end all frames of them that end by *last_end*.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
-    Return how many there were; more than m if *log* is too short, and then the rest has not been done yet.
+    Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done.
     """
     size = band.piconets.shape[0]
     when, starts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)

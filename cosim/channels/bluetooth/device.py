@@ -1,7 +1,7 @@
-"""Bluetooth as a channel: one device for each robot, on one air, and what hosts ask of them.
+"""Bluetooth as a channel: one device for each robot, all on one air, and the commands of their hosts.
 
-What devices receive of each other changes only when robots move or a radio is switched; all piconets are advanced to
-that instant first, so that what they compute late is what would have happened.
+The powers between devices change only when robots move or a radio is switched. All piconets are advanced to that
+instant first, so that what they compute later than it happens is computed with the powers of its time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,14 +13,13 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.controller import Controller, Identity
-from cosim.channels.bluetooth.frames import FrameLog
+from cosim.channels.bluetooth.controller import Controller
 from cosim.channels.bluetooth.hopping import NARROW
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, InquiryScanner
 from cosim.channels.bluetooth.packets import ACL
 from cosim.channels.bluetooth.paging import PageScanner
 from cosim.channels.bluetooth.piconet import Piconet
-from cosim.channels.bluetooth.radio import Air, Fate, Frame
+from cosim.channels.bluetooth.radio import Air, Fate, Frame, Identity, Radio
 from cosim.channels.bluetooth.reach import POWER_DBM, Disc, Fading
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.channels.bluetooth.transport import Transport
@@ -53,14 +52,14 @@ from cosim.trace import CALLS, FRAMES, Trace
 from cosim.units import TICK, Time, to_seconds
 
 Floor: TypeAlias = tuple[SegmentGrid, Floats]
-"""The walls, and what each of them costs in dB."""
+"""The walls, and the loss of each in dB."""
 NO_WALLS: Final[Floor] = (segment_grid(np.empty((0, 4))), np.empty(0))
 CALL_DEPTH: Final = 4
-"""Depth of the topmost call of this room in the table of calls: four rooms of a protocol lie above it."""
+"""Depth of the topmost call of Bluetooth in the table of calls: four layers of a protocol lie above it."""
 
 
 class BluetoothChannel(Channel):
-    """All devices of a run. What they draw depends on the streams "bluetooth", purpose, address only."""
+    """All devices of a run. Their draws depend only on the streams "bluetooth", purpose, address."""
 
     metrics = (
         Metric("radio_inquiry_s", "s", "time that all devices together have spent in inquiry"),
@@ -82,7 +81,7 @@ class BluetoothChannel(Channel):
         floor: Floor | None = None,
         power_classes: Sequence[int | None] = (),
     ) -> None:
-        """*floor* is needed where signals fade; *power_classes* are those of robots that differ from the settings'."""
+        """*floor* is needed where signals fade; *power_classes* are the robots' own, None for that of the settings."""
         super().__init__(kernel, trace, size)
         self.settings = settings
         self._on = np.ones(size, dtype=np.bool_)
@@ -99,17 +98,19 @@ class BluetoothChannel(Channel):
         self._transport = (
             None
             if settings.host_bps is None
-            else Transport(kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, news=()))
+            else Transport(
+                kernel, size, settings.host_bps, settings.receive_payloads, partial(self._deliver, events=())
+            )
         )
         self._jammers: list[Jammer] = []
-        self._news: list[tuple[Address, LinkEvent]] = []
+        self._events: list[tuple[Address, LinkEvent]] = []
         self.devices: list[Controller] = []
         for address in range(size):
             self.devices.append(self._device(address, streams))
         for device in self.devices:
             self._equip(device, streams)
 
-    # ------------------------------------------------------------ what hosts ask
+    # ------------------------------------------------------------ hosts' payloads and commands
 
     def send(self, source: Address, outgoing: Outgoing) -> None:
         """Queue a payload at the device of *source*; nothing happens if that is off."""
@@ -168,7 +169,7 @@ class BluetoothChannel(Channel):
             self._update_powers()
 
     def power(self, address: Address, on: bool) -> None:
-        """Switch the radio at *address* on or off. Its host is told nothing; others find out by supervision."""
+        """Switch the radio at *address* on or off. Its host gets no event; the others find out by supervision."""
         device = self.devices[address]
         if on == device.powered:
             return
@@ -182,20 +183,20 @@ class BluetoothChannel(Channel):
             device.switch_on()
 
     def jam(self, jammer: Jammer) -> None:
-        """Have *jammer* on the air as well, at its times."""
+        """Put *jammer* on the air as well, at its times."""
         self._jammers.append(jammer)
         self.air.set_jammers(self._jammers, self.kernel.now)
         self._update_powers()
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
+        """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
         if isinstance(self._reach, Disc):
             raise UserError("radios without propagation notice no walls")
         self._reach.obstruct(barriers)
         self._update_powers()
 
     def advance(self, now: Time) -> None:
-        """Record idle frames up to *now* if they are wanted; nothing else needs it, for powers change in ``moved``."""
+        """Record idle frames up to *now* if they are wanted; powers do not change here but in ``moved``."""
         if self._idle_wanted:
             self.air.advance(now)
 
@@ -232,23 +233,23 @@ class BluetoothChannel(Channel):
     def _call(self, address: Address, depth: int, name: str, detail: str) -> None:
         self.trace.row(CALLS, self.kernel.now, address, CALL_DEPTH + depth, "bluetooth", name, detail)
 
-    # ------------------------------------------------------------ news
+    # ------------------------------------------------------------ events for hosts
 
-    def _tell(self, address: Address, event: LinkEvent) -> None:
+    def _report(self, address: Address, event: LinkEvent) -> None:
         """Report *event* in a new event at this instant, with all others of this instant."""
-        if not self._news:
+        if not self._events:
             self.kernel.at(self.kernel.now, self._pass_on, WAKE)
-        self._news.append((address, event))
+        self._events.append((address, event))
 
     def _pass_on(self) -> None:
-        news, self._news = self._news, []
-        self._deliver((), news)
+        events, self._events = self._events, []
+        self._deliver((), events)
 
-    def _deliver(self, arrivals: Iterable[Arrival], news: Iterable[tuple[Address, LinkEvent]]) -> None:
+    def _deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]]) -> None:
         if not self._on.all():
             arrivals = [arrival for arrival in arrivals if self._on[arrival[0]]]
-            news = [item for item in news if self._on[item[0]]]
-        self.deliver(arrivals, news)
+            events = [item for item in events if self._on[item[0]]]
+        self.deliver(arrivals, events)
 
     def _lost(self, master: Address, side: Address, peer: Address) -> None:
         self.devices[side].lost(master)
@@ -262,55 +263,22 @@ class BluetoothChannel(Channel):
         clock = NativeClock(phase, int(stream.integers(-spread, spread + 1)))
         narrow = NARROW if self.settings.channels == 23 else 0
         identity = Identity(address, int(stream.integers(1 << 32)) | narrow, clock)
-        return Controller(
-            self.kernel,
-            self.air,
-            identity,
-            self.settings.inquiry,
-            self.settings.page,
-            self.settings.t_poll_slots,
-            self.devices,
-            self._tell,
-            self._call,
-        )
+        radio = Radio(self.kernel, self.air, identity)
+        return Controller(radio, self.settings, self.devices, self._report, self._call)
 
     def _equip(self, device: Controller, streams: Streams) -> None:
         """Make the piconet and the scanners; page scan windows lie half an interval behind inquiry scan windows."""
-        settings, identity = self.settings, device.identity
+        settings, radio = self.settings, device.radio
         inquiry_interval = settings.inquiry_scan.interval_ticks
         page_interval = settings.page_scan.interval_ticks
         offset = int(streams("bluetooth", "windows", device.address).integers(inquiry_interval))
         draws = streams.draws("bluetooth", "backoff", device.address)
-        inquiry_scanner = InquiryScanner(
-            self.kernel, self.air, device.address, identity.clock, settings.inquiry_scan, offset, draws
-        )
-        page_scanner = PageScanner(
-            self.kernel,
-            self.air,
-            device.address,
-            identity.hop_address,
-            identity.clock,
-            settings.page_scan,
-            (offset + inquiry_interval // 2) % page_interval,
-            device.became_slave,
-        )
-        device.equip(self._piconet(identity), inquiry_scanner, page_scanner)
-
-    def _piconet(self, identity: Identity) -> Piconet:
-        wanted = self.trace.wants(FRAMES)
-        frames = FrameLog(self.air, identity.address, identity.clock, wanted, self._idle_wanted)
-        return Piconet(
-            self.kernel,
-            self.air,
-            identity.address,
-            identity.hop_address,
-            identity.clock,
-            self.settings.piconet,
-            frames,
-            self._deliver,
-            partial(self._lost, identity.address),
-            self._transport,
-        )
+        page_offset = (offset + inquiry_interval // 2) % page_interval
+        inquiry_scanner = InquiryScanner(radio, settings.inquiry_scan, offset, draws)
+        page_scanner = PageScanner(radio, settings.page_scan, page_offset, device.became_slave)
+        on_lost = partial(self._lost, device.address)
+        piconet = Piconet(radio, settings.piconet, self._deliver, on_lost, self._transport)
+        device.equip(piconet, inquiry_scanner, page_scanner)
 
 
 def _reach(

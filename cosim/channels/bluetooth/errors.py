@@ -1,4 +1,4 @@
-"""Bit errors of Basic Rate, and what they do to a packet: which of its parts arrives broken, and how often.
+"""Bit errors of Basic Rate, and how often they break which part of a packet.
 
 GFSK with modulation index h, detected without carrier phase, makes an error with probability (Robert, Valenti; Proakis
 for two correlated signals), with g = Es/N0 and rho = abs(sin(2 pi h) / (2 pi h)),
@@ -34,9 +34,9 @@ from cosim.jit import njit
 from cosim.units import MS, SLOT
 
 MODULATION_INDEX: Final = 0.32
-"""Nominal; the specification allows 0.28 to 0.35."""
+"""Nominal modulation index; the specification allows 0.28 to 0.35."""
 NEGLIGIBLE: Final = 2.0**-40
-"""A kernel returns 0 for what is less probable."""
+"""Probability below which a kernel returns 0."""
 SENSITIVITY_BER: Final = 1e-3
 """The bit error rate at which the specification measures sensitivity."""
 
@@ -52,7 +52,7 @@ PAYLOAD: Final = 3
 
 def bit_error_rate(es_n0_db: npt.ArrayLike, modulation_index: float = MODULATION_INDEX) -> Floats:
     """Return the probability that a bit is wrong at *es_n0_db*, of any shape, dB; the formula of this module."""
-    from scipy import special  # a quarter of a second, which runs do without: they have the table
+    from scipy import special  # loading it takes a quarter of a second; runs use the table instead
 
     g = 10.0 ** (np.asarray(es_n0_db, dtype=np.float64) / 10.0)
     rho = abs(math.sin(2 * math.pi * modulation_index) / (2 * math.pi * modulation_index))
@@ -124,7 +124,7 @@ def _any_of(count: int, each: Floats) -> Floats:
 _STEPS_PER_DB: Final = 8
 _LOWEST_DB: Final = -40.0
 _HIGHEST_DB: Final = 22.0
-"""Above, not even the longest payload is broken with a probability that is not negligible."""
+"""Es/N0 in dB above which even the longest payload is broken with negligible probability only."""
 _LOG_BER: Final[Floats] = np.fromstring(
     """
 -0.6931905644335539 -0.6931918312621469 -0.6931931350826017 -0.6931944769750886 -0.6931958580513182 -0.6931972794554633
@@ -216,7 +216,7 @@ _LOG_BER: Final[Floats] = np.fromstring(
 )
 """Logarithm of :func:`bit_error_rate`, in steps of 1/8 dB, from a step below the lowest to one above the highest place.
 
-Written out, for what a run computes is not to hang on the last bits of a library, nor to wait for it to load.
+Written out, so that a run does not depend on the last bits of a library, nor waits for it to load.
 """
 
 
@@ -267,7 +267,7 @@ def _at_least_one(count: int, each: float) -> float:
 
 @njit(cache=True)
 def section_probabilities(es_n0_db: float, payload_bits: int, coded: bool) -> tuple[float, float, float]:
-    """Return how probably access code, header and payload of a packet at *es_n0_db* are broken; a kernel for kernels.
+    """Return the probabilities that access code, header and payload of a packet at *es_n0_db* are broken, for kernels.
 
     *payload_bits* are those of payload header, user data and CRC (FHS: 160; POLL and NULL: 0) before they are *coded*
     by the (15, 10) code, or not. 1e-4 of a probability is wrong at most, and 0 stands for less than 2**-40.

@@ -8,11 +8,11 @@ and the connection state mixes the clock into A, C, D and F. Y2 = 32 * Y1.
 
 Outside of a connection the parts are constants of the address and F = 0, so all channels of an address are one table
 of 64 entries, indexed by 32 * Y1 + X. At Y1 = 0 the table is injective, so devices meet exactly when their X are
-equal, and the entries of Y1 = 1 are other channels than those of Y1 = 0. X alone is ``scan_phase``, ``train_phase``.
+equal, and the entries of Y1 = 1 are other channels than those of Y1 = 0. ``scan_phase`` and ``train_phase`` give X.
 
 The 23-channel system of v1.0B and v1.1, for countries with a narrower band, is asked for by the bit ``NARROW`` of an
-address. No sample data of it is public, so what is here claims statistical properties only: a hop segment of 16
-distinct channels, the same in both trains, the scan phase CLKN15-12, and channels that a connection uses alike often.
+address. No sample data of it is public, so only its statistical properties are claimed: a hop segment of 16 distinct
+channels, the same in both trains, the scan phase CLKN15-12, and channels that a connection uses equally often.
 
 An address is the 32-bit word UAP/LAP of the specification's sample data, of which the kernel reads 28 bits. Clocks
 are in ticks of 312.5 us and may be unwrapped: 28 bits are read. Every public function takes an int, or a NumPy array
@@ -34,7 +34,7 @@ Clock = TypeVar("Clock", int, NDArray[Any])
 GIAC: Final = 0x9E8B33
 """The word of the general inquiry access code: its LAP, with the default check initialisation 0 as UAP."""
 NARROW: Final = 1 << 32
-"""Added to an address, beyond its 32 bits: it hops over 23 channels."""
+"""Bit added to an address, beyond its 32 bits, of a device that hops over 23 channels."""
 CHANNELS: Final = 79
 NARROW_CHANNELS: Final = 23
 KOFFSET: Final[dict[str, int]] = {"A": 24, "B": 8}
@@ -73,7 +73,7 @@ def _select(address: int, x: int, y1: int, mix: int) -> int:
 
 @njit(cache=True)
 def _perm4(z: int, control: int) -> int:
-    """Return what is left of PERM5 for four bits: the exchanges with the fifth are left out."""
+    """Return PERM5 for four bits, without the exchanges with the fifth."""
     for i in range(13, -1, -1):
         first, second = _EXCHANGED[i, 0], _EXCHANGED[i, 1]
         if second < 4:

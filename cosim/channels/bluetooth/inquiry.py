@@ -21,7 +21,6 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.errors import HEADER
 from cosim.channels.bluetooth.hopping import (
     GIAC,
@@ -32,7 +31,7 @@ from cosim.channels.bluetooth.hopping import (
     scan_channels,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Air, Fate, Frame
+from cosim.channels.bluetooth.radio import FAR, FOREVER, GOOD, TAKEN, UNTUNED, Fate, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -45,7 +44,7 @@ from cosim.channels.bluetooth.scanning import (
     next_meeting_between,
 )
 from cosim.errors import LocalProtocolError
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.randomness import Draws
 from cosim.settings import Count, Settings, error_at
@@ -53,18 +52,18 @@ from cosim.units import SLOT, Time
 
 CLOCK_RANGE: Final = 1 << 28
 RESPONSE_TIMEOUT: Final[Time] = 128 * SLOT
-"""inqrespTO: how long a v1.1 scanner waits for the second ID."""
+"""inqrespTO: time for which a v1.1 scanner waits for the second ID."""
 BACKOFF_SLOTS: Final = 1024
 SHORT_BACKOFF_SLOTS: Final = 128
-"""Bound of the v1.2 back-off at short scan intervals..."""
+"""Bound of the v1.2 back-off at short scan intervals."""
 SHORT_BACKOFF_BELOW: Final = 4096
-"""...below this many ticks, 1.28 s."""
+"""Ticks (1.28 s) below which a scan interval is short."""
 BACKOFF_PURPOSE: Final = 1
-"""Names the back-off among a device's counter-based draws."""
+"""Purpose of the draws of back-offs."""
 
 
 class InquirySettings(Settings):
-    """How a device inquires."""
+    """Parameters of an inquiry."""
 
     n_inquiry: Count = Field(default=256, ge=1)
     """Repetitions of a train before the other takes over; the specification asks for 256 at least (2.56 s)."""
@@ -72,13 +71,13 @@ class InquirySettings(Settings):
 
 
 class InquiryScanSettings(ScanSettings):
-    """How a device lets itself be found."""
+    """Parameters of an inquiry scan, by which a device can be found."""
 
     # YAML reads an unquoted 1.2 as a number
     version: Annotated[
         Literal["1.1", "1.2"], BeforeValidator(lambda value: str(value) if isinstance(value, float) else value)
     ] = "1.2"
-    """The specification's version, which decides where the back-off stands."""
+    """Version of the specification, which decides when a scanner backs off."""
 
     @model_validator(mode="after")
     def _known_in_version(self) -> Self:
@@ -92,26 +91,23 @@ class InquiryScanner:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        clock: NativeClock,
+        radio: Radio,
         settings: InquiryScanSettings,
         offset_ticks: int,
         draws: Draws,
     ) -> None:
-        self.address = address
-        self.clock = clock
+        self.address = radio.identity.address
+        self.clock = radio.identity.clock
         self.enabled = False
         self.n = 0
         """FHS packets sent so far."""
-        self._kernel = kernel
-        self._air = air
+        self._kernel = radio.kernel
+        self._air = radio.air
         self._backs_off_first = settings.version == "1.1"
         self._bound = BACKOFF_SLOTS
         if settings.version == "1.2" and settings.interval_ticks < SHORT_BACKOFF_BELOW:
             self._bound = SHORT_BACKOFF_SLOTS
-        self._windows = ScanWindows(clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._draws = draws
         self._since: Time = 0  # deaf before; then RESPONSE until the limit, if there is one, and SCAN
         self._limit: Time | None = None
@@ -175,7 +171,7 @@ class InquiryScanner:
         return response or next_meeting(ids, self._windows, tick, self._limit, self.n)
 
     def _look(self, inquiry: "Inquiry", meeting: Meeting) -> None:
-        """At the start of an ID that might be heard: see whether it is sent, and within reach."""
+        """Check at the start of an ID that might be heard whether it is sent, and within reach."""
         carrier = self._air.carrier(inquiry.address, self.address)
         if inquiry.sends(self._kernel.now) and self._air.reaches(carrier):
             channel = inquiry_channel(meeting.tick, inquiry.ids.train(meeting.tick), inquiry.word)
@@ -185,7 +181,7 @@ class InquiryScanner:
             self._expect(inquiry, meeting.tick + 1)
 
     def _hear(self, inquiry: "Inquiry", meeting: Meeting, frame: Frame, carrier_dbm: float) -> None:
-        """At the end of an ID: hear it if nothing has destroyed it."""
+        """Hear an ID at its end, if nothing has destroyed it."""
         start, end = frame.start, self._kernel.now
         if self._air.judge(frame, self.address, carrier_dbm) is not GOOD:
             self._expect(inquiry, meeting.tick + 1)
@@ -204,7 +200,7 @@ class InquiryScanner:
         return self.clock.local(begin) + slots * SLOT
 
     def _answer(self, inquiry: "Inquiry", meeting: Meeting, heard: Time) -> None:
-        """Put the FHS on the air and go on scanning as the version has it."""
+        """Put the FHS on the air and go on scanning as the version requires."""
         start = self._kernel.now
         clkn = self.clock.tick(start)
         channel = inquiry_response_channel(clkn, self.n + 16 * meeting.second, inquiry.word)
@@ -228,7 +224,7 @@ class _Reply:
         self.clkn = clkn
         self.carrier_dbm = carrier_dbm
         self.lost: Fate | None = None
-        """Why the inquirer did not lock on it, if it did not."""
+        """Reason why the inquirer did not lock on it; None if it did."""
 
 
 class Inquiry:
@@ -241,29 +237,26 @@ class Inquiry:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        clock: NativeClock,
+        radio: Radio,
         settings: InquirySettings,
         duration_ticks: int,
         enough: int,
         scanners: Sequence[InquiryScanner],
         on_found: Callable[[Address, int], None],
         on_complete: Callable[[tuple[Address, ...]], None],
-        word: int = GIAC,
     ) -> None:
         if duration_ticks <= 0 or duration_ticks % 4:
             raise LocalProtocolError(f"duration_ticks: {duration_ticks} is not a positive multiple of 4")
+        kernel, clock, narrow = radio.kernel, radio.identity.clock, radio.identity.hop_address & NARROW
         first = first_transmission(clock, kernel.now)
-        self.address = address
-        self.word = word
-        """GIAC, or GIAC | NARROW."""
-        end, narrow = first + duration_ticks, bool(word & NARROW)
-        self.ids = IdTrain(clock, first, end, settings.n_inquiry, settings.first_train, 0, narrow)
+        end = first + duration_ticks
+        self.address = radio.identity.address
+        self.word = GIAC | narrow
+        """Access code that it sends, GIAC, marked with NARROW in a system of 23 channels."""
+        self.ids = IdTrain(clock, first, end, settings.n_inquiry, settings.first_train, 0, bool(narrow))
         self.found: list[Address] = []
         self._kernel = kernel
-        self._air = air
+        self._air = radio.air
         self._enough = enough
         self._scanners = scanners
         self._on_found = on_found
@@ -327,7 +320,7 @@ class Inquiry:
         return None if fate is GOOD else fate
 
     def _judge(self, reply: _Reply) -> None:
-        """At the end of an FHS: record what became of it, and report a device that is new."""
+        """Record the fate of an FHS at its end, and report a device that is new."""
         self._settle()
         frame = reply.frame
         if self._over_since < reply.end and self._air.reaches(reply.carrier_dbm):

@@ -1,14 +1,27 @@
-"""The links of one piconet, each with two sides that may be up or not, and who is present in it when."""
+"""The members of one piconet: its links, each with two sides that may be up or not, and its parked slaves.
 
+A parked slave is a member without one of the seven addresses (Core v1.2, Vol 2 Part B, section 8.7). It keeps its clock
+with the master's and listens in beacon windows only: a number of slots from every multiple of the interval, counted on
+the master's clock. The master begins each window with a broadcast packet, the first of its queue or an empty one (NULL,
+LT_ADDR 0), and sends broadcasts in windows only while a slave is parked, so that all slaves hear them. A slave comes
+back at the first beacon that it hears after it was asked to.
+
+Neglected are the air time of link manager messages and that of the access window, in which parked slaves answer: a
+beacon that a slave hears also shows the master that the slave is still there, if it is in reach of the master.
+"""
+
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.polling import (
+    BEACON,
     CLOCK_PHASE,
     CLOCK_PPM,
     COUNT,
     DUE,
+    EVERYONE,
     FIRST,
     FULL_UNTIL,
     HEARD_DOWN,
@@ -18,20 +31,24 @@ from cosim.channels.bluetooth.polling import (
     HERE,
     JOINED,
     MOST_SLAVES,
+    NEVER,
+    NEXT,
     PERIOD,
     SHARED,
     SLAVE,
+    SNIFF_COUNT,
+    SNIFF_FIRST,
     SNIFF_PERIOD,
     State,
 )
 from cosim.channels.bluetooth.transport import Transport
 from cosim.errors import LocalProtocolError
 from cosim.machine import Address
-from cosim.units import Time
+from cosim.units import SLOT, Time
 
 
 class Presence(NamedTuple):
-    """When a device is in a piconet: never unless *here*; for *length* from *first* in every *period*, if set.
+    """The presence of a device in a piconet: never unless *here*; for *length* from *first* in every *period*, if set.
 
     Ticks, counted on *clock*.
     """
@@ -47,7 +64,7 @@ ALWAYS = Presence()
 
 
 class Links:
-    """Who belongs to the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``).
+    """The links of the piconet of *master*; *piconet* and *table* are its arrays (see ``polling``).
 
     *transport* brings payloads to hosts, and may have no room for more; without it they take everything at once.
     """
@@ -67,7 +84,7 @@ class Links:
         return [k for k in sorted(self.slaves) if self.table[HELD, k]]
 
     def audience(self) -> bool:
-        """Return whether the master takes anybody to hear what it broadcasts."""
+        """Return whether the master takes any device to hear its broadcasts."""
         return bool(self.table[HELD].any())
 
     def up(self, k: int, side: int) -> bool:
@@ -120,7 +137,7 @@ class Links:
         return next((k for k in range(1, MOST_SLAVES + 1) if k not in self.slaves), None)
 
     def note_shares(self) -> None:
-        """Tell the arithmetic of slots whether anybody is absent at times, or may be stopped."""
+        """Note in the arrays whether any device is absent at times, or may be stopped."""
         columns = [0, *self.slaves]
         absences = self.table[[PERIOD, SNIFF_PERIOD, HELD_UNTIL]][:, columns]
         absent = bool(absences.any() or not self.table[HERE, columns].all())
@@ -130,3 +147,100 @@ class Links:
         """Return the earliest of all "last heard" instants of sides that are up, or None without any."""
         heard = polling.last_heard(self.table)
         return None if heard == polling.NOTHING else heard
+
+
+@dataclass(slots=True)
+class Member:
+    """A parked slave."""
+
+    slave: Address
+    heard_down: Time
+    """Instant at which it last heard the master."""
+    heard_up: Time
+    """Instant at which the master last heard it."""
+    presence: Presence = ALWAYS
+    held: bool = True
+    """True if the master takes it for a member."""
+    joined: bool = True
+    """True if it takes itself for a member."""
+    waking: bool = False
+    """True if it has been asked to come back."""
+
+
+class Parking:
+    """The parked slaves of a piconet, by numbers above those of its links."""
+
+    def __init__(self, links: Links, interval_slots: int, window_slots: int) -> None:
+        self.members: dict[int, Member] = {}
+        self.interval: Time = interval_slots * SLOT
+        self._links = links
+        self._period = 2 * interval_slots
+        self._window = 2 * window_slots
+
+    def number(self, slave: Address) -> int | None:
+        """Return the number of the parked *slave*, or None."""
+        return next((number for number, member in self.members.items() if member.slave == slave), None)
+
+    def add(self, member: Member) -> None:
+        """Park a slave whose link is down by now."""
+        number = MOST_SLAVES + 1
+        while number in self.members:
+            number += 1
+        self.members[number] = member
+        self._note()
+
+    def remove(self, number: int) -> Member:
+        """Forget a parked slave, or take it back."""
+        member = self.members.pop(number)
+        self._note()
+        return member
+
+    def _note(self) -> None:
+        """Note in the arrays whether there are beacons, for which broadcasts have to wait."""
+        piconet, table = self._links.piconet, self._links.table
+        held = any(member.held for member in self.members.values())
+        table[HELD, EVERYONE] = held
+        table[SNIFF_PERIOD, EVERYONE] = self._period if held else 0
+        table[SNIFF_FIRST, EVERYONE], table[SNIFF_COUNT, EVERYONE] = 0, self._window
+        if not held:
+            piconet[BEACON] = NEVER
+        elif piconet[BEACON] == NEVER:
+            piconet[BEACON] = self._after(int(piconet[NEXT]) - 1)
+        self._links.note_shares()
+
+    def up(self, number: int, side: int) -> bool:
+        """Return whether one side, HELD or JOINED, takes a parked slave for a member."""
+        member = self.members[number]
+        return member.held if side == HELD else member.joined
+
+    def take_down(self, number: int, side: int) -> None:
+        """End the membership of a parked slave on one side."""
+        member = self.members[number]
+        if side == HELD:
+            member.held = False
+        else:
+            member.joined = False
+        if not member.held and not member.joined:
+            del self.members[number]
+        self._note()
+
+    def silent(self, limit: Time) -> list[tuple[int, int]]:
+        """Return (number, side) of the sides that have heard nothing since *limit*."""
+        master = [(number, HELD) for number, member in self.members.items() if member.held and member.heard_up <= limit]
+        slaves = [(number, JOINED) for number, m in self.members.items() if m.joined and m.heard_down <= limit]
+        return sorted(master + slaves)
+
+    def sent(self, tick: int) -> None:
+        """Note that a broadcast, or an empty beacon, has been sent at *tick*."""
+        if self._links.piconet[BEACON] <= tick:
+            self._links.piconet[BEACON] = self._after(tick)
+
+    def _after(self, tick: int) -> int:
+        """Return the first tick of the first window that begins after *tick*."""
+        return (tick // self._period + 1) * self._period
+
+    def last_heard(self) -> Time | None:
+        """Return the earliest of all "last heard" instants of sides that are up, or None without any."""
+        heard = [member.heard_up for member in self.members.values() if member.held]
+        heard += [member.heard_down for member in self.members.values() if member.joined]
+        return min(heard, default=None)

@@ -1,6 +1,6 @@
 """What is on the air, as arrays: which frames overlap in time, how strong each is where, and what survives of a frame.
 
-Nothing here is drawn for interference: two concrete frames overlap in time or they do not. A section of a frame (access
+Interference is not drawn: two concrete frames overlap in time or they do not. A section of a frame (access
 code, header, payload) is destroyed when the carrier is less than 11 dB above the sum of what overlaps it, frames on
 neighbouring channels being weakened by the receiver's filter (carrier-to-interference ratios 11, 0, -30, -40 dB at 0,
 1, 2 and 3 or more MHz: Core v1.2, Vol 2 Part A, section 4.2). Noise is drawn once a frame and receiver, by counters.
@@ -25,9 +25,9 @@ from cosim.randomness import philox_words
 from cosim.units import TICK
 
 RING: Final = 8
-"""Frames remembered for each device: it sends no more in the 5 ms in which any of them can matter."""
+"""Number of frames kept for each device, which sends no more in the 5 ms in which they can matter."""
 TRAINS: Final = 16
-"""Room for trains of IDs that are on the air, or just have been, in the beginning."""
+"""Initial number of rows for trains of IDs that are on the air, or just have been."""
 
 # modes of interference
 NONE: Final = 0
@@ -42,11 +42,11 @@ OUT_OF_RANGE: Final = 8
 NOT_TUNED: Final = 9
 
 DETECTABLE_DB: Final = 0.0
-"""Es/N0 below which no receiver notices a frame: its access code correlates less than once in ten thousand times."""
+"""Es/N0 below which no receiver notices a frame, as its access code correlates less than once in 10,000 times."""
 CARRIER_TO_INTERFERENCE: Final = 10.0**-1.1
 WEIGHTS: Final = (1.0, 10.0**-1.1, 10.0**-4.1, 10.0**-5.1)
 ERRORS_PURPOSE: Final = 2
-"""Names bit errors among the counter-based draws."""
+"""Purpose of the draws of bit errors."""
 
 # trains[...]
 T_DEVICE: Final = 0
@@ -77,12 +77,12 @@ class Medium(NamedTuple):
     """The state of the air between *n* devices, for compiled functions."""
 
     power_dbm: Floats
-    """(n, n): what the second receives of the first; -inf where nothing."""
+    """(n, n): power with which the second receives the first; -inf for nothing."""
     power_mw: Floats
     frames: Int64s
     """(n, RING, 3): start, end (ns) and channel of the frames that each device sent last."""
     cursor: Int64s
-    """(n,): where each device's next frame goes."""
+    """(n,): index of each device's next frame."""
     trains: Int64s
     """(TRAINS, TRAIN_FIELDS)."""
     train_channels: Int64s
@@ -100,7 +100,7 @@ class Medium(NamedTuple):
 
 
 def new_medium(size: int, mode: int, noise_dbm: float, key: tuple[int, int]) -> Medium:
-    """Return the air between *size* devices, of which everybody receives everybody with 0 dBm."""
+    """Return the air between *size* devices, which all receive each other with 0 dBm."""
     power_dbm = np.zeros((size, size))
     np.fill_diagonal(power_dbm, -np.inf)
     return Medium(
@@ -192,7 +192,7 @@ def _jam(medium: Medium, row: int, mode: int, channel: int, start: int, end: int
 
 @njit(cache=True)
 def interference_mw(medium: Medium, source: int, receiver: int, channel: int, start: int, end: int) -> float:
-    """Return the sum of all that *receiver* gets on or beside *channel* during [start, end) besides *source*."""
+    """Return the sum of all powers at *receiver* on or beside *channel* during [start, end), without *source*."""
     mode = medium.numbers[0]
     total = 0.0
     if mode == NONE or start >= end:
@@ -243,7 +243,7 @@ def judge(
     coded: bool,
     first: int = ACCESS_CODE,
 ) -> int:
-    """Return what becomes at *receiver* of the frame [start, end) of *source*, in its sections from *first* on.
+    """Return the fate at *receiver* of the frame [start, end) of *source*, in its sections from *first* on.
 
     *carrier_dbm* is its power there, *bits* the length of its payload with header and CRC before coding. A frame no
     longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
@@ -270,7 +270,7 @@ def judge(
 
 @njit(cache=True)
 def set_powers(medium: Medium, power_dbm: Floats) -> None:
-    """Let everybody receive everybody with *power_dbm*, shape (n, n), from now on."""
+    """Let all devices receive each other with *power_dbm*, shape (n, n), from now on."""
     for one in range(power_dbm.shape[0]):
         for other in range(power_dbm.shape[0]):
             power = power_dbm[one, other]

@@ -1,20 +1,18 @@
-"""Hold, sniff and park: links that are not there all the time (Core v1.2, Vol 2 Part B, sections 8.5 to 8.7).
+"""Hold, sniff and park: links that are not active all the time (Core v1.2, Vol 2 Part B, sections 8.5 to 8.7).
 
-Either side may ask; a link changes its mode at once, on both sides, if each is in reach of the other and the wish is
-sound, and both hosts learn its new mode. Otherwise the one that asked learns the mode that it is still in.
-The air time of the link manager's messages is neglected, as it is for a disconnection; a slot pair under way is
-finished.
+Either side may ask for a mode. If each is in reach of the other and the request is valid, the link changes its mode at
+once on both sides, and both hosts get an event with the new mode. Otherwise the host that asked gets the mode that the
+link is still in. The air time of the link manager's messages is neglected, as it is for a disconnection; a slot pair
+under way is finished.
 
-A link may be silent only for so long that it survives: the supervision time-out less twice T_poll, for the waits before
-and after.
+A link may not be silent for so long that it is lost: at most for the supervision time-out less twice T_poll, for the
+waits before and after.
 """
 
 from collections.abc import Callable
 from functools import partial
 
-from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.links import Links
-from cosim.channels.bluetooth.parking import Member, Parking
+from cosim.channels.bluetooth.links import Member
 from cosim.channels.bluetooth.polling import (
     HELD,
     HELD_UNTIL,
@@ -25,53 +23,38 @@ from cosim.channels.bluetooth.polling import (
     SNIFF_FIRST,
     SNIFF_PERIOD,
 )
-from cosim.channels.bluetooth.queues import News, Queues
-from cosim.channels.bluetooth.radio import Air
-from cosim.kernel import Kernel
+from cosim.channels.bluetooth.state import PiconetState
 from cosim.machine import Address, Hold, Mode, ModeChanged, ModeCommand, Park, Sniff, Unpark
-from cosim.units import SLOT, Time
+from cosim.units import SLOT
 
 
 class Modes:
-    """The modes of the links of one piconet, none of which may be silent for more than *longest*.
+    """The modes of the links of one piconet; *changed* is called after a change."""
 
-    *tell* takes news in a new event; *changed* is called after a change.
-    """
-
-    def __init__(
-        self,
-        kernel: Kernel,
-        air: Air,
-        clock: NativeClock,
-        links: Links,
-        queues: Queues,
-        parking: Parking,
-        longest: Time,
-        tell: Callable[[News], None],
-        changed: Callable[[], None],
-    ) -> None:
-        self._kernel = kernel
-        self._air = air
-        self._clock = clock
-        self._links = links
-        self._queues = queues
-        self._parking = parking
-        self._longest = longest
-        self._tell = tell
+    def __init__(self, state: PiconetState, changed: Callable[[], None]) -> None:
+        self._kernel = state.kernel
+        self._air = state.air
+        self._clock = state.clock
+        self._links = state.links
+        self._queues = state.queues
+        self._parking = state.parking
+        self._longest = state.settings.supervision - 2 * state.settings.t_poll_slots * SLOT
+        """Longest silence that a link survives."""
+        self._report = state.report
         self._changed = changed
 
     def command(self, side: Address, command: ModeCommand) -> None:
-        """Do what the host of *side*, the master or a slave, asks for."""
+        """Carry out a command of the host of *side*, the master or a slave."""
         self._air.advance(self._kernel.now)
         slave = command.peer if side == self._links.master else side
         known = self._links.master in (side, command.peer)
         if known and self._obey(slave, command):
             self._changed()
         else:
-            self._tell([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
+            self._report([(side, ModeChanged(command.peer, self.mode(slave) if known else Mode.NONE))])
 
     def members(self) -> list[Address]:
-        """Return all whom either side takes for members, parked or not."""
+        """Return all devices that either side takes for members, parked or not."""
         return [*self._links.lt_addr, *(member.slave for member in self._parking.members.values())]
 
     def mode(self, slave: Address) -> Mode:
@@ -94,7 +77,7 @@ class Modes:
         return links.up(k, HELD) and links.up(k, JOINED) and all(air.reaches(air.carrier(*way)) for way in ways)
 
     def _obey(self, slave: Address, command: ModeCommand) -> bool:
-        """Return whether the command is carried out."""
+        """Carry out the command if it is possible, and return whether it is."""
         if isinstance(command, Unpark):
             return self._wake(slave)
         if not self.both_hear(slave):
@@ -140,13 +123,13 @@ class Modes:
         return True
 
     def _note(self, k: int) -> None:
-        """Tell the arithmetic of slots, and both hosts."""
+        """Note a change of mode in the arrays, and report it to both hosts."""
         self._links.note_shares()
-        self._report(self._links.slaves[k])
+        self._report_mode(self._links.slaves[k])
 
-    def _report(self, slave: Address) -> None:
+    def _report_mode(self, slave: Address) -> None:
         master, mode = self._links.master, self.mode(slave)
-        self._tell([(master, ModeChanged(slave, mode)), (slave, ModeChanged(master, mode))])
+        self._report([(master, ModeChanged(slave, mode)), (slave, ModeChanged(master, mode))])
 
     # ------------------------------------------------------------ park
 
@@ -155,13 +138,13 @@ class Modes:
             return False
         links, now = self._links, self._kernel.now
         slave = links.slaves[k]
-        news = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
+        events = self._queues.flush(k, slave) + self._queues.flush_link(k, links.master, master_alone=False)
         member = Member(slave, now, now, links.presence(k))
         links.take_down(k, HELD)
         links.take_down(k, JOINED)
         self._parking.add(member)
-        self._tell(news)
-        self._report(slave)
+        self._report(events)
+        self._report_mode(slave)
         return True
 
     def _wake(self, slave: Address) -> bool:
@@ -192,4 +175,4 @@ class Modes:
             links.set_presence(member.slave, member.presence)
             links.admit(k, int(links.piconet[NEXT]), now)
             self._changed()
-        self._report(member.slave)
+        self._report_mode(member.slave)

@@ -13,20 +13,20 @@ from cosim.units import US, Time
 AclName: TypeAlias = Literal["DM1", "DH1", "DM3", "DH3", "DM5", "DH5"]
 
 ID_BITS: Final = 68
-"""The access code without its trailer: all there is of an ID packet."""
+"""The access code without its trailer, which is a whole ID packet."""
 ACCESS_CODE_BITS: Final = 72
 """The access code with its trailer, as every packet with a header begins."""
 TOLERATED_BITS: Final = 7
 """Wrong bits with which an access code is still recognised: 65 of 72 agree."""
 HEADER_BITS: Final = 18
-"""Each is sent three times."""
+"""Bits of the packet header, each of which is sent three times."""
 ID_AIR: Final[Time] = ID_BITS * US
 ACCESS_AIR: Final[Time] = ACCESS_CODE_BITS * US
 HEADER_AIR: Final[Time] = ACCESS_AIR + 3 * HEADER_BITS * US
-"""Access code and header: all there is of POLL and NULL."""
+"""Air time of access code and header, which are a whole POLL or NULL packet."""
 FHS_AIR: Final[Time] = 366 * US
 FHS_BITS: Final = 160
-"""Its payload: 144 bits of contents and the CRC, coded as those of DM packets."""
+"""Payload of an FHS packet: 144 bits of contents and the CRC, coded as those of DM packets."""
 
 
 class PacketType(NamedTuple):
@@ -40,7 +40,7 @@ class PacketType(NamedTuple):
     header: int
     """Length of the payload header in bytes; 0 for packets that carry no user data."""
     coded: bool
-    """Whether the payload is protected by the (15, 10) code."""
+    """True if the payload is protected by the (15, 10) code."""
 
     def payload_bits(self, length: int) -> int:
         """Return the bits of the payload with *length* bytes of user data, before coding: header, data and CRC.

@@ -21,7 +21,6 @@ from typing import Final, Literal, TypeAlias
 
 from pydantic import Field
 
-from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     KOFFSET,
     NARROW,
@@ -32,7 +31,7 @@ from cosim.channels.bluetooth.hopping import (
     slave_response_channel,
 )
 from cosim.channels.bluetooth.packets import FHS_AIR, FHS_BITS, HEADER_AIR, ID_AIR
-from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Air, Frame
+from cosim.channels.bluetooth.radio import FAR, GOOD, UNTUNED, Frame, Radio
 from cosim.channels.bluetooth.scanning import (
     RESPONSE_DELAY,
     IdTrain,
@@ -43,15 +42,15 @@ from cosim.channels.bluetooth.scanning import (
     first_transmission,
     next_meeting,
 )
-from cosim.kernel import Handle, Kernel
+from cosim.kernel import Handle
 from cosim.machine import Address
 from cosim.settings import Count, Settings
 from cosim.units import SLOT, Time
 
 PAGE_RESPONSE_TIMEOUT: Final[Time] = 8 * SLOT
-"""pagerespTO: how long a responding slave waits for the FHS."""
+"""pagerespTO: time for which a responding slave waits for the FHS."""
 NEW_CONNECTION_TIMEOUT: Final[Time] = 32 * SLOT
-"""newconnectionTO: how long a slave that has acknowledged waits for the first POLL."""
+"""newconnectionTO: time for which a slave that has acknowledged waits for the first POLL."""
 FHS_TRIES: Final = 4
 POLL_TRIES: Final = 16
 REPETITIONS: Final[dict[str, int]] = {"R0": 1, "R1": 128, "R2": 256}
@@ -59,7 +58,7 @@ REPETITIONS: Final[dict[str, int]] = {"R0": 1, "R1": 128, "R2": 256}
 
 
 class PageSettings(Settings):
-    """How a device pages."""
+    """Parameters of a page."""
 
     mode: Literal["R0", "R1", "R2"] = "R1"
     """Scan mode that the paged devices are taken to have: R0 continuous, R1 every 1.28 s, R2 every 2.56 s."""
@@ -75,29 +74,24 @@ class PageSettings(Settings):
 class PageScanner:
     """One device's side of being paged; off until it is enabled.
 
-    *hop_address* is the device's UAP/LAP word. *on_slave_connected* gets the pager's address and the LT_ADDR given to
-    this device, at the end of the POLL that makes it a slave; from then on it is off until it is enabled again.
+    *on_slave_connected* gets the pager's address and the LT_ADDR given to this device, at the end of the POLL that
+    makes it a slave; from then on it is off until it is enabled again.
     """
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        hop_address: int,
-        clock: NativeClock,
+        radio: Radio,
         settings: ScanSettings,
         offset_ticks: int,
         on_slave_connected: Callable[[Address, int], None],
     ) -> None:
-        self.kernel = kernel
-        self.air = air
-        self.address = address
-        self.hop_address = hop_address
-        self.clock = clock
+        self.kernel = radio.kernel
+        self.address = radio.identity.address
+        self.hop_address = radio.identity.hop_address
+        self.clock = radio.identity.clock
         self.enabled = False
         self._on_slave_connected = on_slave_connected
-        self._windows = ScanWindows(clock, offset_ticks, settings.interval_ticks, settings.interlaced)
+        self._windows = ScanWindows(self.clock, offset_ticks, settings.interval_ticks, settings.interlaced)
         self._since: Time = 0  # deaf before
         self._exchange: _Exchange | None = None  # the one it is engaged in
         self._pages: list[Page] = []  # under way, to this device
@@ -115,7 +109,7 @@ class PageScanner:
         self.enabled = False
         if self._exchange is not None and not self._exchange.slave:
             self._exchange = None
-        self._tell()
+        self._notify_pages()
 
     def next_meeting(self, ids: IdTrain, tick: int) -> Meeting | None:
         """Return the first ID of a page at or after *tick* that would be heard, as far as is known now."""
@@ -124,7 +118,7 @@ class PageScanner:
         return next_meeting(ids, self._windows, tick, max(self._since, self.kernel.now))
 
     def join(self, page: "Page") -> None:
-        """Tell *page* from now on when this scanner starts or stops to listen."""
+        """Notify *page* from now on when this scanner starts or stops to listen."""
         self._pages.append(page)
 
     def leave(self, page: "Page") -> None:
@@ -135,7 +129,7 @@ class PageScanner:
     def engage(self, exchange: "_Exchange") -> None:
         """Listen to one pager only."""
         self._exchange = exchange
-        self._tell()
+        self._notify_pages()
 
     def engaged_in(self, exchange: "_Exchange") -> bool:
         """Return whether this side still takes part in *exchange*."""
@@ -151,7 +145,7 @@ class PageScanner:
         """Take other pages again: *exchange* is over for a device that has become a slave by it."""
         if self._exchange is exchange:
             self._exchange = None
-            self._tell()
+            self._notify_pages()
 
     def become_slave(self, master: Address, lt_addr: int) -> None:
         """Stop scanning: there is a link now."""
@@ -160,9 +154,9 @@ class PageScanner:
 
     def _scan(self, since: Time) -> None:
         self._since = since
-        self._tell()
+        self._notify_pages()
 
-    def _tell(self) -> None:
+    def _notify_pages(self) -> None:
         for page in self._pages:
             page.look_again()
 
@@ -176,11 +170,7 @@ class Page:
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        hop_address: int,
-        clock: NativeClock,
+        radio: Radio,
         settings: PageSettings,
         scanner: PageScanner,
         estimate: int,
@@ -188,11 +178,12 @@ class Page:
         on_connected: Callable[[int], None],
         on_failed: Callable[[], None],
     ) -> None:
-        first = first_transmission(clock, kernel.now)
-        self.kernel = kernel
-        self.air = air
-        self.address = address
-        self.hop_address = hop_address
+        clock = radio.identity.clock
+        first = first_transmission(clock, radio.kernel.now)
+        self.kernel = radio.kernel
+        self.air = radio.air
+        self.address = radio.identity.address
+        self.hop_address = radio.identity.hop_address
         end, narrow = first + 2 * settings.timeout_slots, bool(scanner.hop_address & NARROW)
         self.ids = IdTrain(clock, first, end, settings.n_page, "A", estimate, narrow)
         self.scanner = scanner
@@ -221,7 +212,7 @@ class Page:
             self._seek(self._resumed)
 
     def resume(self, tick: int) -> None:
-        """Page on from *tick*: the exchange has failed."""
+        """Go on paging from *tick*: the exchange has failed."""
         self._exchange = None
         self.send_ids(tick)
         self._seek(tick)
@@ -290,11 +281,11 @@ _Then: TypeAlias = Callable[[bool], None]
 
 
 class _Exchange:
-    """What follows a heard page ID, both sides of it; one event is pending at a time."""
+    """The exchange that follows a heard page ID, both sides of it; one event is pending at a time."""
 
     def __init__(self, page: Page, meeting: Meeting, start: Time) -> None:
         self.slave = False
-        """Whether the paged device has received a POLL."""
+        """True if the paged device has received a POLL."""
         self._page = page
         self._kernel = page.kernel
         self._clock = page.ids.clock
@@ -320,7 +311,7 @@ class _Exchange:
         return self._page.scanner.engaged_in(self)
 
     def _fail(self, tick: int) -> None:
-        """Leave it; the pager goes on at *tick*."""
+        """End the exchange; the pager goes on at *tick*."""
         self.abandon()
         self._page.resume(tick)
 

@@ -1,33 +1,38 @@
 """A connected piconet: one master, up to seven slaves, time division duplex.
 
 The master transmits in slots that start where 4 divides its tick; only the slave that it addresses answers, in the next
-slot. At every free TX slot the master serves, in this order: the link whose poll is overdue, the head of its queue,
-nobody. There is one queue a device, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B,
-sections 4.5, 7 and 8.)
+slot. At every free TX slot the master serves the link whose poll is overdue, else the head of its queue, else no link.
+Each device has one queue, strictly first in, first out, broadcasts among the rest. (Core v1.2, Vol 2 Part B, sections
+4.5, 7 and 8.)
 
 What is sent in a slot pair is decided at its start, in the kernel's phase AIR, with what is queued and received at that
-instant; what becomes of a frame, at its end. Kernel events exist only for slots with a payload in them and for
-supervision time-outs; idle polls are a loop over arrays, run for all piconets together when somebody looks (``band``).
+instant. What becomes of a frame is decided at its end. Kernel events exist only for slots with a payload in them and
+for supervision time-outs; idle polls are a loop over arrays, run for all piconets together when it is needed
+(``band``).
+
+Link supervision (section 3.1): a side that has heard nothing for too long takes the link for lost.
+
+Automatic flush: a payload that has not been acknowledged a given time after it was queued leaves the queue at the next
+TX slot boundary, when nothing that concerns it is on the air. SEQN has one bit, so a receiver could take the payload
+behind it for its repetition: the two sides settle that when they flush (the time that this takes is neglected), and the
+next payload is new. Broadcasts, which are not acknowledged, do not expire.
 """
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.adaptation import Adaptation
-from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.fitting import BestFit
-from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.intake import Intake
-from cosim.channels.bluetooth.links import Links, Presence
+from cosim.channels.bluetooth.afh import Adaptation
+from cosim.channels.bluetooth.links import Links, Parking, Presence
 from cosim.channels.bluetooth.modes import Modes
-from cosim.channels.bluetooth.packets import ACL, PacketType
-from cosim.channels.bluetooth.parking import Parking
+from cosim.channels.bluetooth.packets import smallest
 from cosim.channels.bluetooth.polling import (
+    ARQN,
     EVERYONE,
+    HEARD_DOWN,
+    HEARD_UP,
     HELD,
     JOINED,
+    MOST_SLAVES,
     NEXT,
     NOTHING,
     RUNNING,
@@ -36,58 +41,24 @@ from cosim.channels.bluetooth.polling import (
     SEQ_DOWN,
     SEQ_UP,
 )
-from cosim.channels.bluetooth.queues import News, Payload, Queues
-from cosim.channels.bluetooth.radio import Air
+from cosim.channels.bluetooth.queues import LinkEvents, Payload, Queues, fate
+from cosim.channels.bluetooth.radio import Radio
 from cosim.channels.bluetooth.scanning import first_transmission
-from cosim.channels.bluetooth.schedule import SCHEDULERS, Schedule, Scheduler
-from cosim.channels.bluetooth.slots import Deliver, Slots
-from cosim.channels.bluetooth.supervision import Supervision
-from cosim.channels.bluetooth.traffic import Traffic
+from cosim.channels.bluetooth.slots import Slots
+from cosim.channels.bluetooth.state import SCHEDULERS, Deliver, PiconetSettings, PiconetState
 from cosim.channels.bluetooth.transport import Transport
-from cosim.kernel import WAKE, Kernel
-from cosim.machine import Address, Lost, Outcome, Outgoing
-from cosim.units import SLOT, S, Time
-
-
-class PiconetSettings(NamedTuple):
-    """Parameters of a connected piconet."""
-
-    types: tuple[PacketType, ...] = tuple(ACL.values())
-    """Packet types in use."""
-    n_bc: int = 1
-    """How often a broadcast is sent."""
-    t_poll_slots: int = 40
-    """Slots from one packet to a slave until the next is due; even."""
-    supervision: Time = 20 * S
-    """A side that has heard nothing for so long takes the link for lost."""
-    scheduler: Scheduler = "lazy"
-    """How the master chooses whom to address."""
-    queue: int | None = None
-    """How many payloads a device holds; None for any number."""
-    flush: Time | None = None
-    """How long a payload may wait for its acknowledgement; None for ever."""
-    park_interval_slots: int = 2048
-    """Slots from one beacon window for parked slaves to the next; even."""
-    park_window_slots: int = 64
-    """Slots of a beacon window; even."""
-    best_packets: bool = False
-    """Whether payloads go in the packet type of the best expected rate, or in the smallest that holds them."""
-    afh: tuple[Time, Time] | None = None
-    """How often the hop set is adapted, and after what time a bad channel is tried again; None for the basic one."""
+from cosim.kernel import WAKE, Handle
+from cosim.machine import BROADCAST, Address, Lost, Outcome, Outgoing
+from cosim.units import Time
 
 
 class Piconet:
-    """The links of the master at *address*, and what waits to be sent on either side of them."""
+    """The links of the master that *radio* belongs to, and the payloads that wait on either side of them."""
 
     def __init__(
         self,
-        kernel: Kernel,
-        air: Air,
-        address: Address,
-        hop_address: int,
-        clock: NativeClock,
+        radio: Radio,
         settings: PiconetSettings,
-        frames: FrameLog,
         deliver: Deliver,
         on_lost: Callable[[Address, Address], None] = lambda side, peer: None,
         transport: Transport | None = None,
@@ -96,34 +67,35 @@ class Piconet:
 
         Payloads reach hosts through *transport*, if there is one, else by *deliver* at once.
         """
-        self.address = address
-        self.clock = clock
+        kernel, air, identity = radio.kernel, radio.air, radio.identity
+        address, clock, scheduler = identity.address, identity.clock, SCHEDULERS[settings.scheduler]
         piconet, table = air.band.piconets[address], air.band.links[address]
         longest = max(kind.slots for kind in settings.types)
         polling.reset(piconet, table, settings.t_poll_slots, clock.phase, clock.ppm, longest)
-        piconet[polling.MASTER], piconet[polling.WORD] = address, hop_address
+        piconet[polling.MASTER], piconet[polling.WORD] = address, identity.hop_address
+        piconet[polling.SCHEDULER] = scheduler
+        self.address = address
+        self.clock = clock
         self.links = Links(address, piconet, table, transport)
-        frames.attach(self.links)
         self._kernel = kernel
         self._air = air
-        self._frames = frames
+        self._settings = settings
         self._deliver = deliver
         self._on_lost = on_lost
-        piconet[polling.SCHEDULER] = SCHEDULERS[settings.scheduler]
-        self._queues = Queues(table, SCHEDULERS[settings.scheduler])
+        self._queues = Queues(table, scheduler)
         self._parking = Parking(self.links, settings.park_interval_slots, settings.park_window_slots)
-        own = (kernel, air, clock, self.links, self._queues, self._parking)
-        longest_silence = settings.supervision - 2 * settings.t_poll_slots * SLOT
-        self.modes = Modes(*own, longest_silence, self._tell, self._changed)
-        fit = BestFit(air, self.links, settings.types) if settings.best_packets else None
-        rules = (Schedule(self.links, self._queues, fit), settings.n_bc)
-        traffic = Traffic(air, clock, self.links, frames)
-        self._slots = Slots(*own, *rules, traffic, deliver, self.modes.beacon_heard)
-        hand_in = (settings.types, settings.queue, settings.flush, self._tell)
-        self._intake = Intake(kernel, air, self.links, self._queues, self._slots, *hand_in)
-        self._adaptation = Adaptation(kernel, air, self.links, *settings.afh) if settings.afh else None
-        watched = (self.links, self._parking)
-        self._supervision = Supervision(kernel, settings.supervision, *watched, self.advance, self._expire)
+        state = PiconetState(kernel, air, clock, settings, self.links, self._parking, self._queues, deliver)
+        self._report = state.report
+        self.modes = Modes(state, self._changed)
+        self._slots = Slots(state, self.modes.beacon_heard)
+        self._adaptation: Adaptation | None = None
+        if settings.afh is not None:
+            interval, retry = settings.afh
+            self._adaptation = Adaptation(state, interval, retry)
+        self._timeout: Handle | None = None
+        """The earliest supervision time-out of all sides of all links, parked slaves included."""
+        self._expiry: Handle | None = None
+        """The next automatic flush."""
 
     # ------------------------------------------------------------ links
 
@@ -153,13 +125,13 @@ class Piconet:
 
     def _changed(self) -> None:
         self._air.changed(self._kernel.now)
-        self._supervision.watch()
+        self._watch()
         self._slots.arm()
         if self._adaptation is not None:
             self._adaptation.wake()
 
-    def hand_over(self, slave: Address, other: "Piconet") -> News:
-        """Turn the link to *slave* round: from now on *other*, its piconet, has it, with all that waits on either side.
+    def hand_over(self, slave: Address, other: "Piconet") -> LinkEvents:
+        """Turn the link to *slave* round: from now on it belongs to *other*, the slave's piconet, with all that waits.
 
         Return the fates of broadcasts, which are flushed. To be called between two slot pairs.
         """
@@ -181,7 +153,7 @@ class Piconet:
             payload.lt_addr = 1
         for queue, payloads in ((1, up), (EVERYONE, down)):
             for payload in payloads:
-                self._intake.push(queue, payload)
+                self._push(queue, payload)
 
     def add_slave(self, slave: Address, lt_addr: int, due: int) -> None:
         """Bring both sides of a link up now, without a page."""
@@ -199,13 +171,13 @@ class Piconet:
         if k is None or self.address not in (side, peer):
             return
         heard = self._air.reaches(self._air.carrier(side, peer))
-        news = self._drop(k, HELD) if from_master or heard else []
-        news += self._drop(k, JOINED) if heard or not from_master else []
+        events = self._drop(k, HELD) if from_master or heard else []
+        events += self._drop(k, JOINED) if heard or not from_master else []
         self._slots.arm()
-        self._tell(news)
+        self._report(events)
 
     def vanish(self, device: Address) -> None:
-        """Take *device*, whose radio is switched off, out of the piconet without telling anybody."""
+        """Take *device*, whose radio is switched off, out of the piconet; its peers find out by supervision."""
         self.advance(self._kernel.now)
         k = self._number(device)
         if device == self.address:
@@ -222,7 +194,7 @@ class Piconet:
     # ------------------------------------------------------------ time
 
     def advance(self, now: Time) -> None:
-        """Decide all slots before *now*; needed before anything changes, and before the state is looked at."""
+        """Decide all slots before *now*, which must be done before anything is changed or read."""
         self._air.advance(now)
 
     def set_presence(self, device: Address, presence: Presence) -> None:
@@ -237,14 +209,14 @@ class Piconet:
         self._slots.arm()
 
     def suspend(self) -> None:
-        """Leave the piconet's slots alone from now on: the master inquires or pages."""
+        """Use no more slots from now on: the master inquires or pages."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 0
         self._air.changed(self._kernel.now)
         self._slots.arm()
 
     def resume(self) -> None:
-        """Go on at the first TX slot from now on."""
+        """Use slots again, from the first TX slot at or after now."""
         self.advance(self._kernel.now)
         self.links.piconet[RUNNING] = 1
         self._air.changed(self._kernel.now)
@@ -253,20 +225,20 @@ class Piconet:
         self._slots.arm()
 
     def pair_ends(self) -> Time | None:
-        """Return when the slot pair under way is over, or None if there is none. To be asked before the phase AIR."""
+        """Return when the slot pair under way ends, or None if there is none. To be called before the phase AIR."""
         self.advance(now := self._kernel.now)
         free = int(self.links.piconet[NEXT])
         return self.clock.time_of(free) if free > first_transmission(self.clock, now) else None
 
     def boundary(self) -> Time:
-        """Return the start of the first TX slot about which nothing has been decided: nothing is on the air then."""
+        """Return the start of the first TX slot that is not decided yet: nothing is on the air then."""
         self.advance(self._kernel.now)
         return self.clock.time_of(int(self.links.piconet[NEXT]))
 
     def next_pause(self) -> Time | None:
         """Return None if the piconet may be suspended for a procedure that starts now: no slot under way, no link due.
 
-        Otherwise return the start of the next TX slot at which to ask again. To be asked in an earlier phase than AIR.
+        Otherwise return the start of the next TX slot, at which to call again. To be called before the phase AIR.
         """
         now = self._kernel.now
         self.advance(now)
@@ -281,30 +253,141 @@ class Piconet:
         self.advance(self._kernel.now)
         piconet = self.links.piconet
         polls = {"POLL": piconet[polling.POLLS], "NULL": piconet[polling.NULLS], "idle": piconet[polling.IDLE]}
-        return {**self._frames.payloads, **{name: int(count) for name, count in polls.items()}}
+        return {**self._slots.frames, **{name: int(count) for name, count in polls.items()}}
 
     # ------------------------------------------------------------ payloads
 
     def send(self, source: Address, outgoing: Outgoing) -> Outcome | None:
-        """Queue a payload at *source*, the master or a slave, or return why not; that also comes as a new event."""
-        return self._intake.send(source, outgoing)
+        """Queue a payload at *source*, the master or a slave, or return why not; the fate also comes as a new event."""
+        settings, length = self._settings, len(outgoing.payload)
+        queue, lt_addr = self._route(source, outgoing.destination)
+        kind = smallest(settings.types, length)
+        if lt_addr == NOTHING:
+            why = Outcome.NO_LINK
+        elif kind is None:
+            why = Outcome.TOO_LONG
+        elif settings.queue is not None and self._queues.length(queue) >= settings.queue:
+            why = Outcome.QUEUE_FULL
+        else:
+            self._push(queue, Payload(lt_addr, outgoing, kind, kind.air_time(length), self._kernel.now))
+            return None
+        self._report(fate(source, outgoing, why))
+        return why
+
+    def _push(self, queue: int, payload: Payload) -> None:
+        """Append *payload* to a queue."""
+        piconet, now = self.links.piconet, self._kernel.now
+        # whether a payload that is not the head may change what is sent next
+        overtaking = piconet[polling.SHARED] or piconet[polling.SCHEDULER] != polling.LAZY
+        if overtaking:
+            self._air.advance(now)
+        if self._queues.push(queue, payload) or overtaking:
+            self._air.advance(now)
+            self._slots.arm()
+        flush = self._settings.flush
+        if flush is not None:
+            self._flush_at(max(now, payload.queued + flush))
+
+    def _flush_at(self, time: Time) -> None:
+        """Have the next automatic flush at *time*, unless there is an earlier one."""
+        if self._expiry is not None:
+            if self._expiry.time <= time:
+                return
+            self._expiry.cancel()
+        self._expiry = self._kernel.at(time, self._flush_aged)
 
     def flush(self, source: Address, destination: Address) -> None:
         """Take out of the queue of *source* what is meant for *destination* and has never been on the air."""
-        self._intake.flush(source, destination)
+        queue = EVERYONE if source == self.links.master else self.links.lt_addr.get(source, NOTHING)
+        if queue == NOTHING:
+            return
+        self._air.advance(self._kernel.now)
+        events = self._queues.flush(queue, source, lambda p: _untouched(p, destination))
+        self._slots.arm()
+        self._report(events)
+
+    def _route(self, source: Address, destination: Address) -> tuple[int, int]:
+        """Return (number of the queue, LT_ADDR of the packets), or NOTHING for the latter where there is no link."""
+        links = self.links
+        if source != links.master:
+            k = links.lt_addr.get(source, NOTHING)
+            return k, k if destination == links.master and links.up(k, JOINED) else NOTHING
+        if destination == BROADCAST:
+            return EVERYONE, EVERYONE if links.audience() else NOTHING
+        k = links.lt_addr.get(destination, NOTHING)
+        return EVERYONE, k if links.up(k, HELD) else NOTHING
+
+    # ------------------------------------------------------------ automatic flush
+
+    def _flush_aged(self) -> None:
+        """Flush payloads that are too old, at the next slot boundary; wait for the next that will be."""
+        now, timeout = self._kernel.now, self._settings.flush
+        self._expiry = None
+        self._air.advance(now)
+        boundary = polling.time_of(self.links.piconet, self.links.piconet[NEXT])
+        if timeout is None:
+            return
+        if boundary > now:
+            self._expiry = self._kernel.at(int(boundary), self._flush_aged)
+            return
+        events: LinkEvents = []
+        for queue in range(MOST_SLAVES + 1):
+            events += self._flush_old(queue, now - timeout)
+        ages = [payload.queued for queue in range(MOST_SLAVES + 1) for payload in self._queues.acknowledged(queue)]
+        if ages:
+            self._expiry = self._kernel.at(min(ages) + timeout, self._flush_aged)
+        self._slots.arm()
+        self._report(events)
+
+    def _flush_old(self, queue: int, limit: Time) -> LinkEvents:
+        """Flush what was queued at *limit* or before."""
+        table = self.links.table
+        old = {payload for payload in self._queues.acknowledged(queue) if payload.queued <= limit}
+        for payload in old:
+            if payload.tries and queue == EVERYONE:
+                table[SEEN_DOWN, payload.lt_addr] = table[SEQ_DOWN, payload.lt_addr]
+            elif payload.tries:
+                table[SEEN_UP, queue] = table[SEQ_UP, queue]
+                table[ARQN, queue] = 0
+        source = self.links.master if queue == EVERYONE else self.links.slaves.get(queue, NOTHING)
+        return self._queues.flush(queue, source, lambda payload: payload in old) if old else []
 
     # ------------------------------------------------------------ ends
 
-    def _expire(self, silent: list[tuple[int, int]]) -> None:
-        news: News = []
-        for k, side in silent:
-            news += self._drop(k, side)
-        self._slots.arm()
-        if news:
-            self._deliver((), news)
+    def _watch(self) -> None:
+        """Wait for the earliest supervision time-out of all sides of all links, parked slaves included."""
+        sides = [heard for heard in (self.links.last_heard(), self._parking.last_heard()) if heard is not None]
+        if not sides:
+            return
+        deadline = min(sides) + self._settings.supervision
+        if self._timeout is not None:
+            if self._timeout.time <= deadline:
+                return
+            self._timeout.cancel()
+        self._timeout = self._kernel.at(deadline, self._supervise, WAKE)
 
-    def _drop(self, k: int, side: int) -> News:
-        """Take one side of a link down and return what its host learns: Lost, and the fates of what it had queued."""
+    def _supervise(self) -> None:
+        """Take down the sides that have heard nothing for too long: perhaps none, as deadlines move meanwhile."""
+        self._timeout = None
+        now, table = self._kernel.now, self.links.table
+        self.advance(now)
+        limit = now - self._settings.supervision
+        silent = [
+            (k, side)
+            for k in sorted(self.links.slaves)
+            for side, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN))
+            if table[side, k] and table[heard, k] <= limit
+        ]
+        events: LinkEvents = []
+        for k, side in silent + self._parking.silent(limit):
+            events += self._drop(k, side)
+        self._slots.arm()
+        if events:
+            self._deliver((), events)
+        self._watch()
+
+    def _drop(self, k: int, side: int) -> LinkEvents:
+        """Take one side of a link down and return its host's events: Lost, and the fates of its queued payloads."""
         parked = k in self._parking.members
         if not (self._parking.up(k, side) if parked else self.links.up(k, side)):
             return []
@@ -320,7 +403,7 @@ class Piconet:
         self._on_lost(host, peer)
         return [(host, Lost(peer)), *fates]
 
-    def _tell(self, news: News) -> None:
-        """Deliver *news* in a new event at this instant; in the last phase before AIR, so that any caller may ask."""
-        if news:
-            self._kernel.at(self._kernel.now, partial(self._deliver, (), news), WAKE)
+
+def _untouched(payload: Payload, destination: Address) -> bool:
+    """Return whether *payload* is meant for *destination*, has never been on the air, and is not about to be."""
+    return payload.outgoing.destination == destination and not payload.tries and not payload.chosen

@@ -1,20 +1,21 @@
-"""The slots of a connected piconet as arithmetic: which link is polled when, and what its sequence bits say.
+"""The slots of a connected piconet as arithmetic: which link is polled when, and its sequence bits.
 
 The state of one piconet is two int64 arrays: ``piconet`` (one row: ``NEXT``, ``T_POLL``...) and ``links``, shape
 (FIELDS, 8), column k being the link with LT_ADDR k, and column 0 the master's own presence. Time is in the master's
-ticks; a TX slot is a tick that 4 divides. ``NEXT`` is the first TX slot about which nothing has been decided yet.
+ticks; a TX slot is a tick that 4 divides. ``NEXT`` is the first TX slot that is not decided yet.
 
-As long as nobody has a payload, the schedule is a pure recurrence, whatever is lost: of the held links the one of the
-smallest (c, due, k) is polled, c being the first free TX slot at which it is due and both sides are present; ``due``
-becomes c + T_POLL and the next TX slot is c + 4. So an idle hour is a loop over arrays, run when somebody looks.
+As long as no device has a payload, the schedule is a pure recurrence, whatever is lost: of the held links the one of
+the smallest (c, due, k) is polled, c being the first free TX slot at which it is due and both sides are present;
+``due`` becomes c + T_POLL and the next TX slot is c + 4. So an idle hour is a loop over arrays, run when its result is
+needed.
 
 That is the scheduler "lazy". The others use every free TX slot: where nothing is due, they choose a link by what waits
 on either side of it, and the smallest due, which is that of the link served the longest ago, breaks ties. With nothing
 waiting they are all the same recurrence.
 
 Presence: a device that divides its time among piconets is there in *count* slots of every *period*, counted on a clock
-of reference that all of them know; others are always there, or, during a procedure, never. A link in sniff or hold
-mode is there in a part that the master's own clock counts, or from a tick of it on.
+of reference that all of them know. Others are always there, or, during a procedure, never. A link in sniff mode is
+there in a part of the time that is counted on the master's own clock, one in hold mode from a tick of it on.
 """
 
 from typing import Any, Final, TypeAlias
@@ -40,7 +41,7 @@ MASTER: Final = 7  # the master's address
 WORD: Final = 8  # the master's UAP/LAP, from which the hop sequence is drawn
 RUNNING: Final = 9  # not suspended
 LONGEST: Final = 10  # slots of the longest packet type in use
-SHARED: Final = 11  # somebody here divides its time, or is away, or links may be stopped (FLOW)
+SHARED: Final = 11  # 1 if a device divides its time, or is away, or links may be stopped (FLOW)
 STAGE: Final = 12  # of the idle pair under way: 0 none, 1 POLL, 2 NULL on the air
 PAIR_TICK: Final = 13
 PAIR_LINK: Final = 14
@@ -66,7 +67,7 @@ SEQ_DOWN: Final = 5  # SEQN of the master's current payload
 SEEN_DOWN: Final = 6  # SEQN of the last payload that the slave took
 SEQ_UP: Final = 7
 SEEN_UP: Final = 8
-ARQN: Final = 9  # what the master's next packet says of the slave's last answer
+ARQN: Final = 9  # acknowledgement of the slave's last answer in the master's next packet
 HEARD_DOWN: Final = 10  # end (ns) of the last frame that the slave heard
 HEARD_UP: Final = 11  # end (ns) of the last frame that the master heard
 HERE: Final = 12  # the device is there, at least in its part
@@ -90,8 +91,8 @@ EVERYONE: Final = 0  # LT_ADDR of a broadcast
 NEVER: Final = 1 << 62
 
 MILLION: Final = 1_000_000
-_LOOK_AGAIN: Final = 16  # polls after which one looks again whether the schedule has begun to repeat itself
-_LAPS: Final = 64  # looks for a slot at which two devices are present, before they are taken never to meet
+_LOOK_AGAIN: Final = 16  # polls until the next check whether the schedule repeats itself
+_LAPS: Final = 64  # tries to find a slot at which two devices are present, until they are taken never to meet
 
 
 def reset(piconet: State, links: State, t_poll_slots: int, phase: Time, ppm: int, longest: int) -> None:
@@ -121,7 +122,7 @@ def first_slot_at(piconet: State, time: int) -> int:
 def _opening(links: State, k: int, time: int, need: int) -> int:
     """Return *time* if the device of column *k* is there for *need* ticks from then, else when it is next, or NEVER.
 
-    A master knows the parts of its slaves, but not that one is away for another reason.
+    A master knows the parts of the time of its slaves, but not whether one is away for another reason.
     """
     if k == EVERYONE and not links[HERE, k]:
         return NEVER
@@ -195,7 +196,7 @@ def _next_due(piconet: State, links: State, due: State, tick: int) -> tuple[int,
 
 @njit(cache=True)
 def _weight(piconet: State, links: State, k: int) -> int:
-    """Return how much the scheduler prefers link *k* to others for what waits on either side of it."""
+    """Return how much the scheduler prefers link *k*, by the payloads that wait on either side of it."""
     waiting: int = links[WAITING, k] + links[QUEUED, k]
     if piconet[SCHEDULER] == BACKLOG:
         return waiting
@@ -204,7 +205,7 @@ def _weight(piconet: State, links: State, k: int) -> int:
 
 @njit(cache=True)
 def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
-    """Return (TX slot, link) of the next pair from *tick* on but for what LAZY sends unasked; (NEVER, 0) without links.
+    """Return (TX slot, link) of the next pair from *tick* on, without LAZY's payloads; (NEVER, 0) without links.
 
     What is due goes first; other schedulers than LAZY use the slots before as well.
     """
@@ -251,7 +252,7 @@ def _repeats(piconet: State, links: State) -> bool:
 
 @njit(cache=True)
 def _skip_periods(piconet: State, links: State, end: int) -> int:
-    """Decide as many whole periods of a schedule that repeats itself as end before *end*; return whom they poll, as
+    """Decide as many whole periods of a schedule that repeats itself as end before *end*; return the links polled, as
     bits."""
     last, held, bits = 0, 0, 0
     for k in range(1, MOST_SLAVES + 1):
@@ -343,7 +344,7 @@ def next_free(piconet: State, links: State, wanted: int) -> int:
 
 @njit(cache=True)
 def next_served(piconet: State, links: State) -> int:
-    """Return the tick at which the idle schedule comes to a link that has a payload, or a FLOW to tell, or NOTHING.
+    """Return the tick at which the idle schedule comes to a link with a payload or a change of FLOW, or NOTHING.
 
     Payloads of the master count with schedulers that send them at their link's turn only.
     """

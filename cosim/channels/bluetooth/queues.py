@@ -1,4 +1,4 @@
-"""What waits to be sent in one piconet: one queue a device, strictly first in, first out."""
+"""The payloads that wait to be sent in one piconet: one queue for each device, strictly first in, first out."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -11,8 +11,8 @@ from cosim.channels.bluetooth.polling import EVERYONE, LAZY, MOST_SLAVES, QUEUED
 from cosim.machine import Address, Fate, LinkEvent, Outcome, Outgoing
 from cosim.units import Time
 
-News: TypeAlias = list[tuple[Address, LinkEvent]]
-"""(whom to tell, what)"""
+LinkEvents: TypeAlias = list[tuple[Address, LinkEvent]]
+"""(host, event)"""
 
 
 @dataclass(slots=True, eq=False)
@@ -24,21 +24,21 @@ class Payload:
     kind: PacketType
     air: Time
     queued: Time
-    """When its host handed it in."""
+    """Instant at which its host handed it in."""
     tries: int = 0
-    """How often it has been on the air."""
+    """Number of times that it has been on the air."""
     chosen: bool = False
-    """Whether a slot pair is under way in which it may go on the air."""
+    """True if a slot pair is under way in which it may go on the air."""
     taken: int = 0
-    """Who has received it, bit k for LT_ADDR k (broadcasts only)."""
+    """Slaves that have received it, bit k for LT_ADDR k (broadcasts only)."""
 
-    def fate(self, source: Address, outcome: Outcome) -> News:
-        """Return the news for *source* that the payload has ended with *outcome*, if it has asked for them."""
+    def fate(self, source: Address, outcome: Outcome) -> LinkEvents:
+        """Return the event for *source* that the payload has ended with *outcome*, if it was asked for."""
         return fate(source, self.outgoing, outcome)
 
 
-def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> News:
-    """Return the news for *source* that its payload has ended with *outcome*; none if it carries no token."""
+def fate(source: Address, outgoing: Outgoing, outcome: Outcome) -> LinkEvents:
+    """Return the event for *source* that its payload has ended with *outcome*; none if it has no token."""
     return [] if outgoing.token is None else [(source, Fate(outgoing.token, outcome))]
 
 
@@ -46,7 +46,7 @@ class Queues:
     """The queues of a piconet: number EVERYONE is the master's, number k that of the slave with LT_ADDR k.
 
     The lengths of the slaves' queues are kept in the row QUEUED of *links*, where the arithmetic of slots finds them;
-    what the master has for each of them in the row WAITING, if *scheduler* looks at it.
+    the number of payloads that the master has for each slave in the row WAITING, if *scheduler* uses it.
     """
 
     def __init__(self, links: State, scheduler: int = LAZY) -> None:
@@ -64,7 +64,7 @@ class Queues:
         return len(self._waiting[queue])
 
     def acknowledged(self, queue: int) -> Iterator[Payload]:
-        """Return the payloads of a queue, in order, that somebody is to acknowledge: all but broadcasts."""
+        """Return the payloads of a queue, in order, that are to be acknowledged: all but broadcasts."""
         return (payload for payload in self._waiting[queue] if payload.lt_addr != EVERYONE)
 
     def first_two(self, queue: int) -> list[Payload]:
@@ -72,7 +72,7 @@ class Queues:
         return list(islice(self._waiting[queue], 2))
 
     def sendable(self) -> Iterator[Payload]:
-        """Return what may be sent of the master's queue, in order, if those before it wait for absent slaves.
+        """Return the payloads of the master's queue that may be sent, in order, if those before wait for absent slaves.
 
         A payload never overtakes one with the same destination; a broadcast overtakes nothing, and nothing a broadcast.
         """
@@ -111,8 +111,8 @@ class Queues:
         self._waiting[EVERYONE].remove(payload)
         self._count(EVERYONE)
 
-    def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> News:
-        """Remove all payloads of a queue that are meant by *which*, and return their fates for *source*."""
+    def flush(self, queue: int, source: Address, which: Callable[[Payload], bool] = lambda _: True) -> LinkEvents:
+        """Remove all payloads of a queue that *which* selects, and return their fates for *source*."""
         waiting = self._waiting[queue]
         gone = [payload for payload in waiting if which(payload)]
         self._waiting[queue] = deque(payload for payload in waiting if not which(payload))
@@ -120,12 +120,12 @@ class Queues:
         self._count(queue)
         return self.fates(gone, source)
 
-    def fates(self, gone: list[Payload], source: Address) -> News:
-        """Return the news for *source* that payloads have been flushed."""
+    def fates(self, gone: list[Payload], source: Address) -> LinkEvents:
+        """Return the events for *source* that payloads have been flushed."""
         return [item for payload in gone for item in payload.fate(source, Outcome.FLUSHED)]
 
     def _count(self, queue: int) -> None:
-        """Count what waits for each slave in the master's queue, up to the first broadcast."""
+        """Count the payloads for each slave in the master's queue, up to the first broadcast."""
         if queue != EVERYONE or not self._counts:
             return
         self._links[WAITING] = 0
@@ -134,6 +134,6 @@ class Queues:
                 break
             self._links[WAITING, payload.lt_addr] += 1
 
-    def flush_link(self, k: int, master: Address, master_alone: bool) -> News:
-        """Empty the master's queue of what is meant for LT_ADDR *k*, and of broadcasts if it is alone now."""
+    def flush_link(self, k: int, master: Address, master_alone: bool) -> LinkEvents:
+        """Flush the payloads for LT_ADDR *k* from the master's queue, and broadcasts if the master is alone now."""
         return self.flush(EVERYONE, master, lambda p: p.lt_addr == k or (master_alone and p.lt_addr == EVERYONE))

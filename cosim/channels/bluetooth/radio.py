@@ -1,12 +1,13 @@
-"""The air between Bluetooth devices, as the procedures see it: put frames on it and ask what became of them.
+"""The air between Bluetooth devices, as the procedures see it: frames are put on it, and their fates asked for.
 
-The arithmetic stands in ``medium`` (what overlaps, what survives) and ``band`` (piconets without payloads, advanced
-together). Everything that changes what devices hear of each other, or who sends, comes through here: what has been
-going on is brought up to now first.
+The arithmetic is in ``medium`` (what overlaps, what survives) and ``band`` (piconets without payloads, advanced
+together). Every change of powers, or of the devices that send, comes through here: all piconets are brought up to now
+first.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
 
@@ -16,11 +17,13 @@ from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
 from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import basic_hop
 from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, T_DEVICE, T_TO
 from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, STAGE, USED, WORD, run_alone
 from cosim.channels.jamming import Jammer
+from cosim.kernel import Kernel
 from cosim.machine import Address
 from cosim.units import MS, Time
 
@@ -31,7 +34,7 @@ MODES: Final[dict[str, int]] = {
     "neighbouring": mediums.NEIGHBOURING,
 }
 LONGEST_FRAME: Final[Time] = 4 * MS
-"""No frame of Basic Rate lasts longer (five slots are 3.125 ms)."""
+"""Bound of the air time of a frame of Basic Rate (five slots are 3.125 ms)."""
 FOREVER: Final[Time] = 1 << 61
 _NOTHING_DBM: Final = float("-inf")
 _NO_LOG: Final = np.empty((0, LOG_FIELDS), dtype=np.int64)
@@ -39,7 +42,7 @@ _LOG_ROWS: Final = 4096
 
 
 class Heard(StrEnum):
-    """What became of a frame at the receiver that it was meant for."""
+    """The fate of a frame at the receiver that it was meant for."""
 
     RECEIVED = "received"
     OUT_OF_RANGE = "out_of_range"
@@ -63,14 +66,14 @@ class Part(StrEnum):
 
 
 class Fate(NamedTuple):
-    """What became of a frame, and which part of it failed if one did."""
+    """The fate of a frame, and which part of it failed if one did."""
 
     heard: Heard
     part: Part = Part.NONE
 
     @property
     def header_heard(self) -> bool:
-        """Whether the receiver has noticed the frame and knows its header."""
+        """True if the receiver has noticed the frame and knows its header."""
         return self.heard in (Heard.RECEIVED, Heard.REFUSED) or self.part is Part.PAYLOAD
 
 
@@ -108,13 +111,13 @@ class Frame(NamedTuple):
 
 
 IdleFrame: TypeAlias = Callable[[int, int, bool, Fate], None]
-"""Called with (tick, LT_ADDR, whether it went up to the master, what became of it)."""
+"""Called with (tick, LT_ADDR, whether the frame went up to the master, its fate)."""
 
 
 class Air:
-    """The air between *size* devices. *record* is called with every frame that is judged, if anybody wants that.
+    """The air between *size* devices. *record*, if given, is called with every frame that is judged, and its fate.
 
-    *key* is that of the draws of bit errors; without noise (-inf dBm) there are none.
+    *key* is the key of the draws of bit errors; without noise (-inf dBm) there are none.
     """
 
     def __init__(
@@ -127,7 +130,7 @@ class Air:
     ) -> None:
         self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
         self.calm = True
-        """Whether no frame that starts from ``stray`` on can be destroyed."""
+        """True if no frame that starts from ``stray`` on can be destroyed."""
         self.fades = noise_dbm > float("-inf")
         """True if powers are those of a law of propagation."""
         self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
@@ -139,14 +142,14 @@ class Air:
         self._alone: tuple[Int64s, Int64s] | None = None
         """Arrays of the only piconet that sends anything, if its air is calm and everything is received there."""
         self._in_flight: deque[tuple[Address, Time, Time, int]] = deque(maxlen=mediums.RING)
-        """Frames (source, start, end, channel) of a calm air: the medium needs them only when the calm ends."""
+        """Frames (source, start, end, channel) of a calm air, which the medium needs only when the calm ends."""
         self._idle: dict[Address, IdleFrame] = {}  # by master, where idle frames are wanted
         self.stray: Time = 0
-        """From when on nothing is on the air that a change, an inquiry or a page has left there."""
+        """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
         self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
         self._power: list[list[float]] = self.band.medium.power_dbm.tolist()
 
-    # ------------------------------------------------------------ who hears whom
+    # ------------------------------------------------------------ powers
 
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
@@ -164,7 +167,7 @@ class Air:
         return carrier_dbm >= self._detectable_dbm and carrier_dbm > _NOTHING_DBM
 
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
-        """Have these jammers, and no others, on the air; nobody receives them before :meth:`set_jam_powers`."""
+        """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
         self.advance(now)
         jams, channels = mediums.jam_arrays(jammers)
         power_mw = np.zeros((len(jammers), len(self._power)))
@@ -186,7 +189,7 @@ class Air:
         """
         last_end = now if last_end is None else last_end
         if self._idle:
-            self._advance_and_tell(now, last_end)
+            self._advance_and_report(now, last_end)
         elif self._alone is not None:
             run_alone(*self._alone, now)
         elif self._running:
@@ -200,7 +203,7 @@ class Air:
         if now >= self._closing:
             self._forget_trains(now)
 
-    def _advance_and_tell(self, now: Time, last_end: Time) -> None:
+    def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
@@ -210,12 +213,12 @@ class Air:
                 if master in self._idle:
                     self._idle[master](tick, k, bool(up), FATES[fate])
 
-    def tell_idle(self, master: Address, tell: IdleFrame) -> None:
-        """Tell of every idle POLL and NULL of the piconet of *master* from now on."""
-        self._idle[master] = tell
+    def report_idle(self, master: Address, report: IdleFrame) -> None:
+        """Call *report* with every idle POLL and NULL of the piconet of *master* from now on."""
+        self._idle[master] = report
 
     def changed(self, now: Time) -> None:
-        """Note a change in who sends or who is there; all piconets must have been advanced to *now*."""
+        """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
         self._disturb()
         self._stray_until(now + LONGEST_FRAME)
         masters = [p for p, row in enumerate(self._rows) if row[0][RUNNING] and row[1][HELD].any()]
@@ -226,7 +229,7 @@ class Air:
         self._master = masters[0] if len(masters) == 1 and not ending else None
 
     def _seek_shortcut(self, now: Time) -> None:
-        """Take the shortcut from *now* on if only one piconet sends, nothing else has for a while, and all hear it."""
+        """Take the shortcut from *now* on if only one piconet sends, nothing else is on the air, and all hear it."""
         if self.calm and self._master is not None and now >= self.stray:
             master, self._master = self._master, None
             if bands.all_hear(self.band, master):
@@ -269,7 +272,7 @@ class Air:
         return self.calm and start >= self.stray
 
     def fate(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool) -> Fate:
-        """Return what becomes of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
+        """Return the fate of the *frame* of a piconet at *receiver*, at its end; *bits* as in :meth:`judge`."""
         if not self.reaches(carrier_dbm):
             return FAR
         if self.calm and frame.start >= self.stray:
@@ -288,7 +291,7 @@ class Air:
         self._stray_until(end)
 
     def judge(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int = 0, first: int = 1) -> Fate:
-        """Return what becomes of *frame* at *receiver*, at its end, from the section *first* on.
+        """Return the fate of *frame* at *receiver*, at its end, from the section *first* on.
 
         *carrier_dbm* is its power there; *bits* counts its payload with header and CRC, all of it coded (an FHS).
         """
@@ -305,6 +308,11 @@ class Air:
         return FATES[
             mediums.judge(medium, source, receiver, frame.channel, start, end, carrier_dbm, bits, coded, first)
         ]
+
+    @property
+    def recorded(self) -> bool:
+        """True if a trace wants frames."""
+        return self._record is not None
 
     def record(self, frame: Frame, fate: Fate) -> None:
         """Hand *frame* and its fate to the trace, if there is one."""
@@ -356,3 +364,22 @@ class Air:
         ends = (int(medium.trains[row, T_TO]) for row in range(len(kept)))
         self._closing = min(ends, default=FOREVER) + 2 * LONGEST_FRAME
         self.changed(now)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The identity of one device."""
+
+    address: Address
+    hop_address: int
+    """The 32-bit UAP/LAP word."""
+    clock: NativeClock
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """One device on the air, as its scanners, its procedures and its piconet use it."""
+
+    kernel: Kernel
+    air: Air
+    identity: Identity

@@ -1,6 +1,6 @@
-"""How strongly devices receive each other, from where they are: a plain disc, or a law of propagation with walls.
+"""Powers with which devices receive each other, by their positions: a plain disc, or a law of propagation with walls.
 
-And the noise that they receive besides, within the 1 MHz of a channel.
+Also the noise that they receive within the 1 MHz of a channel.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from cosim.channels.propagation import Barrier, Propagation
 from cosim.jit import njit
 
 POWER_DBM: Final = {1: 20.0, 2: 4.0, 3: 0.0}
-"""The most that a device of power class 1, 2 or 3 transmits."""
+"""Greatest transmit power of power classes 1, 2 and 3."""
 THERMAL_NOISE_DBM: Final = -114.0
-"""Of 290 K in a bandwidth of 1 MHz."""
+"""Thermal noise at 290 K in a bandwidth of 1 MHz."""
 
 
 def noise_dbm(sensitivity_dbm: float) -> float:
@@ -32,7 +32,7 @@ def thermal_noise_dbm(noise_figure_db: float) -> float:
 
 
 class Disc:
-    """Everything within *range_m*, or everywhere without one, with 0 dBm; nothing beyond."""
+    """Reception with 0 dBm within *range_m*, or everywhere if it is None, and none beyond."""
 
     def __init__(self, size: int, range_m: float | None) -> None:
         self._range_m = range_m
@@ -61,7 +61,7 @@ class Disc:
 
 
 class Fading:
-    """Transmit powers, shape (n,), and the gains that *propagation* gives, computed when they are asked for."""
+    """Reception by transmit powers, shape (n,), and the gains of *propagation*, computed when they are needed."""
 
     def __init__(self, transmit_dbm: Floats, propagation: Propagation) -> None:
         self._transmit_dbm = transmit_dbm
@@ -76,7 +76,7 @@ class Fading:
         return True
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
-        """Have *barriers*, and no others, in the way from now on."""
+        """Put *barriers*, and no others, in the way from now on."""
         self._propagation.set_barriers(tuple(barriers))
 
     def power_dbm(self) -> Floats:
@@ -95,7 +95,7 @@ class Fading:
 
 @njit(cache=True)
 def _differs(positions_m: Positions, range_m: float, near: Bools) -> bool:
-    """Return whether any pair of *positions_m* is nearer than, or beyond, *range_m* otherwise than *near* says."""
+    """Return whether any pair of *positions_m* has entered or left *range_m* since *near*."""
     for a in range(len(positions_m)):
         for b in range(a):
             x, y = positions_m[a, 0] - positions_m[b, 0], positions_m[a, 1] - positions_m[b, 1]

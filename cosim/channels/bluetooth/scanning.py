@@ -1,4 +1,4 @@
-"""Where a train of IDs and a scanner meet: computed, not searched slot by slot (Core v1.2, Vol 2 Part B, section 8).
+"""When a scanner hears a train of IDs: computed, not searched slot by slot (Core v1.2, Vol 2 Part B, section 8).
 
 An inquirer or pager sends IDs at the ticks c of its own clock with c mod 4 in {0, 1}, hopping through a train of 16
 channels in 32 ticks; a scanner listens on one channel for a window of 36 ticks of its own clock, once an interval. An
@@ -31,17 +31,17 @@ from cosim.units import SLOT, TICK, Time, from_seconds
 WINDOW: Final = 36
 """Ticks of a scan window, 11.25 ms."""
 RESPONSE_DELAY: Final[Time] = SLOT
-"""From the start of a heard ID to the start of its answer."""
+"""Time from the start of a heard ID to the start of its answer."""
 
 _MILLION = 1_000_000
 _NEVER = 1 << 62
 
 
 class ScanSettings(Settings):
-    """How often a device scans."""
+    """Parameters of a scan."""
 
     interval_s: float = Field(default=1.28, ge=0.01125, le=2.56)
-    """From the start of a window to the next; the shortest, the length of a window, is a continuous scan."""
+    """Time from the start of a window to the next; the shortest, the length of a window, is a continuous scan."""
     interlaced: bool = False
     """Two windows back to back, the second half a hop cycle ahead (v1.2)."""
 
@@ -86,7 +86,7 @@ class IdTrain:
         return train_phase(tick + self.estimate, self.train(tick))
 
     def on_air(self, device: Address, since: Time) -> Int64s:
-        """Return what ``Air.open_train`` must know of it: *device* sends it from the instant *since* to its end."""
+        """Return the row for ``Air.open_train``: *device* sends the train from the instant *since* to its end."""
         clock, switch = self.clock, 32 * self.repetitions
         koffset, end = KOFFSET[self.first_train], self.clock.time_of(self.end)
         row = (device, clock.phase, clock.ppm, self.first, switch, koffset, self.estimate, since, max(since, end))
@@ -95,7 +95,7 @@ class IdTrain:
 
 @dataclass(frozen=True, slots=True)
 class ScanWindows:
-    """When a scanner listens: local ticks [offset + k * interval, + WINDOW) of *clock* for every integer k.
+    """The windows of a scanner: local ticks [offset + k * interval, + WINDOW) of *clock* for every integer k.
 
     An *interval* of one window is a continuous scan. *interlaced* (v1.2) puts a second window directly behind each, in
     which X is 16 further.
@@ -108,7 +108,7 @@ class ScanWindows:
 
     @property
     def continuous(self) -> bool:
-        """Whether there is no time outside of the windows."""
+        """True if there is no time outside of the windows."""
         return self.interval == WINDOW
 
 
@@ -118,7 +118,7 @@ class Meeting(NamedTuple):
     tick: int
     """The transmitter's tick."""
     second: bool
-    """Whether it falls into the second of two interlaced windows."""
+    """True if it falls into the second of two interlaced windows."""
 
 
 def first_transmission(clock: NativeClock, now: Time) -> int:
@@ -222,7 +222,7 @@ def _next_meeting(
     interval: int,
     offset: int,
     n: int,
-    tick: int,  # ...and what bounds the search
+    tick: int,  # ...and the bounds of the search
     since: int,
     until: int,
 ) -> int:

@@ -1,48 +1,47 @@
-"""Whom a master addresses next, and with what: polling schedulers.
+"""Polling schedulers: the link that a master addresses next, and the packet that it sends.
 
 Whatever the scheduler, links whose poll is due go first, so that T_poll is kept. Else "lazy" sends the head of the
-master's queue, and nothing in slots in which nothing waits. The others give every free slot to a link: a broadcast at
-the head of the queue goes before them; then comes, in turn, the link served the longest ago (round robin), the same
-link as long as anything waits on either side of it (exhaustive), or the link with the most payloads on both sides
-(backlog); it gets the first payload of the queue that is for it, or POLL. The last two take it for known how many
-payloads a slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for
-Bluetooth picocells", ICC 2001); a real master learns it from the packets.
+master's queue, and nothing in slots in which nothing waits. The others give every free slot to a link, after a
+broadcast at the head of the queue. That is the link served the longest ago (round robin), the same link as long as
+anything waits on either side of it (exhaustive), or the link with the most payloads on both sides (backlog). It gets
+the first payload of the queue that is for it, or POLL. The last two assume that the master knows how many payloads a
+slave holds, as the literature's ideal schedulers do (Capone, Gerla, Kapoor, "Efficient polling schemes for Bluetooth
+picocells", ICC 2001); a real master learns it from the packets.
+
+With ``best_packets`` a payload gets its packet type when it is sent for the first time: the one with the best expected
+rate at the Es/N0 of the link at that instant, for a broadcast that of the worst link. Interference does not count, as
+the sender cannot know what it will meet.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Final, Literal, NamedTuple, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.links import Links
+from cosim.channels.bluetooth.errors import best_type
 from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED, STOPPED
-from cosim.channels.bluetooth.queues import Payload, Queues
-
-Scheduler: TypeAlias = Literal["lazy", "round_robin", "exhaustive", "backlog"]
-SCHEDULERS: Final[dict[Scheduler, int]] = {
-    "lazy": LAZY,
-    "round_robin": polling.ROUND_ROBIN,
-    "exhaustive": polling.EXHAUSTIVE,
-    "backlog": polling.BACKLOG,
-}
-"""The numbers by which the arithmetic of slots knows them."""
+from cosim.channels.bluetooth.queues import Payload
+from cosim.channels.bluetooth.state import PiconetState
 
 
 class Turn(NamedTuple):
-    """What is sent in a slot."""
+    """The packet that is sent in a slot."""
 
     k: int
     """LT_ADDR of the link that is addressed; EVERYONE for a broadcast."""
     payload: Payload | None
-    """None for POLL, or for a beacon without a payload."""
+    """Payload of the packet; None for POLL, or for a beacon without one."""
 
 
 class Schedule:
-    """Decides for one piconet; *fit*, if there is one, gives payloads their packet type before they are first sent."""
+    """The choice of packets in one piconet."""
 
-    def __init__(self, links: Links, queues: Queues, fit: Callable[[Payload, bool], None] | None = None) -> None:
-        self._piconet, self._table = links.piconet, links.table
-        self._queues = queues
-        self._fit = fit
+    def __init__(self, state: PiconetState) -> None:
+        self._links = state.links
+        self._piconet, self._table = state.links.piconet, state.links.table
+        self._queues = state.queues
+        self._air = state.air
+        self._types = state.settings.types
+        self._fits = state.settings.best_packets
 
     def next_slot(self) -> int:
         """Return the next TX slot with a payload or a beacon in it, or NOTHING."""
@@ -59,7 +58,7 @@ class Schedule:
         return min((tick for tick in ticks if tick not in (NEVER, NOTHING)), default=NOTHING)
 
     def choose(self, tick: int) -> Turn | None:
-        """Return what is sent in the TX slot *tick*, which nothing has been decided about, or None."""
+        """Return what is sent in the TX slot *tick*, which is not decided yet, or None."""
         payload = self._first(tick, self._unasked())
         if tick >= self._piconet[BEACON] and self._next_beacon(tick) == tick:
             return Turn(EVERYONE, payload if payload is not None and payload.lt_addr == EVERYONE else None)
@@ -91,7 +90,7 @@ class Schedule:
         return opening
 
     def _unasked(self) -> Iterator[Payload]:
-        """Return what is sent as soon as a slot is free, no matter whose turn it is."""
+        """Return the payloads that are sent as soon as a slot is free, whichever link has the turn."""
         lazy = self._piconet[SCHEDULER] == LAZY
         if lazy and not self._piconet[SHARED]:
             head = self._queues.head(EVERYONE)
@@ -102,10 +101,23 @@ class Schedule:
         return self._sized(self._queues.sendable())
 
     def _sized(self, payloads: Iterator[Payload]) -> Iterator[Payload]:
-        return payloads if self._fit is None else map(self.sized, payloads)
+        return map(self.sized, payloads) if self._fits else payloads
 
     def sized(self, payload: Payload, up: bool = False) -> Payload:
         """Return *payload*, which goes *up* to the master or down, in the packet type that it is to be sent in."""
-        if self._fit is not None and not payload.tries:
-            self._fit(payload, up)
+        if self._fits and not payload.tries:
+            length = len(payload.outgoing.payload)
+            payload.kind = best_type(self._types, length, self._es_n0_db(payload.lt_addr, up))
+            payload.air = payload.kind.air_time(length)
         return payload
+
+    def _es_n0_db(self, k: int, up: bool) -> float:
+        """Return the Es/N0 of link *k* now, *up* to the master or down; for EVERYONE that of the worst link."""
+        links, carrier = self._links, self._air.carrier
+        if k == EVERYONE:
+            power_dbm = min((carrier(links.master, slave) for slave in links.slaves.values()), default=float("-inf"))
+        elif up:
+            power_dbm = carrier(links.slaves[k], links.master)
+        else:
+            power_dbm = carrier(links.master, links.slaves[k])
+        return power_dbm - float(self._air.band.medium.noise_dbm[0]) if power_dbm > float("-inf") else power_dbm

@@ -1,4 +1,4 @@
-"""What a scenario can say about the Bluetooth channel."""
+"""Parameters of the Bluetooth channel in a scenario."""
 
 from typing import Literal, Self
 
@@ -7,11 +7,10 @@ from pydantic import Field, model_validator
 from cosim.channels.bluetooth.inquiry import InquiryScanSettings, InquirySettings
 from cosim.channels.bluetooth.packets import ACL, AclName
 from cosim.channels.bluetooth.paging import PageSettings
-from cosim.channels.bluetooth.piconet import PiconetSettings
 from cosim.channels.bluetooth.radio import Interference
 from cosim.channels.bluetooth.reach import noise_dbm, thermal_noise_dbm
 from cosim.channels.bluetooth.scanning import ScanSettings
-from cosim.channels.bluetooth.schedule import Scheduler
+from cosim.channels.bluetooth.state import PiconetSettings, Scheduler
 from cosim.channels.kinds import ChannelSettings
 from cosim.channels.propagation import PropagationSettings
 from cosim.settings import BitRate, Count, Decibels, Metres, Seconds, error_at
@@ -47,7 +46,7 @@ class BluetoothSettings(ChannelSettings):
         default=40, ge=16, multiple_of=2, description="slots of 625 us until an idle slave is polled again"
     )
     scheduler: Scheduler = Field(
-        default="lazy", description="whom a master addresses: whoever is due or has a payload, or all in every slot"
+        default="lazy", description="slaves that a master addresses: those due or with a payload, or one in every slot"
     )
     packet_choice: Literal["smallest", "best"] = Field(
         default="smallest", description="packet type of a payload: the smallest, or the best at the link's Es/N0"
@@ -75,7 +74,7 @@ class BluetoothSettings(ChannelSettings):
     afh_interval_s: Seconds = Field(default=1.0, gt=0, description="s from one choice of channels to the next")
     afh_retry_s: Seconds = Field(default=30.0, gt=0, description="s until a bad channel is tried again")
     supervision_s: Seconds = Field(default=20.0, gt=0, description="s without a frame until a link is taken for lost")
-    clock_ppm: int = Field(default=20, ge=0, le=250, description="native clocks drift by up to so many ppm")
+    clock_ppm: int = Field(default=20, ge=0, le=250, description="ppm, greatest drift of native clocks")
     inquiry: InquirySettings = Field(default_factory=InquirySettings, description="how devices look for others")
     inquiry_scan: InquiryScanSettings = Field(
         default_factory=InquiryScanSettings, description="how devices let themselves be found"
@@ -98,7 +97,7 @@ class BluetoothSettings(ChannelSettings):
 
     @property
     def piconet(self) -> PiconetSettings:
-        """What each piconet must know of them."""
+        """The parameters of each piconet."""
         return PiconetSettings(
             types=tuple(ACL[name] for name in self.packet_types),
             n_bc=self.n_bc,
@@ -111,6 +110,7 @@ class BluetoothSettings(ChannelSettings):
             park_window_slots=self.park_window_slots,
             best_packets=self.packet_choice == "best",
             afh=(from_seconds(self.afh_interval_s), from_seconds(self.afh_retry_s)) if self.afh else None,
+            idle_frames=self.idle_frames,
         )
 
     @property

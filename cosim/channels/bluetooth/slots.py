@@ -1,16 +1,17 @@
-"""What a piconet sends in slots that concern anybody: decided at their start, judged at the ends of their frames."""
+"""What a piconet sends in slots that are not idle: decided at their start, judged at the ends of their frames.
 
-from collections.abc import Callable, Iterable
+Frames are counted by type and, if a trace wants them, recorded with channel and outcome; idle POLL and NULL packets,
+which ``band`` computes, are recorded here as well.
+"""
+
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
 
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import HEADER_AIR, NULL, POLL, PacketType
-from cosim.channels.bluetooth.parking import Parking
 from cosim.channels.bluetooth.polling import (
     EVERYONE,
     FULL_UNTIL,
@@ -25,17 +26,17 @@ from cosim.channels.bluetooth.polling import (
     SEEN_DOWN,
     SEQ_DOWN,
     SHARED,
+    SLAVE,
     STOPPED,
+    USED,
 )
-from cosim.channels.bluetooth.queues import News, Payload, Queues
-from cosim.channels.bluetooth.radio import REFUSED, Air, Frame, Heard
+from cosim.channels.bluetooth.queues import LinkEvents, Payload
+from cosim.channels.bluetooth.radio import FAR, GOOD, REFUSED, UNTUNED, Fate, Frame, Heard
 from cosim.channels.bluetooth.schedule import Schedule
-from cosim.channels.bluetooth.traffic import Traffic
-from cosim.kernel import AIR, Handle, Kernel
-from cosim.machine import Address, LinkEvent, Outcome
+from cosim.channels.bluetooth.state import PiconetState
+from cosim.kernel import AIR, Handle
+from cosim.machine import Address, Outcome, Reception
 from cosim.units import Time
-
-Deliver: TypeAlias = Callable[[Iterable[Arrival], Iterable[tuple[Address, LinkEvent]]], None]
 
 
 @dataclass(slots=True)
@@ -47,57 +48,51 @@ class _Pair:
     slave: Address
     question: Payload | None
     answer: Payload | None
-    """What the slave says if it hears the question; None for NULL."""
+    """Payload that the slave sends if it hears the question; None for NULL."""
     acknowledges: bool
-    """Whether the master's packet carries ARQN = 1 for the head of the slave's queue."""
+    """True if the master's packet carries ARQN = 1 for the head of the slave's queue."""
     down_dbm: float
     up_dbm: float
     here: bool
-    """Whether the slave is there."""
+    """True if the slave is there."""
     noted: bool
-    """Whether its frames are recorded."""
+    """True if its frames are recorded."""
     whole: bool = True
-    """Whether the slave has received the payload of the question, if there is one."""
+    """True if the slave has received the payload of the question, if there is one."""
     taken: bool = False
-    """Whether it has had room for it as well."""
+    """True if the slave had room for it as well."""
 
 
 class Slots:
     """The TX slots of a master: one kernel event for the next one with a payload in it."""
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        air: Air,
-        clock: NativeClock,
-        links: Links,
-        queues: Queues,
-        parking: Parking,
-        schedule: Schedule,
-        n_bc: int,
-        traffic: Traffic,
-        deliver: Deliver,
-        on_beacon: Callable[[int], None],
-    ) -> None:
+    def __init__(self, state: PiconetState, on_beacon: Callable[[int], None]) -> None:
         """*on_beacon* is called with the number of a parked slave that has heard a broadcast packet which ends now."""
-        self.address = links.master
-        self.clock = clock
-        self.links = links
-        self._kernel = kernel
-        self._air = air
-        self._n_bc = n_bc
-        self._queues = queues
-        self._schedule = schedule
-        self._parking = parking
+        self.frames: Counter[str] = Counter()
+        """Frames with user data by packet type, retransmissions and repetitions included."""
+        self.address = state.links.master
+        self.clock = state.clock
+        self.links = state.links
+        self._kernel = state.kernel
+        self._air = state.air
+        self._n_bc = state.settings.n_bc
+        self._queues = state.queues
+        self._parking = state.parking
+        self._transport = state.links.transport
+        self._deliver = state.deliver
+        self._schedule = Schedule(state)
         self._on_beacon = on_beacon
-        self._traffic = traffic
-        self._frames = traffic.frames
-        self._deliver = deliver
+        self._recorded = state.air.recorded
+        """True if the frames of transactions with a payload are recorded."""
+        self._idle_recorded = self._recorded and state.settings.idle_frames
+        """True if all other frames are recorded as well."""
+        if self._idle_recorded:
+            self._air.report_idle(self.address, self._record_idle)
         self._slot: Handle | None = None
         self._slot_tick = NOTHING
 
     def arm(self) -> None:
-        """Have the next slot that concerns somebody as a kernel event; all slots before now are decided."""
+        """Schedule the next slot that is not idle as a kernel event; all slots before now are decided."""
         tick = self._schedule.next_slot() if self.links.piconet[RUNNING] else NOTHING
         if self._slot is not None:
             if tick == self._slot_tick:
@@ -126,91 +121,91 @@ class Slots:
         """Send *payload*, or POLL, to the slave *k*; the next slot is known when the pair is over."""
         links, air, slave = self.links, self._air, self.links.slaves[k]
         waiting = self._queues.first_two(k)
-        noted = self._frames.idle_wanted or (self._frames.wanted and (payload is not None or bool(waiting)))
+        noted = self._idle_recorded or (self._recorded and (payload is not None or bool(waiting)))
         kind, duration, first = _shape(payload, POLL)
         acknowledges = polling.begin_pair(links.piconet, links.table, tick, k, first, payload is not None, kind.slots)
         answer = waiting[acknowledges] if len(waiting) > acknowledges else None
-        if self._traffic.full_until(self.address, slave):
+        if self._full_until(self.address, slave):
             answer = None
         if answer is not None:
             self._schedule.sized(answer, up=True).chosen = True
         carriers = air.carrier(self.address, slave), air.carrier(slave, self.address)
         pair = _Pair(tick, k, slave, payload, answer, acknowledges, *carriers, bool(links.table[HERE, k]), noted)
-        frame = self._traffic.send(tick, kind, duration, self.address, slave, k, payload, tick)
+        frame = self._send(tick, kind, duration, self.address, slave, k, payload, tick)
         self._kernel.after(duration, partial(self._asked, pair, frame))
 
     def _asked(self, pair: _Pair, frame: Frame) -> None:
-        """At the end of the master's frame: the slave may hear it, take its payload, and answer."""
+        """End the master's frame: the slave may hear it, take its payload, and answer."""
         links, k, question = self.links, pair.k, pair.question
         joined = pair.here and bool(links.table[JOINED, k])
-        fate = self._traffic.fate(frame, pair.slave, pair.down_dbm, question, joined)
+        fate = self._fate(frame, pair.slave, pair.down_dbm, question, joined)
         if fate.heard is Heard.RECEIVED and self._overflows(pair):
             fate = REFUSED
         if pair.noted:
-            self._frames.record(frame, fate)
+            self._air.record(frame, fate)
         if pair.answer is not None:
             pair.answer.chosen = False
         if not fate.header_heard:
-            self._traffic.assess(frame, False)
+            self._assess(frame, False)
             links.table[STOPPED, k] = 0
             self.arm()
             return
         links.table[HEARD_DOWN, k] = self._kernel.now
-        news: News = []
+        events: LinkEvents = []
         if pair.acknowledges:
-            news = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
+            events = self._queues.pop(k).fate(pair.slave, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if question is not None and fate.heard is Heard.RECEIVED:
             pair.taken = True
             if polling.take_down_link(links.table, k):
-                arrivals = self._traffic.received(pair.slave, question, self.address, pair.down_dbm)
+                arrivals = self._received(pair.slave, question, self.address, pair.down_dbm)
         pair.whole = question is None or fate.heard in (Heard.RECEIVED, Heard.REFUSED)
-        links.table[FULL_UNTIL, k] = self._traffic.full_until(pair.slave, self.address)
+        links.table[FULL_UNTIL, k] = self._full_until(pair.slave, self.address)
         self._answer(pair)
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        if arrivals or events:
+            self._deliver(arrivals, events)
 
     def _overflows(self, pair: _Pair) -> bool:
         """Return whether the slave has no room for the payload that it has received; a repetition needs none."""
         table, k = self.links.table, pair.k
         if pair.question is None or table[SEEN_DOWN, k] == table[SEQ_DOWN, k]:
             return False
-        return self._traffic.full_until(pair.slave, self.address) > 0
+        return self._full_until(pair.slave, self.address) > 0
 
     def _answer(self, pair: _Pair) -> None:
-        """Let the slave answer what it has just heard, in the slot after it."""
+        """Send the slave's answer to what it has just heard, in the slot after it."""
         links, answer = self.links, pair.answer
         slots = 1 if pair.question is None else pair.question.kind.slots
         tick = pair.tick + 2 * slots
         kind, duration, first = _shape(answer, NULL)
         polling.answer_pair(links.piconet, links.table, tick, pair.k, first, answer is not None, kind.slots)
-        reply = self._traffic.send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
+        reply = self._send(tick, kind, duration, pair.slave, self.address, pair.k, answer, pair.tick)
         self._kernel.at(reply.start + duration, partial(self._answered, pair, reply))
 
     def _answered(self, pair: _Pair, frame: Frame) -> None:
-        """At the end of the slave's frame: the master may hear it, and take its payload."""
+        """End the slave's frame: the master may hear it, and take its payload."""
         links, k, answer = self.links, pair.k, pair.answer
         held = bool(links.table[HELD, k])
-        fate = self._traffic.fate(frame, self.address, pair.up_dbm, answer, held)
+        fate = self._fate(frame, self.address, pair.up_dbm, answer, held)
         if pair.noted:
-            self._frames.record(frame, fate)
-        self._traffic.assess(frame, fate.heard is Heard.RECEIVED and pair.whole)
+            self._air.record(frame, fate)
+        self._assess(frame, fate.heard is Heard.RECEIVED and pair.whole)
         if not fate.header_heard:
             links.table[STOPPED, k] = 0
             self.arm()
             return
         links.table[HEARD_UP, k] = self._kernel.now
         links.table[STOPPED, k] = links.table[FULL_UNTIL, k] > 0
-        news: News = []
+        events: LinkEvents = []
         if pair.taken and pair.question is not None:
             self._queues.remove(pair.question)
-            news = pair.question.fate(self.address, Outcome.DELIVERED)
+            events = pair.question.fate(self.address, Outcome.DELIVERED)
         arrivals: list[Arrival] = []
         if answer is not None and fate.heard is Heard.RECEIVED and polling.take_up_link(links.table, k):
-            arrivals = self._traffic.received(self.address, answer, pair.slave, pair.up_dbm)
+            arrivals = self._received(self.address, answer, pair.slave, pair.up_dbm)
         self.arm()
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        if arrivals or events:
+            self._deliver(arrivals, events)
 
     # ------------------------------------------------------------ broadcasts
 
@@ -226,11 +221,11 @@ class Slots:
         carriers = {k: air.carrier(self.address, slave) for k, slave in self._audience(payload is None)}
         here = self.links.table[HERE].tolist()
         present = {k for k in carriers if self._present(k, here, tick, kind.slots)}
-        frame = self._traffic.send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
+        frame = self._send(tick, kind, duration, self.address, self.address, EVERYONE, payload, tick)
         self._kernel.after(duration, partial(self._broadcast_ends, frame, payload, carriers, present, last))
 
     def _audience(self, parked_only: bool) -> list[tuple[int, Address]]:
-        """Return (number, address) of those who may hear a broadcast, in order: links by LT_ADDR, then the parked."""
+        """Return (number, address) of the slaves that may hear a broadcast: links by LT_ADDR, then parked slaves."""
         active = [] if parked_only else sorted(self.links.slaves.items())
         return active + [(number, member.slave) for number, member in sorted(self._parking.members.items())]
 
@@ -246,26 +241,92 @@ class Slots:
         self, frame: Frame, payload: Payload | None, carriers: dict[int, float], present: set[int], last: bool
     ) -> None:
         arrivals: list[Arrival] = []
-        wanted = self._frames.wanted if payload is not None else self._frames.idle_wanted
+        wanted = self._recorded if payload is not None else self._idle_recorded
         joined = self.links.table[JOINED].tolist()
         for k, slave in self._audience(payload is None):
             if k not in carriers:
                 continue  # it came while the frame was on the air
             parked = self._parking.members.get(k)
             tuned = k in present and bool(joined[k] if parked is None else parked.joined)
-            fate = self._traffic.fate(frame, slave, carriers[k], payload, tuned)
+            fate = self._fate(frame, slave, carriers[k], payload, tuned)
             if wanted:
-                self._frames.record(frame._replace(destination=slave), fate)
+                self._air.record(frame._replace(destination=slave), fate)
             if fate.heard is Heard.RECEIVED and payload is not None and not payload.taken >> k & 1:
                 payload.taken |= 1 << k
-                arrivals += self._traffic.received(slave, payload, self.address, carriers[k], True)
+                arrivals += self._received(slave, payload, self.address, carriers[k], True)
             if fate.header_heard and parked is not None:
                 self._on_beacon(k)
             elif fate.header_heard:
                 self.links.table[HEARD_DOWN, k] = self._kernel.now
-        news = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
-        if arrivals or news:
-            self._deliver(arrivals, news)
+        events = payload.fate(self.address, Outcome.SENT) if payload is not None and last else []
+        if arrivals or events:
+            self._deliver(arrivals, events)
+
+    # ------------------------------------------------------------ packets
+
+    def _send(
+        self,
+        tick: int,
+        kind: PacketType,
+        duration: Time,
+        source: Address,
+        destination: Address,
+        lt_addr: int,
+        payload: Payload | None,
+        asked: int,
+    ) -> Frame:
+        """Put a packet, with *payload* or empty, on the air at *tick*, now or soon; it answers one of the tick *asked*.
+
+        With an adapted hop set a slave answers on the channel of the packet that it answers.
+        """
+        length = 0
+        if payload is not None:
+            length = len(payload.outgoing.payload)
+            payload.tries += 1
+            self.frames[payload.kind.name] += 1
+        channel = self._air.channel(self.address, asked if self.links.piconet[USED] else tick)
+        start = self.clock.time_of(tick)
+        self._air.send(source, start, duration, channel)
+        return Frame(start, duration, kind.name, source, destination, channel, lt_addr, length)
+
+    def _fate(self, frame: Frame, receiver: Address, carrier_dbm: float, payload: Payload | None, tuned: bool) -> Fate:
+        """Return the fate at *receiver* of a frame that ends now."""
+        if not self._air.reaches(carrier_dbm):
+            return FAR
+        if not tuned:
+            return UNTUNED
+        if self._air.spares(frame.start):
+            return GOOD
+        if payload is None:
+            return self._air.fate(frame, receiver, carrier_dbm, 0, False)
+        return self._air.fate(frame, receiver, carrier_dbm, payload.kind.payload_bits(frame.length), payload.kind.coded)
+
+    def _assess(self, frame: Frame, well: bool) -> None:
+        """Count whether the pair that ends with *frame* went well on its channel, if the hop set is adapted."""
+        if self.links.piconet[USED]:
+            self._air.band.tallies[self.address, 0 if well else 1, frame.channel] += 1
+
+    def _received(
+        self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False
+    ) -> list[Arrival]:
+        """Return what reaches the host at *receiver* now: nothing if *payload* has to wait for the line to it."""
+        reception = Reception(source, broadcast, carrier_dbm if self._air.fades else None)
+        arrival = (receiver, payload.outgoing.payload, reception)
+        if self._transport is None:
+            return [arrival]
+        self._transport.take(arrival)
+        return []
+
+    def _full_until(self, device: Address, peer: Address) -> Time:
+        """Return until when *device* sends STOP (FLOW = 0) to *peer*: 0 if it has room now."""
+        return 0 if self._transport is None else self._transport.full_until(device, peer)
+
+    def _record_idle(self, tick: int, k: int, up: bool, fate: Fate) -> None:
+        slave = int(self.links.table[SLAVE, k])  # the link itself may be gone by the end of the frame
+        source, destination = (slave, self.address) if up else (self.address, slave)
+        channel = self._air.channel(self.address, tick)
+        start, kind = self.clock.time_of(tick), "NULL" if up else "POLL"
+        self._air.record(Frame(start, HEADER_AIR, kind, source, destination, channel, k), fate)
 
 
 def _shape(payload: Payload | None, empty: PacketType) -> tuple[PacketType, Time, bool]:

@@ -1,8 +1,9 @@
-"""From devices to their hosts: serial lines that take their time, and the room for what waits for them.
+"""The lines from devices to their hosts: serial, of limited rate, with limited room for what waits for them.
 
-A link may be faster than the line behind it (723 kb/s of DH5 packets into a UART of 115.2 kb/s). What a device has
-received it hands to its host one payload after the other; what waits fills its receive buffer, and a full buffer says
-STOP in the header of the device's packets (FLOW = 0; Core v1.2, Vol 2 Part B, 6.4.3). Each peer has places of its own.
+A link may be faster than the line behind it (723 kb/s of DH5 packets into a UART of 115.2 kb/s). A device hands the
+payloads that it has received to its host one after the other. What waits fills its receive buffer; while the buffer is
+full, the header of the device's packets says STOP (FLOW = 0; Core v1.2, Vol 2 Part B, 6.4.3). Each peer has places of
+its own.
 Broadcasts, which have no FLOW, wait in the same line but take no place.
 """
 
@@ -31,12 +32,12 @@ class Transport:
         self._deliver = deliver
         self._free_at: list[Time] = [0] * size
         self._under_way: dict[Time, list[Arrival]] = {}
-        """What is delivered when."""
+        """Payloads by the instant at which they reach their hosts."""
         self._places: defaultdict[tuple[Address, Address], deque[Time]] = defaultdict(deque)
-        """When each place that is taken becomes free, ascending, by (device, peer)."""
+        """Instants at which the places that are taken become free, ascending, by (device, peer)."""
 
     def take(self, arrival: Arrival) -> None:
-        """Take what a device has received now; its host gets it when all before it is through and it is as well."""
+        """Take what a device has received now; its host gets it when the line has carried it, after all before."""
         device, payload, reception = arrival
         end = max(self._free_at[device], self._kernel.now) + max(1, -(-8 * len(payload) * S // self._bps))
         self._free_at[device] = end

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.errors import UserError
 from cosim.geometry.segments import clearance, segment_grid
-from cosim.navigation.localization_likelihood import KnownMap, known_map
+from cosim.navigation.localization.likelihood import KnownMap, known_map
 from cosim.protocol import Surroundings
 
 _HAIR: float = 1e-9

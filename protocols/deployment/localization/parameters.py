@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from cosim.navigation.localization import LocalizationParameters
+from cosim.navigation.localization.localizer import LocalizationParameters
 from cosim.settings import Angle, Metres, Seconds, Settings
 
 

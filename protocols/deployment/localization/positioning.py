@@ -16,9 +16,9 @@ import numpy as np
 
 from cosim.arrays import Floats
 from cosim.machine import Address, Event
-from cosim.navigation.localization import Localizer
-from cosim.navigation.localization_likelihood import KnownMap
-from cosim.navigation.localization_motion import Pose
+from cosim.navigation.localization.likelihood import KnownMap
+from cosim.navigation.localization.localizer import Localizer
+from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time, to_seconds

@@ -2,14 +2,14 @@
 
 import pytest
 
-from cosim.channels.adhoc.forwarding import Forwarding
+from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.mac import DATA, Form, Frame, Packet
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery
-from cosim.channels.adhoc.routing.choice import RoutingSettings, make_router
 from cosim.channels.adhoc.routing.flooding import FloodingSettings
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, decode
 from cosim.channels.adhoc.routing.olsr import OlsrSettings
+from cosim.channels.adhoc.settings import RoutingSettings
 from cosim.kernel import Kernel
 from cosim.machine import Address, Outcome, Outgoing
 from cosim.randomness import Draws
@@ -51,7 +51,7 @@ class Stations:
     def note_unsent(self, source: Address, destination: Address, length: int, why: Outcome) -> None:
         raise AssertionError("everybody has a route here")
 
-    def told(self, address: Address, token: int, outcome: Outcome) -> None:
+    def report_fate(self, address: Address, token: int, outcome: Outcome) -> None:
         self.fates.append((token, outcome))
 
 

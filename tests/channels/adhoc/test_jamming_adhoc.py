@@ -326,7 +326,7 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
         outages = [(int(draw.integers(0, 400 * MS)), int(draw.integers(3))) for _ in range(8)]
         runs = []
         for always in (False, True):
-            monkeypatch.setattr(AdhocChannel, "_anybody_cares", _always if always else _ANYBODY_CARES)
+            monkeypatch.setattr(AdhocChannel, "_jamming_matters", _always if always else _ANYBODY_CARES)
             field = Field((0, 0), (5, 0), (0, 5), propagation=propagation, range_m=None if propagation else 25.0)
             for jammer in jammers:
                 field.channel.jam(jammer)
@@ -342,7 +342,7 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
         assert runs[0][1] <= runs[1][1]
 
 
-_ANYBODY_CARES = AdhocChannel._anybody_cares
+_ANYBODY_CARES = AdhocChannel._jamming_matters
 
 
 def _always(channel: AdhocChannel) -> bool:

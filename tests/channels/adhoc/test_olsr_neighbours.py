@@ -3,7 +3,7 @@
 import networkx as nx
 import pytest
 
-from cosim.channels.adhoc.routing.olsr_graph import Route, routing_table, select_mprs
+from cosim.channels.adhoc.routing.olsr_graph import RoutingEntry, routing_table, select_mprs
 from cosim.channels.adhoc.routing.olsr_neighbours import Hysteresis, Neighbourhood
 from cosim.channels.adhoc.routing.olsr_wire import (
     ASYM_LINK,
@@ -227,7 +227,7 @@ def test_everybody_two_hops_away_is_reached_as_often_as_asked_for_and_no_relay_i
 
 
 def test_nobody_is_reached_over_who_never_forwards() -> None:
-    assert routing_table(0, {1: 0}, {1: {2}}, set(), []) == {1: Route(1, 1)}
+    assert routing_table(0, {1: 0}, {1: {2}}, set(), []) == {1: RoutingEntry(1, 1)}
 
 
 @pytest.mark.parametrize(
@@ -237,4 +237,4 @@ def test_two_hops_lead_over_the_more_willing_or_else_over_whom_one_is_a_relay_of
     willingness: tuple[int, int], selectors: set[int], over: int
 ) -> None:
     table = routing_table(0, dict(zip((1, 2), willingness, strict=True)), {1: {0, 3}, 2: {0, 3}}, selectors, [])
-    assert table == {1: Route(1, 1), 2: Route(2, 1), 3: Route(over, 2)}
+    assert table == {1: RoutingEntry(1, 1), 2: RoutingEntry(2, 1), 3: RoutingEntry(over, 2)}

@@ -6,9 +6,9 @@ import numpy as np
 
 from cosim.channels.base import Arrival
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.frames import FrameLog
-from cosim.channels.bluetooth.piconet import Piconet, PiconetSettings
-from cosim.channels.bluetooth.radio import Air, Frame, Heard
+from cosim.channels.bluetooth.piconet import Piconet
+from cosim.channels.bluetooth.radio import Air, Frame, Heard, Identity, Radio
+from cosim.channels.bluetooth.state import PiconetSettings
 from cosim.channels.jamming import Jammer
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import (
@@ -54,15 +54,9 @@ class Bench:
         self.deaf: set[tuple[Address, Address]] = set()
         self.devices = devices or size + 1
         self.air = Air(self.devices, lambda frame, fate: self.frames.append((frame, fate.heard)))
-        log = FrameLog(self.air, MASTER, self.clock, wanted=True, idle_wanted=idle)
         self.piconet = Piconet(
-            self.kernel,
-            self.air,
-            MASTER,
-            WORD,
-            self.clock,
-            PiconetSettings(**settings),  # type: ignore[arg-type]
-            log,
+            Radio(self.kernel, self.air, Identity(MASTER, WORD, self.clock)),
+            PiconetSettings(idle_frames=idle, **settings),  # type: ignore[arg-type]
             self.deliver,
         )
         for slave in range(1, size + 1):

@@ -6,7 +6,7 @@ import pytest
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import train_phase
 from cosim.channels.bluetooth.inquiry import Inquiry, InquiryScanner, InquiryScanSettings, InquirySettings
-from cosim.channels.bluetooth.radio import Heard
+from cosim.channels.bluetooth.radio import Heard, Identity, Radio
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE
 from cosim.randomness import Draws
@@ -42,11 +42,14 @@ class InquiryField(Field):
         self.found = {}
         self.completed = None
 
+    def radio(self, address, clock):
+        return Radio(self.kernel, self.air, Identity(address, 0, clock))
+
     def scanner(self, clock, draws=None, offset=0, enable=True, **settings):
         address = len(self.scanners) + 1
         settings = InquiryScanSettings(**({"version": "1.2", "interval_s": CONTINUOUS} | settings))
         draws = draws or Draws(1, address)
-        scanner = InquiryScanner(self.kernel, self.air, address, clock, settings, offset, draws)
+        scanner = InquiryScanner(self.radio(address, clock), settings, offset, draws)
         if enable:
             scanner.enable(0)
         self.scanners.append(scanner)
@@ -61,9 +64,7 @@ class InquiryField(Field):
             self.completed = (self.kernel.now, peers)
 
         inquiry_settings = InquirySettings(**settings)
-        return Inquiry(
-            self.kernel, self.air, address, self.clock, inquiry_settings, ticks, enough, self.scanners, found, complete
-        )
+        return Inquiry(self.radio(address, self.clock), inquiry_settings, ticks, enough, self.scanners, found, complete)
 
 
 def tuned_to(tick, train="A"):
@@ -332,7 +333,7 @@ def test_two_inquiries_at_once_find_the_same_scanner():
     field.inquire(ticks=4096)
     found = []
     clock = NativeClock(40 * TICK + 1234)
-    Inquiry(field.kernel, field.air, 9, clock, InquirySettings(), 4096, 99, field.scanners,
+    Inquiry(field.radio(9, clock), InquirySettings(), 4096, 99, field.scanners,
             lambda peer, estimate: found.append(peer), lambda peers: found.append(peers))  # fmt: skip
     field.kernel.run(2 * S)
     assert field.completed[1] == (1,)

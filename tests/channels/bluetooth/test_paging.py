@@ -6,7 +6,7 @@ import pytest
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import basic_channel, inquiry_response_channel, page_scan_channel, train_phase
 from cosim.channels.bluetooth.paging import Page, PageScanner, PageSettings
-from cosim.channels.bluetooth.radio import Heard
+from cosim.channels.bluetooth.radio import Heard, Identity, Radio
 from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.kernel import WAKE
 from cosim.units import MS, TICK, US, S
@@ -31,11 +31,7 @@ class PageField(Field):
         self.connected = []
         self.failed = []
         self.scanner = PageScanner(
-            self.kernel,
-            self.air,
-            SLAVE,
-            SLAVE_WORD,
-            scanner_clock,
+            Radio(self.kernel, self.air, Identity(SLAVE, SLAVE_WORD, scanner_clock)),
             ScanSettings(interval_s=interval_s, interlaced=interlaced),
             offset,
             lambda master, lt_addr: self.slave_connected.append((self.kernel.now, master, lt_addr)),
@@ -44,11 +40,7 @@ class PageField(Field):
 
     def page(self, estimate=0, address=MASTER, clock=None, lt_addr=5, **settings):
         return Page(
-            self.kernel,
-            self.air,
-            address,
-            MASTER_WORD + address,
-            clock or self.clock,
+            Radio(self.kernel, self.air, Identity(address, MASTER_WORD + address, clock or self.clock)),
             PageSettings(**settings),
             self.scanner,
             estimate,

@@ -8,7 +8,7 @@ import pytest
 
 from cosim.machine import GoTo
 from cosim.observation import Observation, Sighting
-from cosim.robots.carry import Carry
+from cosim.robots.motion import Carry
 from protocols.aggregation.parameters import WalkingParameters
 from protocols.aggregation.walking import Walker, in_the_way, retreat, way_round
 from tests.oracles.campaign import soak_count

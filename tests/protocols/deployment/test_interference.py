@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.robots.drive import approach
+from cosim.robots.motion import approach
 from cosim.units import MS, S
 from protocols.deployment.referee import SLIGHT, STILL_MPS, Log, Shortfall, shortfall, stage_of
 from protocols.deployment.tasks.events import Driving, PlanBegun, TaskEnded, TaskStarted

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from cosim.experiment import Arm, load_experiment
+from experiments.exploration import exploring
 from experiments.exploration_channels import figures
-from experiments.exploration_teams import exploring
 from tests.checkout import EXPERIMENTS
 
 FOLDER = EXPERIMENTS / "exploration_channels"

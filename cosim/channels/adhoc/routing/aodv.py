@@ -1,9 +1,9 @@
 """AODV, ad hoc on-demand distance vector routing (RFC 3561): a robot looks for a route when it has a payload for it.
 
-This file has payloads, searches and time; ``aodv_control`` what routers say to each other, ``aodv_routes`` the table.
-A router that starts anew waits (6.13) unless told not to; in either case it begins with a sequence number, its time in
-ms, above all that it has had. Left out: multicast, subnets and extensions (sections 4, 7, 9). Payloads to all are not
-the RFC's matter: they are flooded, as far as NET_DIAMETER hops, and told apart by source and IP identification for
+This file has payloads, searches and time, ``aodv_control`` the messages between routers, ``aodv_routes`` the table. A
+router that starts again waits (6.13) unless set not to. In either case it begins with a sequence number, its time in
+ms, above all that it has had. Left out: multicast, subnets and extensions (sections 4, 7, 9). The RFC does not cover
+payloads to all: they are flooded, as far as NET_DIAMETER hops, and distinguished by source and IP identification for
 PATH_DISCOVERY_TIME.
 """
 
@@ -26,7 +26,7 @@ from cosim.units import Time
 __all__ = ["Aodv", "AodvSettings"]
 
 DATA_TTL = 64
-"""Of payloads to one robot; RFC 1700's default of IP."""
+"""TTL of payloads to one robot: the default of RFC 1700."""
 
 
 class Aodv(Control):
@@ -43,7 +43,7 @@ class Aodv(Control):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Bring *payload* to *destination*, searching a route if there is none, or flood it to all.
 
-        Its fate: DELIVERED when the next hop has acknowledged it, SENT if it is to all, NO_ROUTE when a search has
+        Its fate is DELIVERED when the next hop has acknowledged it, SENT if it is to all, NO_ROUTE when a search has
         failed, UNACKNOWLEDGED when no next hop has taken it, QUEUE_FULL if it has given way to others that wait for
         routes or the station has no room, TOO_LONG if no IP packet holds it.
         """
@@ -82,7 +82,7 @@ class Aodv(Control):
         self._go_on(now)
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
-        """Take notice of an acknowledgement, or of a link that is broken (6.8, 6.10, 6.12)."""
+        """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""
         self.table.age(now)
         watch = self._watched.pop(token, None)
         if watch is None:
@@ -91,7 +91,7 @@ class Aodv(Control):
         if neighbour == BROADCAST or acknowledged or not self.settings.use_mac_feedback:
             if carried is not None:
                 good = Outcome.SENT if neighbour == BROADCAST else Outcome.DELIVERED
-                self._tell(carried.token, good if acknowledged else Outcome.UNACKNOWLEDGED)
+                self._report_fate(carried.token, good if acknowledged else Outcome.UNACKNOWLEDGED)
             return
         if reply:
             self._blacklist[neighbour] = now + self.times.blacklist
@@ -117,7 +117,7 @@ class Aodv(Control):
             self._lose(watch.carried, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
-        """Do what is due: held broadcasts, hellos, silent neighbours, and searches that have got no reply."""
+        """Do what is due: held broadcasts, hellos, silent neighbours, and searches without a reply."""
         self.table.age(now)
         self._release(now)
         self._tend_links(now)
@@ -138,7 +138,7 @@ class Aodv(Control):
         self.counts["payloads_unrouted"] += 1
         if carried.previous is None and carried.failures == 0 and outcome is Outcome.NO_ROUTE:
             self._unsent.append(Unsent(carried.datagram.destination, len(carried.datagram.data), outcome))
-        self._tell(carried.token, outcome)
+        self._report_fate(carried.token, outcome)
 
     def _carry(self, datagram: Datagram, hop: Address, now: Time) -> None:
         """Deliver a payload that has come over *hop*, and pass on what is for others."""
@@ -159,14 +159,14 @@ class Aodv(Control):
             self._route(Carried(datagram._replace(ttl=ttl - 1), hop), now)
 
     def _use(self, robots: Sequence[Address], now: Time) -> None:
-        """Have routes that are used last ACTIVE_ROUTE_TIMEOUT from now on (6.2)."""
+        """Prolong routes that are used to ACTIVE_ROUTE_TIMEOUT from now (6.2)."""
         until = now + self.times.active_route
         for robot in robots:
             self.table.prolong(robot, until)
         self._engage(until, now)
 
     def _route(self, carried: Carried, now: Time) -> None:
-        """Pass a payload on, or search a route, or tell that there is none."""
+        """Pass a payload on, or search a route, or report that there is none."""
         destination, hop = carried.datagram.destination, carried.previous
         route = self.table.active(destination)
         if route is not None:
@@ -200,7 +200,7 @@ class Aodv(Control):
         return self.settings.local_repair and destination in self._searches
 
     def _worth_repair(self, carried: Carried) -> Address | None:
-        """Return the destination of a payload on its way, if it is near enough to look for another way here (6.12)."""
+        """Return the destination of a payload on its way, if it is near enough for a local repair (6.12)."""
         destination = carried.datagram.destination
         route = self.table.active(destination)
         if not self.settings.local_repair or carried.previous is None or route is None:
@@ -208,7 +208,7 @@ class Aodv(Control):
         return destination if route.hops <= self.settings.max_repair_ttl else None
 
     def _seek(self, carried: Carried, now: Time, repair: int | None = None) -> None:
-        """Have a payload wait for a route, which is searched; *repair*: instead of one of so many hops."""
+        """Have a payload wait for a route, which is searched; *repair*: in place of one of that many hops."""
         destination = carried.datagram.destination
         search = self._searches.get(destination)
         if search is None:
@@ -245,10 +245,10 @@ class Aodv(Control):
         flags = self.settings.gratuitous, self.settings.destination_only
         self.counts["route_requests"] += 1
         request = Rreq(0, self._request_id, destination, sequence, self.address, self.sequence, *flags)
-        self._say(request, BROADCAST, now, search.ttl)
+        self._send_message(request, BROADCAST, now, search.ttl)
 
     def _go_on(self, now: Time) -> None:
-        """Send what has waited for a route that there is now."""
+        """Send payloads that have waited for a route that exists now."""
         for destination in [each for each in self._searches if self.table.active(each)]:
             search = self._searches.pop(destination)
             route = self.table.active(destination)
@@ -258,7 +258,7 @@ class Aodv(Control):
                 self._route(carried, now)
 
     def _give_up(self, destination: Address, now: Time) -> None:
-        """Tell the hosts, and after a local repair the precursors, that no route has been found."""
+        """Report to the hosts, and after a local repair to the precursors, that no route has been found."""
         search = self._searches.pop(destination)
         for carried in search.waiting:
             self._lose(carried, Outcome.NO_ROUTE)

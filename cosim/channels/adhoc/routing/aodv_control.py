@@ -1,16 +1,18 @@
-"""What AODV says and hears: requests, replies, errors and hellos (RFC 3561, sections 6.5 to 6.11).
+"""The messages of AODV: requests, replies, errors and hellos (RFC 3561, sections 6.5 to 6.11).
 
 How the RFC is read where it leaves a choice:
 
 - A route whose sequence number is newer than what a message offers is not changed, 6.5 (3) notwithstanding; see
   ``aodv_routes`` for why, and for what happens to sequence numbers.
-- The destination of a request takes over a newer number of itself (6.1), which covers 6.6.1; so does who finds itself
-  in a reply or an error.
-- A reply that is no news is passed on, too, as what is known here: 6.7 would end it, and who has asked would get none.
+- The destination of a request takes over a newer number of itself (6.1), which covers 6.6.1; so does a robot that finds
+  itself in a reply or an error.
+- A reply that is not newer is passed on too, with what is known here: 6.7 would end it, and the originator would get
+  none.
 - A robot does not answer for a destination with a route over the neighbour that asks.
-- An error ends a route over its sender whatever its sequence number; a payload without a route tells whom it has come
-  from, too (6.11, case ii), but does not increment the number of an entry that has ended before.
-- Whom a payload comes from becomes a precursor of its destination: so those that use a route learn of its end.
+- An error ends a route over its sender whatever its sequence number; an error about a payload without a route goes to
+  the neighbour that it has come from, too (6.11, case ii), but does not increment the number of an entry that has ended
+  before.
+- The neighbour that a payload comes from becomes a precursor of its destination, so that it learns of the route's end.
 - A robot is part of an active route, and sends hellos (6.9), as long as a route that it uses or has replied with lasts.
   The next hello is due a HELLO_INTERVAL after the last broadcast, less a jitter that the RFC does not know.
 """
@@ -38,23 +40,23 @@ _MOST_LIFETIME_MS = 0xFFFFFFFF
 
 
 class Control(Output):
-    """The part of a robot's router that talks to other routers."""
+    """The part of a robot's router that exchanges messages with other routers."""
 
     def __init__(self, address: Address, settings: AodvSettings, draws: Draws, now: Time = 0) -> None:
         super().__init__(address, settings, draws, now)
         self.table = RouteTable(address, self.times.delete)
         self.sequence = now // MS & MASK
-        """The robot's own (6.1); a router that starts anew begins above all numbers that it has had."""
+        """The robot's own sequence number (6.1); a router that starts again begins above all that it has had."""
         self._silent_until = now + self.times.delete if settings.reboot_hold and now else now
-        """Until then it neither asks nor answers nor passes on, after a start at another time than 0 (6.13)."""
+        """Instant until which it neither asks nor answers nor forwards, after a start at another time than 0 (6.13)."""
         self._seen = Seen(self.times.discovery)
         self._errors = RateLimit(settings.rerr_ratelimit)
         self._neighbours: dict[Address, tuple[Time, Time]] = {}
-        """When each neighbour that sends hellos has last sent one, and has last been heard."""
+        """Instants at which each neighbour that sends hellos last sent one, and was last heard."""
         self._blacklist: dict[Address, Time] = {}
-        """Until when requests of a neighbour are ignored (6.8)."""
+        """Instants until which requests of a neighbour are ignored (6.8)."""
         self._acks: dict[Address, Time] = {}
-        """Until when a neighbour has to acknowledge a reply."""
+        """Instants until which a neighbour has to acknowledge a reply."""
         self._engaged_until: Time = -1
         if settings.use_hello and settings.hello_always:
             self._hello_at = now + self._draw(self.times.hello)
@@ -62,7 +64,7 @@ class Control(Output):
     # ------------------------------------------------------------ what comes in
 
     def next_hop(self, destination: Address, now: Time) -> Address | None:
-        """Return over whom a payload to *destination* would go now, if there is a route."""
+        """Return the next hop of a payload to *destination* now, if there is a route."""
         self.table.age(now)
         route = self.table.active(destination)
         return None if route is None else route.next_hop
@@ -103,7 +105,7 @@ class Control(Output):
             known = None if route is None else route.sequence
             if known is not None and (newest is None or newer(known, newest)):
                 newest = known
-            self._say(rreq._replace(hops=hops, sequence=newest), BROADCAST, now, ttl - 1, held=True)
+            self._send_message(rreq._replace(hops=hops, sequence=newest), BROADCAST, now, ttl - 1, held=True)
 
     def _answers(self, rreq: Rreq, hop: Address, now: Time) -> bool:
         """Answer for the destination if there is a route to it that is new enough (6.6.2, 6.6.3)."""
@@ -124,7 +126,7 @@ class Control(Output):
         return True
 
     def _on_reply(self, rrep: Rrep, datagram: Datagram, hop: Address, now: Time) -> None:
-        """Take over the route, and pass the reply on towards who has asked (6.7); or note a hello (6.9)."""
+        """Take over the route, and pass the reply on towards its originator (6.7); or note a hello (6.9)."""
         until = now + rrep.lifetime_ms * MS
         if datagram.destination == BROADCAST:
             if rrep.destination == hop and rrep.hops == 0:
@@ -134,7 +136,7 @@ class Control(Output):
                     self._neighbours[hop] = now, now
             return
         if rrep.ack:
-            self._say(RrepAck(), hop, now)
+            self._send_message(RrepAck(), hop, now)
         self.table.hear(hop, now + self.times.active_route)
         if rrep.destination == self.address:
             self._catch_up(rrep.sequence)
@@ -154,7 +156,7 @@ class Control(Output):
             self._reply(Rrep(route.hops, rrep.destination, route.sequence, rrep.originator, lifetime), now)
 
     def _reply(self, rrep: Rrep, now: Time) -> None:
-        """Send a reply one hop towards its originator, and note who will use the route (6.7)."""
+        """Send a reply one hop towards its originator, and note which neighbours will use the route (6.7)."""
         back = self.table.active(rrep.originator)
         route = self.table.active(rrep.destination)
         if back is None or (route is not None and route.next_hop == back.next_hop) or now < self._silent_until:
@@ -167,10 +169,10 @@ class Control(Output):
         back.until = max(back.until, now + self.times.active_route)
         if self.settings.use_rrep_ack:
             self._acks.setdefault(back.next_hop, now + self.times.next_hop_wait)
-        self._say(rrep._replace(ack=self.settings.use_rrep_ack), back.next_hop, now)
+        self._send_message(rrep._replace(ack=self.settings.use_rrep_ack), back.next_hop, now)
 
     def _on_error(self, rerr: Rerr, hop: Address, now: Time) -> None:
-        """End routes over *hop*, and tell those that use them (6.11, case iii)."""
+        """End routes over *hop*, and report it to the robots that use them (6.11, case iii)."""
         gone = []
         for destination, sequence in rerr.unreachable:
             route = self.table.active(destination)
@@ -183,14 +185,14 @@ class Control(Output):
         self._report(gone, now, no_delete=rerr.no_delete)
 
     def _catch_up(self, sequence: int | None) -> None:
-        """Let nobody know a newer number of this robot than it does itself (6.1)."""
+        """Take over a number of this robot that is newer than its own (6.1)."""
         if sequence is not None and newer(sequence, self.sequence):
             self.sequence = sequence
 
     # ------------------------------------------------------------ links
 
     def _break(self, neighbour: Address, now: Time, repaired: Address | None = None) -> None:
-        """End all routes over *neighbour*, and tell those that use them, but of the one to be *repaired* (6.11)."""
+        """End all routes over *neighbour*, and report those not to be *repaired* to the robots that use them (6.11)."""
         gone = self.table.through(neighbour)
         self.counts["links_broken"] += bool(gone)
         self._neighbours.pop(neighbour, None)
@@ -200,13 +202,13 @@ class Control(Output):
 
     def _report(self, gone: list[Address], now: Time, also: Address | None = None, no_delete: bool = False) -> None:
         """Send errors about ended routes to their precursors, and to one neighbour *also*: to one alone, or to all."""
-        told: set[Address] = set() if also is None else {also}
+        receivers: set[Address] = set() if also is None else {also}
         pairs = []
         for destination in gone:
             route = self.table.get(destination)
             if also is not None or (route is not None and route.precursors):
                 pairs.append((destination, 0 if route is None else route.sequence or 0))
-                told |= set() if route is None else route.precursors
+                receivers |= set() if route is None else route.precursors
         if not pairs or self._errors.free_at(now) > now:
             return
         for destination, _ in pairs:
@@ -217,7 +219,7 @@ class Control(Output):
             self._errors.count(now)
             self.counts["route_errors"] += 1
             some = tuple(pairs[begin : begin + MOST_DESTINATIONS])
-            self._say(Rerr(some, no_delete), min(told) if len(told) == 1 else BROADCAST, now)
+            self._send_message(Rerr(some, no_delete), min(receivers) if len(receivers) == 1 else BROADCAST, now)
 
     def _engage(self, until: Time, now: Time) -> None:
         """Send hellos until then at least."""
@@ -226,12 +228,14 @@ class Control(Output):
             self._hello_at = now + self._draw(self.times.hello)
 
     def _tend_links(self, now: Time) -> None:
-        """Send a hello if it is time, and notice which neighbours have fallen silent (6.8, 6.9)."""
+        """Send a hello if one is due, and break links to neighbours that have fallen silent (6.8, 6.9)."""
         if self._hello_at is not None and self._hello_at <= now:
             self._hello_at = None
             if self.settings.hello_always or now < self._engaged_until:
                 self._hello_at = self._next_hello(now)
-                self._say(Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now)
+                self._send_message(
+                    Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now
+                )
         for neighbour, (hello, heard) in list(self._neighbours.items()):
             if heard + self.times.loss <= now:
                 del self._neighbours[neighbour]

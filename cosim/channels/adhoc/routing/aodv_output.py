@@ -1,4 +1,4 @@
-"""What a router of AODV leaves for its station, and when, some of it held back for a random time; and for its host."""
+"""The output of an AODV router: packets for its station, some held back at random, and payloads for its host."""
 
 from heapq import heappop, heappush
 from typing import NamedTuple
@@ -6,9 +6,8 @@ from typing import NamedTuple
 from cosim.channels.adhoc.routing.aodv_search import Carried
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.aodv_wire import Message, Rrep, encode_message
-from cosim.channels.adhoc.routing.base import Hop
+from cosim.channels.adhoc.routing.base import Hop, Queues
 from cosim.channels.adhoc.routing.ip import AODV_PORT, Datagram, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
@@ -28,12 +27,12 @@ _COUNTS = (
 
 
 class Watch(NamedTuple):
-    """What a packet is about whose fate the station tells."""
+    """The purpose of a packet whose fate the station reports."""
 
     neighbour: Address
     carried: Carried | None
     reply: bool
-    """Whether it is a route reply."""
+    """True if it is a route reply."""
 
 
 class Output(Queues):
@@ -53,7 +52,7 @@ class Output(Queues):
         self._watched: dict[int, Watch] = {}
         self._tokens = 0
         self._hello_at: Time | None = None
-        """When the next hello is due."""
+        """Instant at which the next hello is due."""
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
@@ -89,7 +88,7 @@ class Output(Queues):
         """Return when the next hello is due after a broadcast: a little early, or two clocks could collide for ever."""
         return max(last + self.times.hello - self._draw(self.times.jitter), last + 1)
 
-    def _say(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
+    def _send_message(self, message: Message, neighbour: Address, now: Time, ttl: int = 1, held: bool = False) -> None:
         packet = encode(self._datagram(neighbour, ttl, AODV_PORT, encode_message(message)))
         self.counts["control_packets"] += 1
         self.counts["control_octets"] += len(packet)

@@ -4,7 +4,7 @@ Where the RFC can be read in more than one way, what is done here never lets the
 and increments it whenever the route ends, by a break, an error or its age: other readings have loops (van Glabbeek,
 Höfner, Tan, Portmann, "Sequence numbers do not guarantee loop freedom: AODV can yield routing loops", MSWiM 2013).
 A route to a neighbour that was merely heard keeps the number, but answers no request and ends without an increment:
-so nobody's number of a robot is ever more than one ahead of the robot's own, and its next request is new to all.
+so no robot's number of another is ever more than one ahead of that robot's own, whose next request is new to all.
 """
 
 from dataclasses import dataclass, field
@@ -28,20 +28,20 @@ class Route:
 
     next_hop: Address
     hops: int
-    """To the destination; of a route that has ended: the last known."""
+    """Hops to the destination; of a route that has ended, the last known."""
     sequence: int | None
-    """The newest of the destination that is known here; None: none is."""
+    """Newest sequence number of the destination that is known here; None: none is."""
     known: bool
-    """Whether the route is as new as that; it is not if its destination was merely heard."""
+    """True if the route is as new as that; it is not if its destination was merely heard."""
     until: Time
-    """When an active route ends, and an ended one is forgotten."""
+    """Instant at which an active route ends, or an ended one is forgotten."""
     active: bool = True
     precursors: set[Address] = field(default_factory=set)
-    """Neighbours that are told when the route breaks."""
+    """Neighbours that get an error when the route breaks."""
 
 
 class RouteTable:
-    """What one robot knows of ways to others; every query is about the instant of the last ``age``."""
+    """The routes that one robot knows; every query is about the instant of the last ``age``."""
 
     def __init__(self, owner: Address, delete_period: Time) -> None:
         """An ended route is remembered for *delete_period* ns; there is never a route to the *owner*."""
@@ -49,7 +49,7 @@ class RouteTable:
         self._delete_period = delete_period
         self._routes: dict[Address, Route] = {}
         self._soonest: Time | None = None
-        """Before this nothing ends."""
+        """Instant before which no route ends."""
 
     def age(self, now: Time) -> None:
         """End routes whose time has come, and forget those that ended long ago."""
@@ -80,7 +80,7 @@ class RouteTable:
         return [each for each, route in self._routes.items() if route.active]
 
     def offer(self, destination: Address, next_hop: Address, hops: int, sequence: int, until: Time) -> bool:
-        """Take a way to *destination* if it is newer, or as new and shorter or in place of none (6.2, 6.7)."""
+        """Take a route to *destination* if it is newer, or as new and shorter or in place of none (6.2, 6.7)."""
         if destination == self._owner:
             return False
         route = self._routes.get(destination)
@@ -99,7 +99,7 @@ class RouteTable:
         return True
 
     def hear(self, neighbour: Address, until: Time) -> None:
-        """Have a route of one hop to a *neighbour* that has just been heard; its sequence number stays as it is."""
+        """Take a route of one hop to a *neighbour* that has just been heard; its sequence number stays as it is."""
         route = self._routes.get(neighbour)
         if route is None:
             self._routes[neighbour] = Route(neighbour, 1, None, False, until)
@@ -111,29 +111,29 @@ class RouteTable:
         self._note(until)
 
     def learn(self, destination: Address, sequence: int) -> None:
-        """Take over a *sequence* number that the destination has told itself, unless a newer one is known."""
+        """Take over a *sequence* number that the destination itself has sent, unless a newer one is known."""
         route = self._routes.get(destination)
         if route is not None and (route.sequence is None or not newer(route.sequence, sequence)):
             route.sequence, route.known = sequence, True
 
     def prolong(self, destination: Address, until: Time) -> None:
-        """Have an active route last until then at least."""
+        """Prolong an active route to *until* at least."""
         route = self.active(destination)
         if route is not None:
             route.until = max(route.until, until)
 
     def keep(self, destination: Address, until: Time) -> None:
-        """Remember an ended route until then at least."""
+        """Remember an ended route to *until* at least."""
         route = self._routes.get(destination)
         if route is not None and not route.active:
             route.until = max(route.until, until)
 
-    def end(self, destination: Address, now: Time, told: int | None = None) -> None:
-        """End the active route to *destination*; its sequence number becomes the one *told* if that is newer."""
+    def end(self, destination: Address, now: Time, reported: int | None = None) -> None:
+        """End the active route to *destination*; its sequence number becomes the *reported* one if that is newer."""
         route = self._routes[destination]
         if route.sequence is not None:
-            if told is not None and newer(told, route.sequence):
-                route.sequence = told
+            if reported is not None and newer(reported, route.sequence):
+                route.sequence = reported
             elif route.known:
                 route.sequence = route.sequence + 1 & MASK
         route.active, route.until = False, now + self._delete_period

@@ -1,4 +1,4 @@
-"""What AODV keeps beside its table: searches with what waits for them, and limits of rates."""
+"""The searches of AODV for routes, with the payloads that wait for them, and limits of rates."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from cosim.units import S, Time
 
 
 class RateLimit:
-    """So many in any second."""
+    """A limit of the number of messages in any second."""
 
     def __init__(self, most: int) -> None:
         self._last: deque[Time] = deque(maxlen=most)
@@ -31,13 +31,13 @@ class Carried:
 
     datagram: Datagram
     previous: Address | None
-    """Whom it has come from; None: it is this robot's own."""
+    """Neighbour that it has come from; None: it is this robot's own."""
     token: int | None = None
-    """By which the host is told its fate."""
+    """Token by which its fate is reported to the host."""
     failures: int = 0
-    """So often the next hop has not acknowledged it."""
+    """Number of times that the next hop has not acknowledged it."""
     since: Time = 0
-    """When it has begun to wait for a route."""
+    """Instant at which it began to wait for a route."""
 
 
 @dataclass(slots=True, eq=False)
@@ -48,11 +48,11 @@ class Search:
     repair: int | None = None
     """Hops of the route that a local repair is to replace; None: an ordinary search."""
     due: Time = 0
-    """When the wait for a reply ends, or for leave to send the next request."""
+    """Instant at which the wait for a reply ends, or that until the next request may be sent."""
     asked: bool = False
-    """Whether the request of this *ttl* is on its way."""
+    """True if the request of this *ttl* is on its way."""
     floods: int = 0
-    """Requests that went as far as the network reaches."""
+    """Number of requests that went as far as the network reaches."""
     waiting: list[Carried] = field(default_factory=list)
 
     def ask(self, now: Time, settings: AodvSettings, times: AodvTimes) -> None:

@@ -1,4 +1,4 @@
-"""What a scenario can say about AODV: the constants of RFC 3561, section 10, and its options."""
+"""Parameters of AODV in a scenario: the constants of RFC 3561, section 10, and its options."""
 
 from typing import Literal, NamedTuple
 
@@ -70,16 +70,17 @@ class AodvSettings(Settings):
     )
     reboot_hold: bool = Field(
         default=True,
-        description="whether a router that starts anew takes no part in searches until others have forgotten it",
+        description="whether a router that starts again takes no part in searches until others have forgotten it",
     )
     use_rrep_ack: bool = Field(
-        default=False, description="whether route replies ask for an acknowledgement; who sends none is blacklisted"
+        default=False,
+        description="whether route replies ask for an acknowledgement; a robot that sends none is blacklisted",
     )
     destination_only: bool = Field(default=False, description="whether only the destination may answer a request")
-    gratuitous: bool = Field(default=True, description="whether who answers for a destination tells it of the route")
+    gratuitous: bool = Field(default=True, description="whether a robot that replies for a destination informs it too")
     local_repair: bool = Field(default=False, description="whether a robot on the way looks for another way itself")
     salvages: Count = Field(
-        default=1, ge=0, description="times that the source routes a payload anew that the next hop has not taken"
+        default=1, ge=0, description="times that the source routes a payload again that the next hop has not taken"
     )
     queue_payloads: Count = Field(
         default=64, ge=1, description="payloads of a robot that wait for routes; the oldest gives way"

@@ -1,6 +1,6 @@
 """The messages of AODV to the bit (RFC 3561, section 5): route request, reply, error, and acknowledgement of a reply.
 
-Reserved bits, and the flags J and R of multicast, are sent as 0 and ignored. Nobody sends extensions (section 9) or
+Reserved bits, and the flags J and R of multicast, are sent as 0 and ignored. No robot sends extensions (section 9) or
 routes to subnets (a prefix size), so both are refused.
 """
 
@@ -12,7 +12,7 @@ from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address
 
 MOST_DESTINATIONS: Final = 255
-"""In one route error: the width of DestCount."""
+"""Greatest number of destinations in one route error, by the width of DestCount."""
 _RREQ, _RREP, _RERR, _RREP_ACK = 1, 2, 3, 4
 _REQUEST: Final = Struct(">BBBBIIIII")
 _REPLY: Final = Struct(">BBBBIIII")
@@ -27,16 +27,16 @@ class Rreq(NamedTuple):
     """A route request (section 5.1), 24 octets."""
 
     hops: int
-    """From the originator to who has sent this."""
+    """Hops from the originator to the robot that has sent this."""
     number: int
-    """The RREQ ID, 32 bits: with the originator it tells requests apart."""
+    """RREQ ID, 32 bits, which identifies a request together with the originator."""
     destination: Address
     sequence: int | None
-    """The newest sequence number of the destination that is known on the way; None: none is (flag U)."""
+    """Newest sequence number of the destination that is known on the way; None: none is (flag U)."""
     originator: Address
     originator_sequence: int
     gratuitous: bool = False
-    """Flag G: who answers for the destination tells the destination too."""
+    """Flag G: a robot that answers for the destination informs the destination too."""
     destination_only: bool = False
     """Flag D: only the destination may answer."""
 
@@ -45,16 +45,16 @@ class Rrep(NamedTuple):
     """A route reply (section 5.2), 20 octets; broadcast by its destination it is a hello (section 6.9)."""
 
     hops: int
-    """From who has sent this to the destination."""
+    """Hops from the robot that has sent this to the destination."""
     destination: Address
     sequence: int
-    """Of the destination."""
+    """Sequence number of the destination."""
     originator: Address
-    """Whose request it answers."""
+    """Robot whose request it answers."""
     lifetime_ms: int
-    """For which the route may be used."""
+    """Time for which the route may be used, ms."""
     ack: bool = False
-    """Flag A: who gets this is to acknowledge it."""
+    """Flag A: the receiver has to acknowledge it."""
 
 
 class Rerr(NamedTuple):
@@ -63,7 +63,7 @@ class Rerr(NamedTuple):
     unreachable: tuple[tuple[Address, int], ...]
     """Destinations, at least one, and their sequence numbers."""
     no_delete: bool = False
-    """Flag N: a local repair has found another way, the route still serves."""
+    """Flag N: a local repair has found another way, so the route may still be used."""
 
 
 class RrepAck(NamedTuple):
@@ -94,7 +94,7 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(data: bytes) -> Message:
-    """Return what *data* says; raise WireError if it is no message, or one about no robot."""
+    """Return the message of *data*; raise WireError if it is none, or one about no robot."""
     kind = data[0] if data else 0
     if kind == _RREQ and len(data) == _REQUEST.size:
         _, flags, _, hops, number, destination, sequence, originator, own = _REQUEST.unpack(data)

@@ -1,32 +1,36 @@
-"""What every router is: packets and time in, packets and time out; no radio, no clock, no map of who hears whom.
+"""The contract of a router: packets and time in, packets and time out; it has no radio, no clock and no map.
 
-A router stands between a host and its station. The host hands over payloads for a robot, or for all; the station hands
-over packets that have arrived, and tells whether a neighbour has acknowledged one. The channel drains what the router
-leaves, and wakes it at ``wake_at``. Whatever a router knows of the network it has from bytes that it has received.
+A router stands between a host and its station. The host hands over payloads for a robot, or for all. The station hands
+over packets that have arrived, and reports whether a neighbour has acknowledged one. The channel drains what the router
+leaves, and wakes it at ``wake_at``. All that a router knows of the network it has from bytes that it has received.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
+from cosim.channels.adhoc.routing.ip import HEADER_OCTETS
 from cosim.machine import Address, Outcome
 from cosim.units import Time
+
+MOST_OCTETS: Final = 0xFFFF - HEADER_OCTETS
+"""Longest payload: what one IPv4 packet holds."""
 
 
 class Hop(NamedTuple):
     """A packet for the next hop."""
 
     neighbour: Address
-    """Who is to take it, or BROADCAST."""
+    """Neighbour that is to take it, or BROADCAST."""
     packet: bytes
     """An IPv4 packet, see ``ip``."""
     token: int | None = None
-    """By which the router is told whether the neighbour has acknowledged it."""
+    """Token by which its fate is reported to the router; None if the router does not ask for it."""
 
 
 class Delivery(NamedTuple):
     """A payload that has arrived at the host."""
 
     source: Address
-    """Who has sent it, however many hops away."""
+    """Robot that has sent it, however many hops away."""
     payload: bytes
     broadcast: bool
 
@@ -37,23 +41,23 @@ class Unsent(NamedTuple):
     destination: Address
     length: int
     why: Outcome
-    """NO_ROUTE or TOO_LONG."""
+    """Reason: NO_ROUTE or TOO_LONG."""
 
 
 class Router(Protocol):
     """One robot's router."""
 
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
-        """Bring *payload* to *destination*, or to all (BROADCAST); its fate is told if it has a *token*."""
+        """Bring *payload* to *destination*, or to all (BROADCAST); its fate is reported if it has a *token*."""
 
     def receive(self, packet: bytes, hop: Address, now: Time) -> None:
         """Take a packet that *hop* has put on the air; bytes that make no sense are counted and dropped."""
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
-        """Take notice of what has become of a :class:`Hop` with a *token*."""
+        """Note the fate of a :class:`Hop` with a *token*."""
 
     def hop_refused(self, token: int, now: Time) -> None:
-        """Take notice that the station has had no room for a :class:`Hop`: it is lost, and the link is what it was."""
+        """Note that the station had no room for a :class:`Hop`: it is lost, and the link is as it was."""
 
     def wake(self, now: Time) -> None:
         """Do what is due; harmless if nothing is."""
@@ -68,13 +72,60 @@ class Router(Protocol):
         """Drain payloads for the host."""
 
     def fates(self) -> list[tuple[int, Outcome]]:
-        """Drain what has become of payloads: DELIVERED to the next hop, SENT to all, or why not.
+        """Drain the fates of payloads: DELIVERED to the next hop, SENT to all, or why not.
 
         That is NO_ROUTE, UNACKNOWLEDGED by the next hop, QUEUE_FULL or TOO_LONG.
         """
 
     def unsent(self) -> list[Unsent]:
-        """Drain what has become of payloads of the host, with a token or without, that it could not send at all."""
+        """Drain the host's payloads, with a token or without, that it could not send at all."""
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
+
+
+class Queues:
+    """What a router leaves for its station and its host, until they drain it."""
+
+    def __init__(self, address: Address) -> None:
+        self._address = address
+        self._hops: list[Hop] = []
+        self._deliveries: list[Delivery] = []
+        self._fates: list[tuple[int, Outcome]] = []
+        self._unsent: list[Unsent] = []
+
+    def hops(self) -> list[Hop]:
+        """Drain packets for the station."""
+        hops, self._hops = self._hops, []
+        return hops
+
+    def deliveries(self) -> list[Delivery]:
+        """Drain payloads for the host."""
+        deliveries, self._deliveries = self._deliveries, []
+        return deliveries
+
+    def fates(self) -> list[tuple[int, Outcome]]:
+        """Drain the fates of payloads."""
+        fates, self._fates = self._fates, []
+        return fates
+
+    def unsent(self) -> list[Unsent]:
+        """Drain payloads of the host that it could not send at all."""
+        unsent, self._unsent = self._unsent, []
+        return unsent
+
+    def _report_fate(self, token: int | None, outcome: Outcome) -> None:
+        if token is not None:
+            self._fates.append((token, outcome))
+
+    def _settled(self, destination: Address, payload: bytes, token: int | None) -> bool:
+        """Return whether *payload* needs no radio: no packet holds it (TOO_LONG), or it is for this robot."""
+        if len(payload) > MOST_OCTETS:
+            self._unsent.append(Unsent(destination, len(payload), Outcome.TOO_LONG))
+            self._report_fate(token, Outcome.TOO_LONG)
+            return True
+        if destination == self._address:
+            self._deliveries.append(Delivery(destination, payload, False))
+            self._report_fate(token, Outcome.DELIVERED)
+            return True
+        return False

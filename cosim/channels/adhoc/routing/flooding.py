@@ -1,8 +1,8 @@
-"""Flooding: every robot repeats every payload once, whoever it is for.
+"""Flooding: every robot repeats every payload once, whatever its destination.
 
-There are no routes, and no packets but those with payloads. A payload is told apart by its source and the number in
-its IPv4 header, so a second copy is neither delivered nor repeated. One that is for a single robot is flooded too; it
-is delivered there only, and not repeated there.
+There are no routes, and no packets but those with payloads. A payload is identified by its source and the number in its
+IPv4 header, so a second copy is neither delivered nor repeated. One that is for a single robot is flooded too; it is
+delivered there only, and not repeated there.
 """
 
 from heapq import heappop, heappush
@@ -10,9 +10,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues
 from cosim.channels.adhoc.routing.ip import PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
@@ -20,7 +19,7 @@ from cosim.settings import Seconds, Settings
 from cosim.units import Time, from_seconds
 
 NUMBERS: Final = 1 << 16
-"""Of the IPv4 identification field."""
+"""Number of values of the IPv4 identification field."""
 _NUMBER, _JITTER = 0, 1
 """Purposes of draws."""
 
@@ -34,12 +33,12 @@ class FloodingSettings(Settings):
         default=0.01, ge=0, description="s, a payload is repeated within that time, uniformly distributed"
     )
     dup_hold_s: Seconds = Field(
-        default=30.0, gt=0, description="s, so long a payload is known again; its number returns after 65536 payloads"
+        default=30.0, gt=0, description="s for which a payload is remembered; its number returns after 65536 payloads"
     )
 
 
 class Seen:
-    """What has been here lately, each for the same time."""
+    """The packets that have been here lately, each remembered for the same time."""
 
     def __init__(self, hold: Time) -> None:
         self._hold = hold
@@ -50,7 +49,7 @@ class Seen:
         return self._until.get(key, now) > now
 
     def first(self, key: tuple[Address, int], now: Time) -> bool:
-        """Return whether *key* has not been known, and know it from now on; *now* never goes back."""
+        """Return whether *key* is new, and remember it from now on; *now* never goes back."""
         while self._until and next(iter(self._until.values())) <= now:
             del self._until[next(iter(self._until))]
         if key in self._until:
@@ -60,7 +59,7 @@ class Seen:
 
 
 class Repeats:
-    """Packets to all that wait for their jitter to pass."""
+    """Packets to all that wait for their jitter to pass, to be repeated."""
 
     def __init__(self, jitter: Time, draws: Draws, address: Address) -> None:
         self._jitter = jitter
@@ -99,9 +98,9 @@ class Flooding(Queues):
         self._forwarded = self._malformed = 0
 
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
-        """Put *payload* on the air, for whomever it is.
+        """Put *payload* on the air, whatever its destination.
 
-        Its fate is SENT, once it has been on the air; QUEUE_FULL if the station has no room; TOO_LONG if no IPv4 packet
+        Its fate is SENT once it has been on the air; QUEUE_FULL if the station has no room; TOO_LONG if no IPv4 packet
         holds it; DELIVERED if it is for this robot itself.
         """
         if self._settled(destination, payload, token):
@@ -128,12 +127,12 @@ class Flooding(Queues):
             self._repeats.add(encode(datagram._replace(ttl=ttl - 1)), now)
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
-        """Tell that an own payload has been on the air."""
-        self._tell(token, Outcome.SENT)
+        """Report that an own payload has been on the air."""
+        self._report_fate(token, Outcome.SENT)
 
     def hop_refused(self, token: int, now: Time) -> None:
-        """Tell that an own payload has not been on the air."""
-        self._tell(token, Outcome.QUEUE_FULL)
+        """Report that an own payload has not been on the air."""
+        self._report_fate(token, Outcome.QUEUE_FULL)
 
     def wake(self, now: Time) -> None:
         """Repeat what has waited long enough."""

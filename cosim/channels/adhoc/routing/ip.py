@@ -13,11 +13,11 @@ NET: Final = 10 << 24
 ALL: Final = 0xFFFFFFFF
 UDP: Final = 17
 PAYLOAD_PORT: Final = 50_000
-"""Of what hosts say to each other."""
+"""Port of the payloads of hosts."""
 AODV_PORT: Final = 654
 OLSR_PORT: Final = 698
 HEADER_OCTETS: Final = 28
-"""IPv4 and UDP."""
+"""Length of the headers of IPv4 and UDP."""
 _IP: Final = Struct(">BBHHHBBHII")
 _UDP: Final = Struct(">HHHH")
 _PER_BLOCK: Final = 250
@@ -28,12 +28,12 @@ class Datagram(NamedTuple):
 
     source: Address
     destination: Address
-    """BROADCAST for all in reach."""
+    """Receiver; BROADCAST for all in reach."""
     ttl: int
     port: int
-    """Of sender and receiver."""
+    """Port of both sender and receiver."""
     number: int
-    """The identification field: with the source it tells packets apart, mod 65536."""
+    """Identification field, mod 65536, which identifies a packet together with its source."""
     data: bytes
 
 
@@ -43,7 +43,7 @@ def ip_of(address: Address) -> int:
 
 
 def robot_of(ip: int) -> Address:
-    """Return whose address *ip* is; raise WireError if it is nobody's."""
+    """Return the robot with the IPv4 address *ip*; raise WireError if there is none."""
     if ip == ALL:
         return BROADCAST
     block, place = ip >> 8 & 0xFF, ip & 0xFF
@@ -63,7 +63,7 @@ def encode(datagram: Datagram) -> bytes:
 
 
 def decode(packet: bytes) -> Datagram:
-    """Return what *packet* says; raise WireError for what ``encode`` would not have made."""
+    """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made."""
     if len(packet) < _IP.size + _UDP.size:
         raise WireError(f"{len(packet)} octets are no UDP datagram")
     version, _, length, number, fragment, ttl, protocol, _, source, destination = _IP.unpack_from(packet)

@@ -1,25 +1,25 @@
 """OLSR, the optimised link state routing protocol (RFC 3626): every robot knows a way to every other at all times.
 
-Robots tell their neighbours in HELLOs whom they hear, and so learn who is up to two hops away. Each chooses relays
-among its neighbours, tells so in its HELLOs, and those who are relays tell all robots in TCs whose relays they are.
-From that, each robot computes ways with the fewest hops. TCs are repeated by relays of their last hop only.
+Robots list in HELLOs the neighbours that they hear, and so learn of robots up to two hops away. Each chooses relays
+among its neighbours and lists them in its HELLOs. Relays list in TCs, for all robots, those that have chosen them. From
+that, each robot computes routes with the fewest hops. TCs are repeated by relays of their last hop only.
 
-Payloads to one robot go from hop to hop; if there is no way at that moment they are dropped. Payloads to all take the
-way of TCs: repeated by relays of the last hop (or, if so set, by everybody), once.
+Payloads to one robot go from hop to hop; if there is no route at that moment they are dropped. Payloads to all go as
+TCs do: repeated once by relays of the last hop (or, if so set, by all robots).
 
-Not here: MID and HNA (sections 5 and 12), as robots have one interface and no other network behind them; the
-additional HELLOs that 8.5 permits, and the early TCs that 9.3 recommends, upon changes; HELLOs that tell only a part
-of the neighbours, so that the refresh interval matters for the hold time only.
+Left out: MID and HNA (sections 5 and 12), as robots have one interface and no other network behind them; the additional
+HELLOs that 8.5 permits, and the early TCs that 9.3 recommends, upon changes; HELLOs that list only a part of the
+neighbours, so that the refresh interval matters for the hold time only.
 """
 
 from typing import Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.routing.base import Delivery, Hop, Unsent
+from cosim.channels.adhoc.routing.base import Delivery, Hop, Queues, Unsent
 from cosim.channels.adhoc.routing.flooding import NUMBERS, Repeats, Seen
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode, encode
-from cosim.channels.adhoc.routing.olsr_graph import Route, routing_table
+from cosim.channels.adhoc.routing.olsr_graph import RoutingEntry, routing_table
 from cosim.channels.adhoc.routing.olsr_neighbours import Hysteresis, Neighbourhood
 from cosim.channels.adhoc.routing.olsr_wire import (
     HELLO,
@@ -39,7 +39,6 @@ from cosim.channels.adhoc.routing.olsr_wire import (
     encode_tc,
     newer,
 )
-from cosim.channels.adhoc.routing.queues import Queues
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Outcome
 from cosim.randomness import Draws
@@ -47,9 +46,9 @@ from cosim.settings import Count, Seconds, Settings, error_at
 from cosim.units import Time, from_seconds, to_seconds
 
 EVERYWHERE: Final = 255
-"""The TTL of a TC."""
+"""TTL of a TC."""
 PACKET_OCTETS: Final = 1472
-"""Of messages are put into one packet: what an Ethernet frame holds without IPv4 and UDP."""
+"""Most octets of messages in one packet: what an Ethernet frame holds without IPv4 and UDP."""
 _MESSAGE_OCTETS: Final = 12
 _FIRST, _JITTER = 0, 2
 """Purposes of draws; 1 is that of repeated payloads."""
@@ -60,21 +59,23 @@ class OlsrSettings(Settings):
 
     kind: Literal["olsr"] = "olsr"
     hello_interval_s: Seconds = Field(default=2.0, gt=0, description="s between HELLOs, less the jitter")
-    refresh_interval_s: Seconds = Field(default=2.0, gt=0, description="s, each neighbour is told at least so often")
+    refresh_interval_s: Seconds = Field(
+        default=2.0, gt=0, description="s, longest time between two HELLOs that list a neighbour"
+    )
     tc_interval_s: Seconds = Field(default=5.0, gt=0, description="s between TCs, less the jitter")
     neighb_hold_s: Seconds | None = Field(
-        default=None, gt=0, description="s, so long a HELLO holds; 3 refresh intervals if not given"
+        default=None, gt=0, description="s for which a HELLO is valid; 3 refresh intervals if not given"
     )
     top_hold_s: Seconds | None = Field(
-        default=None, gt=0, description="s, so long a TC holds; 3 TC intervals if not given"
+        default=None, gt=0, description="s for which a TC is valid; 3 TC intervals if not given"
     )
-    dup_hold_s: Seconds = Field(default=30.0, gt=0, description="s, so long a message is known again")
+    dup_hold_s: Seconds = Field(default=30.0, gt=0, description="s for which a message is remembered")
     maxjitter_s: Seconds | None = Field(
         default=None, ge=0, description="s, greatest jitter; a quarter of the HELLO interval if not given"
     )
     willingness: int = Field(default=WILL_DEFAULT, ge=0, le=7, description="to forward for others: 0 never, 7 always")
     tc_redundancy: Literal[0, 1, 2] = Field(
-        default=0, description="TCs tell: 0 who has chosen this relay, 1 and its own relays, 2 all neighbours"
+        default=0, description="TCs list: 0 those who have chosen this relay, 1 its own relays too, 2 all neighbours"
     )
     mpr_coverage: Count = Field(
         default=1, ge=1, description="relays to every robot two hops away, if there are so many"
@@ -91,7 +92,7 @@ class OlsrSettings(Settings):
         default=False, description="whether a payload that is not acknowledged breaks the link (section 13)"
     )
     mpr_broadcasts: bool = Field(
-        default=True, description="whether payloads to all are repeated by relays only, not by everybody"
+        default=True, description="whether payloads to all are repeated by relays only, not by all robots"
     )
     payload_ttl: int = Field(default=35, ge=1, le=255, description="hops that a payload makes at most")
     payload_jitter_s: Seconds = Field(
@@ -100,8 +101,12 @@ class OlsrSettings(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        told = {"hello_interval_s": self.hello_interval, "neighb_hold_s": self.hold, "top_hold_s": self.topology_hold}
-        for field, time in told.items():
+        durations = {
+            "hello_interval_s": self.hello_interval,
+            "neighb_hold_s": self.hold,
+            "top_hold_s": self.topology_hold,
+        }
+        for field, time in durations.items():
             if not SHORTEST <= time <= LONGEST:
                 fits = f"{to_seconds(SHORTEST):g}..{to_seconds(LONGEST):g}"
                 raise error_at((field,), to_seconds(time), f"is not in {fits}, which messages can tell")
@@ -117,7 +122,7 @@ class OlsrSettings(Settings):
 
     @property
     def hello_interval(self) -> Time:
-        """Between HELLOs, ns."""
+        """Interval between HELLOs, ns."""
         return from_seconds(self.hello_interval_s)
 
     @property
@@ -137,16 +142,16 @@ class OlsrSettings(Settings):
 
 
 class Topology:
-    """What TCs have told: who is reached over whom (sections 4.4 and 9.5)."""
+    """The contents of TCs: which robots are reached over which (sections 4.4 and 9.5)."""
 
     def __init__(self) -> None:
         self._tuples: dict[tuple[Address, Address], tuple[int, Time]] = {}
         self._due: Time | None = None
         self.version = 0
-        """Counts changes of ``pairs``."""
+        """Number of changes of ``pairs``."""
 
     def update(self, origin: Address, tc: Tc, until: Time, now: Time) -> None:
-        """Take a TC of *origin* that holds until then; one that is older than what is known is ignored."""
+        """Take a TC of *origin* that is valid to *until*; ignore one that is older than what is known."""
         self.advance(now)
         numbers = [number for (last, _), (number, _) in self._tuples.items() if last == origin]
         if any(newer(number, tc.ansn) for number in numbers):
@@ -164,7 +169,7 @@ class Topology:
             self._settle()
 
     def pairs(self) -> list[tuple[Address, Address]]:
-        """Return all (who has told it, whom that one reaches)."""
+        """Return all pairs (origin of a TC, robot that it reaches)."""
         return list(self._tuples)
 
     def _settle(self) -> None:
@@ -177,11 +182,11 @@ class _Sent(NamedTuple):
 
     neighbour: Address
     token: int | None
-    """The host's."""
+    """Token of the host."""
 
 
 class Olsr(Queues):
-    """The router of one robot that speaks OLSR; its numbers start anywhere, so that a reboot does not repeat them."""
+    """The OLSR router of one robot; its numbers start anywhere, so that a reboot does not repeat them."""
 
     def __init__(self, address: Address, settings: OlsrSettings, draws: Draws, now: Time = 0) -> None:
         super().__init__(address)
@@ -200,11 +205,11 @@ class Olsr(Queues):
         self._drawn = 0
         self._hello_at = now + self._jitter()
         self._tc_at = now + self._jitter()
-        self._told: frozenset[Address] = frozenset()  # by the last TC
+        self._advertised: frozenset[Address] = frozenset()  # by the last TC
         self._told_until: Time = now
         self._queue: list[Message] = []  # of others, to be forwarded
         self._queue_at: Time | None = None
-        self._table: dict[Address, Route] = {}
+        self._table: dict[Address, RoutingEntry] = {}
         self._table_of = (-1, -1)
         self._sent: dict[int, _Sent] = {}
         self._tokens = 0
@@ -225,8 +230,8 @@ class Olsr(Queues):
     def send(self, destination: Address, payload: bytes, token: int | None, now: Time) -> None:
         """Send *payload* on its way.
 
-        Its fate: DELIVERED when the next hop has acknowledged it, UNACKNOWLEDGED if that has not, NO_ROUTE if there is
-        none; SENT if it is to all; QUEUE_FULL if the station has no room, TOO_LONG if no IPv4 packet holds it;
+        Its fate is DELIVERED when the next hop has acknowledged it, UNACKNOWLEDGED if that has not, NO_ROUTE if there
+        is none; SENT if it is to all; QUEUE_FULL if the station has no room, TOO_LONG if no IPv4 packet holds it;
         DELIVERED if it is for this robot itself.
         """
         if self._settled(destination, payload, token):
@@ -240,7 +245,7 @@ class Olsr(Queues):
             self._route(datagram, token, now)
 
     def receive(self, packet: bytes, hop: Address, now: Time) -> None:
-        """Take a payload or an OLSR packet; what makes no sense is counted."""
+        """Take a payload or an OLSR packet; bytes that make no sense are counted and dropped."""
         try:
             datagram = decode(packet)
             if datagram.source == self._address:
@@ -257,21 +262,21 @@ class Olsr(Queues):
             self._counts["packets_malformed"] += 1
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
-        """Take notice of what has become of a payload; with MAC feedback a failure breaks the link (section 13)."""
+        """Note the fate of a payload; with MAC feedback a failure breaks the link (section 13)."""
         if (sent := self._sent.pop(token, None)) is None:
             return
         if sent.neighbour == BROADCAST:
-            self._tell(sent.token, Outcome.SENT)
+            self._report_fate(sent.token, Outcome.SENT)
             return
-        self._tell(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
+        self._report_fate(sent.token, Outcome.DELIVERED if acknowledged else Outcome.UNACKNOWLEDGED)
         if not acknowledged and self._settings.use_mac_feedback:
             self._counts["links_broken"] += self._neighbours.broken(sent.neighbour, now)
 
     def hop_refused(self, token: int, now: Time) -> None:
-        """Tell that a payload has not been on the air; that breaks no link."""
+        """Report that a payload has not been on the air; that breaks no link."""
         if (sent := self._sent.pop(token, None)) is not None:
             self._counts["payloads_unrouted"] += 1
-            self._tell(sent.token, Outcome.QUEUE_FULL)
+            self._report_fate(sent.token, Outcome.QUEUE_FULL)
 
     def _payload(self, datagram: Datagram, hop: Address, now: Time) -> None:
         source, destination, ttl = datagram.source, datagram.destination, datagram.ttl
@@ -297,7 +302,7 @@ class Olsr(Queues):
         self._counts["payloads_unrouted"] += 1
         if datagram.source == self._address:
             self._unsent.append(Unsent(datagram.destination, len(datagram.data), Outcome.NO_ROUTE))
-        self._tell(token, Outcome.NO_ROUTE)
+        self._report_fate(token, Outcome.NO_ROUTE)
 
     def _hop(self, neighbour: Address, packet: bytes, token: int | None) -> None:
         self._tokens += 1
@@ -360,19 +365,19 @@ class Olsr(Queues):
         return self._message(HELLO, settings.hold, 1, body)
 
     def _tc(self, now: Time) -> list[Message]:
-        """Return the TC that is due (section 9.3): none if nothing is to be told, and nothing to be taken back."""
+        """Return the TC that is due (section 9.3): none if there is nothing to advertise, and nothing to withdraw."""
         settings, known = self._settings, self._neighbours
-        told = known.selectors
+        advertised = known.selectors
         if settings.willingness != WILL_NEVER and settings.tc_redundancy:  # section 15.1
-            told = told | known.mprs if settings.tc_redundancy == 1 else frozenset(known.willingness)
-        if told != self._told:
-            self._told = told
+            advertised = advertised | known.mprs if settings.tc_redundancy == 1 else frozenset(known.willingness)
+        if advertised != self._advertised:
+            self._advertised = advertised
             self._ansn = (self._ansn + 1) % NUMBERS
-        if told:
+        if advertised:
             self._told_until = now + settings.topology_hold
         elif now >= self._told_until:
             return []
-        return [self._message(TC, settings.topology_hold, EVERYWHERE, encode_tc(Tc(self._ansn, sorted(told))))]
+        return [self._message(TC, settings.topology_hold, EVERYWHERE, encode_tc(Tc(self._ansn, sorted(advertised))))]
 
     def _message(self, kind: int, validity: Time, ttl: int, body: bytes) -> Message:
         self._message_number = (self._message_number + 1) % NUMBERS
@@ -406,7 +411,7 @@ class Olsr(Queues):
 
     # ------------------------------------------------------------ what is known
 
-    def routes(self, now: Time) -> dict[Address, Route]:
+    def routes(self, now: Time) -> dict[Address, RoutingEntry]:
         """Return the routing table."""
         known = self._neighbours
         known.advance(now)
@@ -419,7 +424,7 @@ class Olsr(Queues):
         return self._table
 
     def relays(self, now: Time) -> frozenset[Address]:
-        """Return whom this robot has chosen as its multipoint relays."""
+        """Return the robots that this one has chosen as its multipoint relays."""
         self._neighbours.advance(now)
         return self._neighbours.mprs
 

@@ -1,7 +1,7 @@
-"""What OLSR computes from what it knows: multipoint relays and the routing table (RFC 3626, sections 8.3.1, 16.2, 10).
+"""The algorithms of OLSR: multipoint relays and the routing table (RFC 3626, sections 8.3.1, 16.2, 10).
 
 A robot's multipoint relays (MPRs) are neighbours over which it reaches all robots that are exactly two hops away. If
-only those who are relays of the last hop repeat a message, it still reaches everybody.
+only relays of the last hop repeat a message, it still reaches all robots.
 """
 
 from collections.abc import Iterable, Mapping, Set
@@ -11,8 +11,8 @@ from cosim.channels.adhoc.routing.olsr_wire import WILL_ALWAYS, WILL_NEVER
 from cosim.machine import Address
 
 
-class Route(NamedTuple):
-    """The way to a robot."""
+class RoutingEntry(NamedTuple):
+    """An entry of the routing table (section 10): the route to one robot."""
 
     next_hop: Address
     hops: int
@@ -23,8 +23,8 @@ def select_mprs(
 ) -> frozenset[Address]:
     """Return which of the symmetric neighbours become relays, by the heuristic of sections 8.3.1 and 16.2.
 
-    *willingness* is that of all symmetric neighbours; *reach* tells whom each of them has as symmetric neighbours, not
-    counting the robot that computes. Every robot two hops away is reached over *coverage* relays, or over all
+    *willingness* is that of all symmetric neighbours; *reach* are the symmetric neighbours of each of them, without
+    the robot that computes. Every robot two hops away is reached over *coverage* relays, or over all
     willing neighbours that it has in common with us. Ties that the RFC leaves open go to the lowest address.
     """
     strict = {y: frozenset(reach.get(y, ())) - willingness.keys() for y in willingness}
@@ -46,7 +46,7 @@ def select_mprs(
                 key=lambda y: (willingness[y], len(strict[y] & uncovered), degree[y], -y),
             )
         )
-    for y in sorted(relays, key=lambda y: (willingness[y], y)):  # who has become superfluous
+    for y in sorted(relays, key=lambda y: (willingness[y], y)):  # drop relays that are superfluous
         others = relays - {y}
         if willingness[y] < WILL_ALWAYS and all(len(covers[far] & others) >= need[far] for far in strict[y]):
             relays = others
@@ -59,19 +59,19 @@ def routing_table(
     reach: Mapping[Address, Set[Address]],
     selectors: Set[Address],
     topology: Iterable[tuple[Address, Address]],
-) -> dict[Address, Route]:
-    """Return the ways of *address* to all whom it knows a way to, with the fewest hops (section 10).
+) -> dict[Address, RoutingEntry]:
+    """Return the routes of *address* with the fewest hops, to all robots that it knows a route to (section 10).
 
     *willingness* and *reach* are as in :func:`select_mprs`; *selectors* have chosen us as a relay; *topology* are
-    pairs (who has told it, whom that one reaches).
+    pairs (origin of a TC, robot that it reaches).
     """
-    table = {neighbour: Route(neighbour, 1) for neighbour in willingness}
+    table = {neighbour: RoutingEntry(neighbour, 1) for neighbour in willingness}
     # next hops are preferred that want to forward, and that forward for us anyway (step 3.2)
     for neighbour in sorted(willingness, key=lambda y: (-willingness[y], y not in selectors, y)):
         if willingness[neighbour] != WILL_NEVER:
             for far in reach.get(neighbour, ()):
                 if far != address:
-                    table.setdefault(far, Route(neighbour, 2))
+                    table.setdefault(far, RoutingEntry(neighbour, 2))
     onwards: dict[Address, list[Address]] = {}
     for last, destination in sorted(topology):
         onwards.setdefault(last, []).append(destination)
@@ -83,7 +83,7 @@ def routing_table(
         for last in frontier:
             for destination in onwards.get(last, ()):
                 if destination != address and destination not in table:
-                    table[destination] = Route(table[last].next_hop, hops)
+                    table[destination] = RoutingEntry(table[last].next_hop, hops)
                     reached.append(destination)
         frontier = sorted(reached)
     return table

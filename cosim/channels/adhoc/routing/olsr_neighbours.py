@@ -1,7 +1,7 @@
-"""What an OLSR robot knows of its surroundings from HELLOs: links, neighbours, theirs, relays (RFC 3626, 7, 8, 13, 14).
+"""The neighbourhood of an OLSR robot, from HELLOs: links, neighbours, theirs, relays (RFC 3626, 7, 8, 13, 14).
 
-Deadlines are instants from which on something no longer holds. Nothing happens at a deadline: whoever asks calls
-``advance`` first, which brings all sets to that time.
+Deadlines are instants from which on something no longer holds. Nothing happens at a deadline: before the sets are read,
+``advance`` is called, which brings all of them to that time.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ from cosim.units import Time
 
 
 class Hysteresis(NamedTuple):
-    """How a link proves itself (section 14.3)."""
+    """Thresholds of link quality (section 14.3)."""
 
     high: float
-    """Above this quality a link is taken up."""
+    """Quality above which a link is taken up."""
     low: float
-    """Below it is dropped."""
+    """Quality below which a link is dropped."""
     scaling: float
-    """The weight of the latest packet."""
+    """Weight of the latest packet."""
 
 
 @dataclass(slots=True)
@@ -46,18 +46,18 @@ class Link:
     pending: bool
     quality: float
     next_number: int | None
-    """Of the next packet; None if it does not matter what is missing."""
+    """Number of the next packet; None if missing ones do not matter."""
     interval: Time
     """Htime of the last HELLO."""
     silent_at: Time
-    """When the next packet is taken as lost."""
+    """Instant at which the next packet is taken as lost."""
 
     def symmetric(self, now: Time) -> bool:
         """Return whether the link is up (section 14.2)."""
         return self.symmetric_until > now and self.lost_until <= now and not self.pending
 
     def kind(self, now: Time) -> int | None:
-        """Return the type of link to be told in a HELLO; None if it is not to be told (sections 6.2 and 14.2)."""
+        """Return the type of link for a HELLO; None if the link is not to be listed (sections 6.2 and 14.2)."""
         if self.lost_until > now:
             return LOST_LINK
         if self.pending:
@@ -68,7 +68,7 @@ class Link:
 
 
 class Neighbourhood:
-    """All that HELLOs tell; with ``hysteresis`` None a link is up with the first HELLO that names this robot."""
+    """The contents of HELLOs; with ``hysteresis`` None a link is up with the first HELLO that names this robot."""
 
     def __init__(self, address: Address, hold: Time, coverage: int, hysteresis: Hysteresis | None) -> None:
         self._address = address
@@ -81,26 +81,26 @@ class Neighbourhood:
         self._due: Time | None = None
         self._current: tuple[object, ...] = ()
         self.willingness: dict[Address, int] = {}
-        """Of all symmetric neighbours."""
+        """Willingness of all symmetric neighbours."""
         self.reach: dict[Address, set[Address]] = {}
-        """By symmetric neighbour: whom it has as symmetric neighbours."""
+        """Symmetric neighbours of each symmetric neighbour."""
         self.selectors: frozenset[Address] = frozenset()
-        """Who has chosen this robot as a relay."""
+        """Robots that have chosen this one as a relay."""
         self.mprs: frozenset[Address] = frozenset()
-        """Whom this robot has chosen."""
+        """Relays that this robot has chosen."""
         self.version = 0
-        """Counts changes of any of these."""
+        """Number of changes of any of these."""
 
     # ------------------------------------------------------------ what comes in
 
     def packet(self, neighbour: Address, number: int, now: Time) -> None:
-        """Take notice of a packet with that *number*, and of those that are missing before it (section 14.3)."""
+        """Note a packet with *number*, and those that are missing before it (section 14.3)."""
         self.advance(now - 1)  # a packet that comes at the very end of an interval has come in it
         link = self._links.get(neighbour)
         if link is None or self._hysteresis is None:
             return
         missing = 0 if link.next_number is None else (number - link.next_number) & 0xFFFF
-        if missing < 1 << 15:  # otherwise the other robot counts from anew
+        if missing < 1 << 15:  # otherwise the other robot has started to count again
             for _ in range(min(missing, 64)):  # after which nothing is left of the quality
                 self._weaken(link, now)
         link.quality += self._hysteresis.scaling * (1.0 - link.quality)
@@ -111,11 +111,11 @@ class Neighbourhood:
         self._settle(now)
 
     def hello(self, origin: Address, hello: Hello, validity: Time, number: int, now: Time) -> None:
-        """Take a HELLO of *origin* that came in the packet with that *number* (sections 7.1.1, 8.1.1, 8.2.1, 8.4.1)."""
+        """Take a HELLO of *origin* that came in the packet *number* (sections 7.1.1, 8.1.1, 8.2.1, 8.4.1)."""
         self.advance(now)
         until = now + validity
-        told = [(types, addresses) for code, addresses in hello.links.items() if (types := link_types(code))]
-        named = [(kind, neighbour, address) for (kind, neighbour), addresses in told for address in addresses]
+        listed = [(types, addresses) for code, addresses in hello.links.items() if (types := link_types(code))]
+        named = [(kind, neighbour, address) for (kind, neighbour), addresses in listed for address in addresses]
         link = self._sense(origin, hello, number, now)
         link.heard_until = until
         for kind, _, address in named:
@@ -138,7 +138,7 @@ class Neighbourhood:
         self._settle(now)
 
     def broken(self, neighbour: Address, now: Time) -> bool:
-        """Take the link layer's word that *neighbour* is out of reach (section 13); return whether it was one."""
+        """Note the link layer's report that *neighbour* is out of reach (section 13); return whether it was one."""
         self.advance(now)
         if (link := self._links.get(neighbour)) is None:
             return False
@@ -192,7 +192,7 @@ class Neighbourhood:
             link.lost_until = min(link.until, now + self._hold)
 
     def _settle(self, now: Time) -> None:
-        """Drop what has expired, and what hung on neighbours that are lost (section 8.5); choose relays anew."""
+        """Drop what has expired, and what depends on lost neighbours (section 8.5); choose relays again."""
         self._links = {address: link for address, link in self._links.items() if link.until > now}
         up = {address: link.willingness for address, link in sorted(self._links.items()) if link.symmetric(now)}
         self._two_hop = {key: until for key, until in self._two_hop.items() if until > now and key[0] in up}

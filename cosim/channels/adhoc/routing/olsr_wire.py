@@ -32,9 +32,9 @@ WILL_DEFAULT: Final = 3
 WILL_ALWAYS: Final = 7
 
 SHORTEST: Final = S // 16
-"""C, the shortest time that can be told."""
+"""Shortest time that can be encoded, C."""
 LONGEST: Final = (SHORTEST * 31 // 16) << 15
-"""The longest, 3968 s."""
+"""Longest time that can be encoded, 3968 s."""
 _PACKET: Final = Struct(">HH")
 _MESSAGE: Final = Struct(">BBHIBBH")
 _HELLO: Final = Struct(">HBB")
@@ -48,13 +48,13 @@ class Message(NamedTuple):
 
     kind: int
     validity: Time
-    """Vtime: for so long its contents hold."""
+    """Vtime: time for which its contents are valid."""
     origin: Address
     ttl: int
     hops: int
-    """That it has made."""
+    """Number of hops that it has made."""
     number: int
-    """The message sequence number; with *origin* it tells messages apart."""
+    """Message sequence number, which identifies a message together with *origin*."""
     body: bytes
 
 
@@ -62,17 +62,17 @@ class Hello(NamedTuple):
     """The body of a HELLO."""
 
     interval: Time
-    """Htime: until the next one at the latest."""
+    """Htime: longest time until the next HELLO."""
     willingness: int
     links: Mapping[int, Sequence[Address]]
     """Neighbours by link code."""
 
 
 class Tc(NamedTuple):
-    """The body of a TC: who can be reached over its origin."""
+    """The body of a TC: robots that can be reached over its origin."""
 
     ansn: int
-    """Number of the set; a greater one replaces it."""
+    """Sequence number of the set; a set with a greater one replaces it."""
     neighbours: Sequence[Address]
 
 
@@ -115,7 +115,7 @@ def encode_packet(number: int, messages: Sequence[Message]) -> bytes:
 
 
 def decode_packet(data: bytes) -> tuple[int, list[Message]]:
-    """Return the number of the packet and its messages; raise WireError for what is no packet."""
+    """Return the number of the packet and its messages; raise WireError if *data* is no packet."""
     if len(data) < _PACKET.size:
         raise WireError(f"{len(data)} octets are no OLSR packet")
     length, number = _PACKET.unpack_from(data)
@@ -144,7 +144,7 @@ def encode_hello(hello: Hello) -> bytes:
 
 
 def decode_hello(body: bytes) -> Hello:
-    """Return what a HELLO says; raise WireError if it makes no sense."""
+    """Return the HELLO of *body*; raise WireError if it makes no sense."""
     if len(body) < _HELLO.size:
         raise WireError(f"{len(body)} octets are no HELLO")
     _, interval, willingness = _HELLO.unpack_from(body)
@@ -169,7 +169,7 @@ def encode_tc(tc: Tc) -> bytes:
 
 
 def decode_tc(body: bytes) -> Tc:
-    """Return what a TC says; raise WireError if it makes no sense."""
+    """Return the TC of *body*; raise WireError if it makes no sense."""
     if len(body) < _TC.size:
         raise WireError(f"{len(body)} octets are no TC")
     return Tc(_TC.unpack_from(body)[0], _decode_addresses(body[_TC.size :]))

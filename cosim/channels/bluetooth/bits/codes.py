@@ -17,7 +17,7 @@ _ACCESS_GENERATOR: Final = 0o260534236651
 _PSEUDO_NOISE: Final = 0x83848D96BBCC54FC
 """The overlay p, p63 on the left."""
 _BARKER: Final = ((0, 0, 1, 1, 0, 1), (1, 1, 0, 0, 1, 0))
-"""What completes a LAP to 30 bits, by its last bit."""
+"""Bits that complete a LAP to 30, by its last bit."""
 _HEC_TAPS: Final = 0xE5
 """D^8 + D^7 + D^5 + D^2 + D + 1, mirrored, without its highest power."""
 _CRC_TAPS: Final = 0x8408
@@ -35,7 +35,7 @@ def to_bits(value: int, width: int) -> Bits:
 
 
 def from_bits(bits: Iterable[int]) -> int:
-    """Return the number whose *bits* these are, the least significant first."""
+    """Return the number that *bits* make, the least significant first."""
     return sum(bit << i for i, bit in enumerate(bits))
 
 
@@ -111,13 +111,13 @@ def _divide(bits: Iterable[int], register: int, taps: int) -> int:
 
 
 class Corrected(NamedTuple):
-    """What a decoder made of the bits that it was given."""
+    """The result of a decoder."""
 
     bits: Bits
     corrected: int
-    """Wrong bits that were put right."""
+    """Number of wrong bits that were corrected."""
     beyond: int = 0
-    """Blocks with more errors than the code corrects; their bits are as they were received."""
+    """Number of blocks with more errors than the code corrects; their bits are as received."""
 
 
 def repeat(bits: Iterable[int]) -> Bits:
@@ -126,7 +126,7 @@ def repeat(bits: Iterable[int]) -> Bits:
 
 
 def vote(bits: Sequence[int]) -> Corrected:
-    """Return what two of three copies say; *bits* has three for each."""
+    """Return the majority of three copies of each bit; *bits* has the copies one after the other."""
     sums = [bits[i] + bits[i + 1] + bits[i + 2] for i in range(0, len(bits), 3)]
     return Corrected([int(total >= 2) for total in sums], sum(total in (1, 2) for total in sums))
 

@@ -71,7 +71,7 @@ def header_of(word: int) -> Header:
 
 
 class Fhs(NamedTuple):
-    """The contents of an FHS packet (section 6.5.1.4): what a device tells of itself and its clock."""
+    """The contents of an FHS packet (section 6.5.1.4): a device's identity and clock."""
 
     lap: int
     uap: int
@@ -79,7 +79,7 @@ class Fhs(NamedTuple):
     device_class: int
     """24 bits."""
     lt_addr: int
-    """What the receiver is to be called; 0 in an inquiry."""
+    """Logical transport address given to the receiver; 0 in an inquiry."""
     clk_27_2: int
     """The sender's clock at the start of the packet, without its two low bits."""
     scan_repetition: int = 1
@@ -124,7 +124,7 @@ def fhs_of(data: bytes) -> Fhs:
 
 
 class Decoded(NamedTuple):
-    """What a receiver makes of the bits of one packet."""
+    """One packet as a receiver decodes it."""
 
     kind: PacketType | None
     """ID if there is an access code only; None if the header failed or names a type that is not in ``KINDS``."""
@@ -135,7 +135,7 @@ class Decoded(NamedTuple):
     failed: Part
     """The first part that failed."""
     corrected: int = 0
-    """Wrong bits that the codes put right, in header and payload."""
+    """Number of wrong bits that the codes have corrected, in header and payload."""
 
 
 def payload_bytes(kind: PacketType, uap: int, body: bytes, llid: int = START_OF_MESSAGE) -> bytes:
@@ -188,7 +188,7 @@ def _whitened(bits: Sequence[int], seed: int | None) -> Bits:
 
 
 def decode(bits: Sequence[int], lap: int, uap: int, seed: int | None = None) -> Decoded:
-    """Return what a receiver that waits for *lap* makes of *bits*, one packet from its first bit to its last.
+    """Return the packet that a receiver waiting for *lap* decodes from *bits*, from its first bit to its last.
 
     The other arguments are those of :func:`encode`. Nothing is raised for bad bits: ``failed`` names the part.
     """

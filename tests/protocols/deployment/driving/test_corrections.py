@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.geometry.segments import packed_walls
-from cosim.navigation.localization_motion import Pose
+from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation, Sighting
 from cosim.randomness import Streams
 from cosim.robots.senses import WORLD_FRAME, Senses, SenseSettings

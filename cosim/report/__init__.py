@@ -1,0 +1,12 @@
+"""What a sweep found: tables, figures, and our numbers beside those that a paper printed.
+
+``sweep_report`` is where to begin: ``report(folder)`` computes what ``cosim report`` prints. It reads an experiment's
+``published.csv`` (``claims``, with the columns of that file) and calls the functions of its ``figures.py``
+(``figures_module``).
+
+The other modules are for such a figures.py. ``estimates`` has means with confidence intervals. ``comparison`` has
+paired tests between a sweep's arms, which answer a claim. ``drawing`` has the usual figures, and parts of others.
+
+``by_choice`` judges the claims once for each value of an axis ``choice``:
+``python -P -m cosim.report.by_choice RESULTS``.
+"""

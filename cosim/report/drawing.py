@@ -1,0 +1,140 @@
+"""Figures of a sweep's metrics, and parts of figures that several experiments share."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from cosim.arrays import Floats
+from cosim.report.comparison import Label
+from cosim.report.estimates import estimates
+from cosim.trace import POSES, Trace
+
+Named: TypeAlias = tuple[str, Mapping[Any, str]]
+"""An axis of a sweep, and what a figure calls its values, in their order."""
+
+OFFSET = 0.06
+"""Distance between the points of neighbouring lines, in steps of the axis."""
+MOST_LABELS = 4
+"""Largest number of names that stand side by side below a figure; more are turned upright."""
+
+
+def draw(
+    frame: pd.DataFrame, axes: Sequence[str], metric: str, x: str | None, folder: Path, panel: str | None = None
+) -> Path:
+    """Draw *metric* over the axis *x*, a line for each remaining arm, and return the path of the picture.
+
+    Without *x* the first axis with numbers is taken. The axis *panel* gives the panels; if it is none of those that
+    remain, the last of several does. Arms without any value of *metric* are left out.
+    """
+    frame = frame[frame[metric].notna()]
+    numeric = [axis for axis in axes if pd.api.types.is_numeric_dtype(frame[axis])]
+    along = x if x in axes else next(iter([*numeric, *axes]), None)
+    others = [axis for axis in axes if axis != along and frame[axis].nunique() > 1]
+    panel = panel if panel in others else others[-1] if len(others) > 1 else None
+    others = [axis for axis in others if axis != panel]
+    parts = list(frame.groupby(panel, sort=False)) if panel else [("", frame)]
+    figure = Figure(figsize=(5.0 * len(parts) + 1.5, 4.0), layout="constrained")
+    plots = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
+    colours = {label: f"C{rank}" for rank, label in enumerate(_arms(frame, others))}  # the same in every panel
+    lines: dict[str, Any] = {}
+    for plot, (value, part) in zip(plots, parts, strict=True):
+        for label, arm in _arms(part, others).items():
+            lines[label] = _line(plot, arm, along, metric, colours[label])
+        plot.set(title=f"{panel} {value!s}" if panel else "", xlabel=along or "")
+        plot.grid(alpha=0.3)
+        if along in numeric:
+            plot.set_xticks(sorted(frame[along].unique()))
+        elif along and frame[along].nunique() > MOST_LABELS:
+            plot.tick_params(axis="x", labelrotation=90)
+    plots[0].set_ylabel(metric)
+    if (frame[metric] >= 0).all():
+        plots[0].set_ylim(bottom=0)
+    if others:
+        handles = [lines[label] for label in colours]
+        plots[-1].legend(handles, list(colours), fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    path = folder / f"{metric}.png"
+    with mpl.rc_context({"savefig.dpi": 120}):
+        figure.savefig(path)
+    return path
+
+
+def _arms(frame: pd.DataFrame, others: Sequence[str]) -> dict[str, pd.DataFrame]:
+    """Return the rows of *frame* by the label of their arm."""
+    groups = frame.groupby(list(others), sort=False) if others else [(("all",), frame)]
+    return {", ".join(map(str, key)): group for key, group in groups}
+
+
+def _line(plot: Any, frame: pd.DataFrame, along: str | None, metric: str, colour: str) -> Any:
+    points = estimates(frame, [along] if along else [], [metric])
+    places = points[along].tolist() if along else [0.0]
+    means = [value.mean for value in points[metric]]
+    halves = [0.0 if math.isnan(value.half) else value.half for value in points[metric]]
+    return plot.errorbar(places, means, yerr=halves, marker="o", capsize=3, color=colour)
+
+
+def draw_panels(
+    runs: pd.DataFrame, path: Path, metric: tuple[str, str], x: tuple[str, Sequence[Label]], lines: Named, panels: Named
+) -> list[Path]:
+    """Draw *metric*, (column, label), over the axis *x*, (column, values), into the file *path*; return its path.
+
+    There is a panel for each value of *panels* that *runs* have, and a line for each value of *lines*. Values of *x*
+    that are text have no order and are not joined by lines. Return nothing if there is nothing to draw.
+    """
+    (column, label), (axis, at), (line_axis, names), (panel_axis, titles) = metric, x, lines, panels
+    known = [each for each in titles if each in set(runs.get(panel_axis, ()))]
+    if not known or not {axis, line_axis, column} <= set(runs):
+        return []
+    figure = Figure(figsize=(4.0 * len(known) + 1.8, 4.0), layout="constrained")
+    plots = figure.subplots(1, len(known), squeeze=False, sharey=True)[0]
+    text = any(isinstance(value, str) for value in at)
+    for plot, panel in zip(plots, known, strict=True):
+        for rank, (value, title) in enumerate(names.items()):
+            part = runs[(runs[panel_axis] == panel) & (runs[line_axis] == value)]
+            if part.empty:
+                continue
+            points = estimates(part, [axis], [column]).set_index(axis).reindex([v for v in at if v in set(part[axis])])
+            offset = OFFSET * (rank - (len(names) - 1) / 2)
+            plot.errorbar(
+                [list(at).index(each) + offset for each in points.index],
+                [each.mean for each in points[column]],
+                yerr=np.nan_to_num([each.half for each in points[column]]),
+                marker="o",
+                linestyle="none" if text else "-",
+                capsize=3,
+                color=f"C{rank}",
+                label=title,
+            )
+        plot.set_xticks(range(len(at)), [str(each) for each in at], rotation=90 if text else 0)
+        plot.set(title=titles[panel], xlabel=axis)
+        plot.grid(alpha=0.3)
+    plots[0].set_ylim(bottom=0)  # of all panels, once all is drawn: it fixes the upper end as well
+    plots[0].set_ylabel(label)
+    legend_outside(figure, plots)
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def legend_outside(figure: Any, plots: Iterable[Any]) -> None:
+    """Put a legend to the right of *figure*, with every label that its *plots* have once."""
+    handles = {text: handle for plot in plots for handle, text in zip(*plot.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(handles.values()), list(handles), fontsize="small", loc="outside right center")
+
+
+def limit_ordinate(plot: Any, means: Sequence[float]) -> None:
+    """Let the ordinate of *plot* begin at 0 and end above all *means*: a wide interval of a quick sweep is cut."""
+    known = [mean for mean in means if not math.isnan(mean)]
+    plot.set_ylim(0, 1.7 * max(known, default=1.0) or 1.0)
+
+
+def tracks(trace: Trace) -> dict[int, Floats]:
+    """Return for each robot a table (ticks, 3) of time in ns, x and y in m, from the poses in *trace*."""
+    poses = trace.columns(POSES.name)
+    table = np.column_stack([poses["time_ns"], poses["x_m"], poses["y_m"]])
+    sources = np.array(poses["source"])
+    return {int(robot): table[sources == robot] for robot in np.unique(sources)}

@@ -1,0 +1,74 @@
+"""An experiment's ``figures.py``: loaded from its folder, and called.
+
+It is a user's code and may fail in any way. Whatever is wrong with it becomes a UserError of one line that names the
+file, the line and the cause.
+"""
+
+import importlib.util
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from cosim.errors import UserError
+
+MOST_LETTERS = 80
+"""Most characters of a user's text that an error quotes."""
+
+
+def load_figures(folder: Path | None) -> ModuleType | None:
+    """Return the figures.py in *folder* as a module, None if there is none; raise UserError if it cannot be loaded."""
+    path = folder / "figures.py" if folder else None
+    if path is None or not path.is_file():
+        return None
+    spec = importlib.util.spec_from_file_location("figures", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with _blamed(str(path)):
+        spec.loader.exec_module(module)
+    return module
+
+
+def call(figures: ModuleType | None, name: str, *arguments: Any) -> Any:
+    """Return the answer of the function *name* in *figures*; raise UserError if it fails, or answers something else."""
+    path = getattr(figures, "__file__", None) or "figures.py"
+    with _blamed(path, f"{name}: "):
+        answer = getattr(figures, name)(*arguments)
+    if name == "tables":
+        expected = "a dict of titles and tables"
+        right = isinstance(answer, dict) and all(isinstance(table, pd.DataFrame) for table in answer.values())
+    elif name == "draw":
+        expected = "a list of paths"
+        right = isinstance(answer, list) and all(isinstance(path, Path) for path in answer)
+    else:
+        expected = "(ours, whether the claim holds or None)"
+        right = isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], bool | np.bool_ | None)
+    if not right:
+        raise UserError(f"{path}: {name}: answers {shortened(repr(answer))}, expected {expected}")
+    return answer
+
+
+@contextmanager
+def _blamed(path: str, name: str = "") -> Iterator[None]:
+    """Raise a UserError with the line in the file *path* for whatever fails; its cause has the whole traceback."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:  # a figures.py is anybody's code and may fail in any way; raised on, with its place
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
+        where = f"{path}: line {line}" if line else path
+        raise UserError(f"{where}: {name}{type(error).__name__}: {shortened(error)}") from error
+
+
+def shortened(text: object) -> str:
+    """Return *text* in one line of at most ``MOST_LETTERS`` characters."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= MOST_LETTERS else f"{line[: MOST_LETTERS - 3]}..."

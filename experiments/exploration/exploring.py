@@ -1,0 +1,166 @@
+"""An exploration of paper 001 with some of its settings chosen otherwise, and what its trace shows beside its metrics.
+
+What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
+values, as in :mod:`experiments.aggregation.searching`.
+
+An exploration that does not come to 95 % counts with the longest run: a lower bound of what it would have taken.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from cosim.arrays import Floats
+from cosim.errors import UserError
+from cosim.experiment import experiment_function
+from cosim.scenario import Scenario, changed
+from cosim.settings import Metres, PlainData, Seconds, Settings
+from cosim.simulation import METRICS as EVERY_RUN
+from cosim.simulation import Simulation
+from cosim.trace import POSES, Trace
+from cosim.trace import Field as Column
+from cosim.units import from_seconds
+from protocols.exploration.spec import METRICS
+
+TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
+"""Shares of what can be seen whose times give the curve of coverage over time."""
+_SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
+_OWN: Final = (
+    Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
+    Column("reached", "float", "1", "1 if it was, else 0"),
+    Column("completed", "float", "1", "1 if 99 % had been seen in time, else 0"),
+    Column("stalls_no_force", "float", "1", "stalls for want of any force"),
+    Column("paths", "float", "1", "paths laid out of local minima"),
+    Column("paths_led_on", "float", "1", "share of them that were left since a frontier was in sight, or walked"),
+    Column(
+        "parted_by_escape_m", "float", "m", "growth of the distance to the nearest robot in later_s from a path laid"
+    ),
+    Column("parted_else_m", "float", "m", "the same from times when the robot was on no path"),
+    *(
+        Column(name, "float", "s", f"until {100 * share:.0f} % of what can be seen had been; NaN if it never was")
+        for name, share in _SEEN.items()
+    ),
+)
+COLUMNS: Final = (
+    *(
+        Column(metric.name, "float", metric.unit, metric.meaning)
+        for metric in (*METRICS, *(metric for metric in EVERY_RUN if metric.name in ("distance_m", "simulated_s")))
+    ),
+    *_OWN,
+)
+
+
+class Partings(Settings):
+    """When robots are compared to see whether they part, and which ones."""
+
+    later_s: Seconds = Field(default=30.0, gt=0, description="s from a path laid, after which distances are compared")
+    near_m: Metres | None = Field(
+        default=None, gt=0, description="m, only robots are asked of that had another as near as this; null: all"
+    )
+
+
+class Parameters(Settings):
+    """An exploration, and what is chosen in it."""
+
+    scenario: Scenario = Field(description="the run before anything is chosen")
+    choice: dict[str, PlainData] = Field(default_factory=dict, description="settings by their paths")
+    partings: Partings = Partings()
+
+    @model_validator(mode="after")
+    def _makes_a_scenario(self) -> "Parameters":
+        try:
+            self.chosen()
+        except UserError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def chosen(self) -> Scenario:
+        """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
+        return changed(self.scenario, self.choice, "choice", Path(__file__).parent)
+
+
+@experiment_function
+def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
+    """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
+    own = Parameters.model_validate(parameters)
+    scenario = own.chosen()
+    simulation = Simulation(scenario, seed, (POSES,))
+    outcome = simulation.run()
+    found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
+    never = math.isnan(found["time_95_s"])
+    found["until_95_s"] = scenario.duration_s if never else found["time_95_s"]
+    found["reached"] = float(not never)
+    found["completed"] = float(not math.isnan(found["time_99_s"]))
+    referee: Any = simulation.referee
+    return (
+        found
+        | told(outcome.trace, own.partings)
+        | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
+    )
+
+
+def told(trace: Trace, asked: Partings) -> dict[str, float]:
+    """Return what the events and poses of a run show of its escapes."""
+    events = trace.columns("events")
+    rows = list(zip(events["event"], events["time_ns"], events["source"], events.get("why", ()), strict=True))
+    laid = [(time, robot) for event, time, robot, _ in rows if event == "PathLaid"]
+    led_on = sum(event == "PathLeft" and why != "stalled" for event, _, _, why in rows)
+    escaped, elsewhere = _partings(trace, rows, asked)
+    return {
+        "stalls_no_force": float(sum(event == "Stalled" and why == "no force" for event, _, _, why in rows)),
+        "paths": float(len(laid)),
+        "paths_led_on": led_on / len(laid) if laid else math.nan,
+        "parted_by_escape_m": float(np.mean(escaped)) if escaped else math.nan,
+        "parted_else_m": float(np.mean(elsewhere)) if elsewhere else math.nan,
+    }
+
+
+def _partings(trace: Trace, rows: list[tuple[str, int, int, Any]], asked: Partings) -> tuple[list[float], list[float]]:
+    """Return by how much a robot's distance to the nearest one grows in ``later_s``: from a path laid, and else.
+
+    Else: from every full such time at which a robot is on no path, and lays none until that time is over.
+    """
+    times, nearest = _nearest(trace)
+    if not len(times) or nearest.shape[1] < 2:
+        return [], []
+    later, most = from_seconds(asked.later_s), math.inf if asked.near_m is None else asked.near_m
+
+    def growth(time: int, robot: int) -> float | None:
+        if time + later > times[-1]:
+            return None
+        now, then = np.searchsorted(times, (time, time + later))
+        return None if nearest[now, robot] > most else float(nearest[then, robot] - nearest[now, robot])
+
+    spans: dict[int, list[list[int]]] = {robot: [] for robot in range(nearest.shape[1])}
+    for event, time, robot, _ in rows:
+        if event == "PathLaid":
+            spans[robot].append([time, int(times[-1])])
+        elif event == "PathLeft" and spans[robot]:
+            spans[robot][-1][1] = time
+    escaped = [growth(span[0], robot) for robot, own in spans.items() for span in own]
+    elsewhere = [
+        growth(time, robot)
+        for robot, own in spans.items()
+        for time in range(int(times[0]), int(times[-1]), later)
+        if not any(begin < time + later and time < end for begin, end in own)
+    ]
+    return [each for each in escaped if each is not None], [each for each in elsewhere if each is not None]
+
+
+def _nearest(trace: Trace) -> tuple[Floats, Floats]:
+    """Return the world's ticks (t,), ns, and how far each robot's nearest team-mate is at each, shape (t, robots)."""
+    poses = trace.columns(POSES.name)
+    times, robots = np.array(poses["time_ns"]), np.array(poses["source"])
+    ticks, rows = np.unique(times, return_inverse=True)
+    places = np.full((len(ticks), int(robots.max(initial=-1)) + 1, 2), np.nan)
+    places[rows, robots] = np.column_stack([poses["x_m"], poses["y_m"]])
+    away = np.full(places.shape[:2], np.inf)
+    for robot in range(places.shape[1]):
+        apart = np.hypot(*np.moveaxis(places - places[:, robot, None], -1, 0))
+        apart[:, robot] = np.inf
+        away[:, robot] = apart.min(axis=1)
+    return ticks, away
