@@ -24,7 +24,7 @@ LINES = (
     "node faults scenario simulation results experiment sweep",
     "report export web testing pins data_dictionary cli __main__",
 )
-"""The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
+"""The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
@@ -48,7 +48,7 @@ OWNERS = {
     "time": {"sweep", "results", "web", "cli"},
     "datetime": {"sweep", "results", "cli"},
 }
-"""Modules from outside that only these rooms of cosim may import; the wall clock only where a run is timed."""
+"""Modules from outside that only these layers of cosim may import; the wall clock only where a run is timed."""
 PROTOCOL_PARTIES = {"numpy", "scipy", "networkx", "pydantic"}
 
 VERSION = r"__version__ = '[\d.]+'"
@@ -87,7 +87,7 @@ def imports(tree: ast.AST) -> Iterator[str]:
                     yield inner if inner in MODULES else str(node.module)
 
 
-def room(module: str) -> str:
+def layer(module: str) -> str:
     return module.split(".")[1] if "." in module else ""
 
 
@@ -98,7 +98,7 @@ def import_fault(importer: str, imported: str) -> str | None:
         return party_fault(importer, other)
     if imported == other:
         return f"{importer} imports the package root {imported}"
-    here, there = room(importer), room(imported)
+    here, there = layer(importer), layer(imported)
     if package == "protocols":
         if other == "experiments" or (other == "cosim" and there not in PROTOCOLS_MAY):
             return f"{importer} imports {imported}, but a protocol knows only {', '.join(sorted(PROTOCOLS_MAY))}"
@@ -110,7 +110,7 @@ def import_fault(importer: str, imported: str) -> str | None:
     if here == there:
         return None
     if (here, there) in STRANGERS or PLACES[there] >= PLACES[here]:
-        return f"{importer} imports {imported}, but {there} does not stand above {here} in the table of rooms"
+        return f"{importer} imports {imported}, but {there} does not stand above {here} in the table of layers"
     return None
 
 
@@ -121,7 +121,7 @@ def party_fault(importer: str, party: str) -> str | None:
             return f"{importer} imports {party}, but protocols use only {', '.join(sorted(PROTOCOL_PARTIES))}"
         if party in {"random", "time", "datetime", "secrets", "uuid"}:
             return f"{importer} imports {party}, but time and randomness are arguments"
-    if package == "cosim" and party in OWNERS and room(importer) not in OWNERS[party]:
+    if package == "cosim" and party in OWNERS and layer(importer) not in OWNERS[party]:
         return f"{importer} imports {party}, which belongs to {', '.join(sorted(OWNERS[party])) or 'nobody'}"
     return None
 
@@ -219,9 +219,9 @@ LENGTHS = {module_name(path): len(path.read_text(encoding="utf-8").splitlines())
 # ---------------------------------------------------------------- the laws
 
 
-def test_every_room_has_its_place():
-    strange = {room(module) for module in MODULES if module.startswith("cosim.")} - PLACES.keys()
-    assert not strange, f"the table of rooms does not know {sorted(strange)}"
+def test_every_layer_has_its_place():
+    strange = {layer(module) for module in MODULES if module.startswith("cosim.")} - PLACES.keys()
+    assert not strange, f"the table of layers does not know {sorted(strange)}"
 
 
 def test_imports_look_up_only():
@@ -239,7 +239,7 @@ def test_no_experiment_imports_another():
         for module, tree in TREES.items()
         if module.startswith("experiments.")
         for name in imports(tree)
-        if name.startswith("experiments.") and room(name) in own - {room(module)}
+        if name.startswith("experiments.") and layer(name) in own - {layer(module)}
     ]
     assert not faults, faults[0]
 
@@ -284,6 +284,27 @@ def test_package_roots_say_what_lives_there_and_do_nothing():
     assert not faults, faults[0]
     for package in EXTENSIBLE:
         assert [ast.unparse(statement) for statement in roots[package].body[1:]] == EXTENDED
+
+
+def test_the_page_about_the_architecture_names_what_there_is():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    missing = [path for path in re.findall(r"`([\w/]+/[\w./]+)`", page) if not (ROOT / path).exists()]
+    assert not missing, f"docs/architecture.md names {missing[0]}, which does not exist"
+    methods = {
+        (node.name, made.name)
+        for tree in TREES.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+        for made in node.body
+        if isinstance(made, ast.FunctionDef)
+    }
+    named = set(re.findall(r"`([A-Z]\w+)\.(\w+)`", page))
+    assert named <= methods, f"docs/architecture.md names {sorted(named - methods)[0]}, which does not exist"
+    packages = {path.name for path in (ROOT / "protocols").iterdir() if (path / "__init__.py").exists()}
+    assert packages == set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    inside = (ROOT / "README.md").read_text(encoding="utf-8").partition("## What is inside")[2]
+    packages |= {path.name for path in (ROOT / "cosim").iterdir() if (path / "__init__.py").exists()}
+    assert packages <= set(re.findall(r"\b(\w+)/", inside))
 
 
 def test_units_load_no_simulator():
