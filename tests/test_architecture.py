@@ -1,10 +1,11 @@
-"""The laws of the house, read from the sources: who imports whom, which third parties, how large things get."""
+"""The laws, read from the sources: who imports whom, which third parties, how large things get."""
 
 import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ LINES = (
     "node faults scenario simulation results experiment sweep",
     "report export web testing pins data_dictionary cli __main__",
 )
-"""The rooms of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
+"""The layers of cosim: each may import all lines above its own, its own package, and what stands left in its line."""
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
@@ -47,7 +48,7 @@ OWNERS = {
     "time": {"sweep", "results", "web", "cli"},
     "datetime": {"sweep", "results", "cli"},
 }
-"""Modules from outside that only these rooms of cosim may import; the wall clock only where a run is timed."""
+"""Modules from outside that only these layers of cosim may import; the wall clock only where a run is timed."""
 PROTOCOL_PARTIES = {"numpy", "scipy", "networkx", "pydantic"}
 
 VERSION = r"__version__ = '[\d.]+'"
@@ -55,7 +56,11 @@ EXTENSIBLE = ("protocols", "experiments")
 """Packages to which users add folders of their own that have the same name."""
 EXTENDED = ["from pkgutil import extend_path", "__path__ = extend_path(__path__, __name__)"]
 
-FILE_LINES, FUNCTION_LINES, PUBLIC_METHODS = 800, 60, 20
+FILE_LINES, FUNCTION_LINES, PUBLIC_METHODS, CONSTRUCTOR_PARAMETERS, FOLDER_ENTRIES = 800, 60, 20, 8, 25
+ROOT_LINES = range(5, 16)
+"""How many lines the docstring of a package root may have."""
+LISTS = ("cosim", "experiments")
+"""Folders that may have more entries: the table of layers above, and a list of experiments."""
 
 
 # ---------------------------------------------------------------- reading
@@ -82,7 +87,7 @@ def imports(tree: ast.AST) -> Iterator[str]:
                     yield inner if inner in MODULES else str(node.module)
 
 
-def room(module: str) -> str:
+def layer(module: str) -> str:
     return module.split(".")[1] if "." in module else ""
 
 
@@ -93,7 +98,7 @@ def import_fault(importer: str, imported: str) -> str | None:
         return party_fault(importer, other)
     if imported == other:
         return f"{importer} imports the package root {imported}"
-    here, there = room(importer), room(imported)
+    here, there = layer(importer), layer(imported)
     if package == "protocols":
         if other == "experiments" or (other == "cosim" and there not in PROTOCOLS_MAY):
             return f"{importer} imports {imported}, but a protocol knows only {', '.join(sorted(PROTOCOLS_MAY))}"
@@ -105,7 +110,7 @@ def import_fault(importer: str, imported: str) -> str | None:
     if here == there:
         return None
     if (here, there) in STRANGERS or PLACES[there] >= PLACES[here]:
-        return f"{importer} imports {imported}, but {there} does not stand above {here} in the table of rooms"
+        return f"{importer} imports {imported}, but {there} does not stand above {here} in the table of layers"
     return None
 
 
@@ -116,7 +121,7 @@ def party_fault(importer: str, party: str) -> str | None:
             return f"{importer} imports {party}, but protocols use only {', '.join(sorted(PROTOCOL_PARTIES))}"
         if party in {"random", "time", "datetime", "secrets", "uuid"}:
             return f"{importer} imports {party}, but time and randomness are arguments"
-    if package == "cosim" and party in OWNERS and room(importer) not in OWNERS[party]:
+    if package == "cosim" and party in OWNERS and layer(importer) not in OWNERS[party]:
         return f"{importer} imports {party}, which belongs to {', '.join(sorted(OWNERS[party])) or 'nobody'}"
     return None
 
@@ -154,13 +159,50 @@ def oversized(tree: ast.Module, lines: int) -> list[str]:
             public = [f for f in node.body if isinstance(f, ast.FunctionDef) and not f.name.startswith("_")]
             if len(public) > PUBLIC_METHODS:
                 faults.append(f"{node.name} has {len(public)} public methods, {PUBLIC_METHODS} are enough")
+            faults += constructor_faults(node)
     return faults
+
+
+def constructor_faults(node: ast.ClassDef) -> list[str]:
+    """Return a sentence if the constructor of a class takes too much; what a star takes has no bound."""
+    faults = []
+    for made in node.body:
+        if isinstance(made, ast.FunctionDef) and made.name == "__init__":
+            taken = made.args
+            count = len(taken.posonlyargs + taken.args + taken.kwonlyargs) - 1
+            if taken.vararg or taken.kwarg:
+                faults.append(f"the constructor of {node.name} takes any number of parameters")
+            elif count > CONSTRUCTOR_PARAMETERS:
+                faults.append(
+                    f"the constructor of {node.name} takes {count} parameters, {CONSTRUCTOR_PARAMETERS} are enough"
+                )
+    return faults
+
+
+def crowded(modules: Collection[str]) -> list[str]:
+    """Return a sentence for every package that has too many of *modules*, by their dotted names, right below it."""
+    entries = Counter(module.rpartition(".")[0] for module in modules)
+    return [
+        f"{package} has {count} entries, {FOLDER_ENTRIES} are enough"
+        for package, count in sorted(entries.items())
+        if count > FOLDER_ENTRIES and package not in (*LISTS, "")
+    ]
+
+
+def doubled(trees: Mapping[str, ast.Module]) -> list[str]:
+    """Return a sentence for every name that public classes of two modules in one package have."""
+    places = defaultdict(list)
+    for module, tree in sorted(trees.items()):
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[module.rpartition(".")[0], node.name].append(module)
+    return [f"a class {name} is in each of {', '.join(where)}" for (_, name), where in places.items() if len(where) > 1]
 
 
 def root_fault(package: str, tree: ast.Module) -> str | None:
     """Return one sentence if *tree*, the root of *package*, is silent or does more than to say what lives there."""
     told = ast.get_docstring(tree)
-    if package in PACKAGES and not (told and 5 <= len(told.splitlines()) <= 15):
+    if not (told and len(told.splitlines()) in ROOT_LINES):
         return f"the root of {package} does not say in 5 to 15 lines what lives there and where to begin"
     for statement in tree.body[told is not None :]:
         source = ast.unparse(statement)
@@ -177,9 +219,9 @@ LENGTHS = {module_name(path): len(path.read_text(encoding="utf-8").splitlines())
 # ---------------------------------------------------------------- the laws
 
 
-def test_every_room_has_its_place():
-    strange = {room(module) for module in MODULES if module.startswith("cosim.")} - PLACES.keys()
-    assert not strange, f"the table of rooms does not know {sorted(strange)}"
+def test_every_layer_has_its_place():
+    strange = {layer(module) for module in MODULES if module.startswith("cosim.")} - PLACES.keys()
+    assert not strange, f"the table of layers does not know {sorted(strange)}"
 
 
 def test_imports_look_up_only():
@@ -197,7 +239,7 @@ def test_no_experiment_imports_another():
         for module, tree in TREES.items()
         if module.startswith("experiments.")
         for name in imports(tree)
-        if name.startswith("experiments.") and room(name) in own - {room(module)}
+        if name.startswith("experiments.") and layer(name) in own - {layer(module)}
     ]
     assert not faults, faults[0]
 
@@ -213,12 +255,56 @@ def test_files_functions_and_classes_keep_their_budgets():
     assert not faults, faults[0]
 
 
+def test_folders_keep_their_budget():
+    faults = crowded(MODULES)
+    assert not faults, faults[0]
+
+
+def test_no_two_classes_of_one_package_have_one_name():
+    faults = doubled({name: tree for name, tree in TREES.items() if name not in PACKAGES})
+    assert not faults, faults[0]
+
+
+def test_the_budgets_are_those_that_contributing_names():
+    text = " ".join((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split())
+    for budget in (
+        f"a class has at most {PUBLIC_METHODS} public methods",
+        f"a constructor {CONSTRUCTOR_PARAMETERS} parameters",
+        f"a function {FUNCTION_LINES} lines",
+        f"a file {FILE_LINES} lines",
+        f"a folder {FOLDER_ENTRIES} entries",
+        f"a docstring of {ROOT_LINES[0]} to {ROOT_LINES[-1]} lines",
+    ):
+        assert budget in text
+
+
 def test_package_roots_say_what_lives_there_and_do_nothing():
     roots = {module_name(path): TREES[module_name(path)] for path in SOURCES if path.name == "__init__.py"}
     faults = [fault for package, tree in roots.items() if (fault := root_fault(package, tree))]
     assert not faults, faults[0]
     for package in EXTENSIBLE:
         assert [ast.unparse(statement) for statement in roots[package].body[1:]] == EXTENDED
+
+
+def test_the_page_about_the_architecture_names_what_there_is():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    missing = [path for path in re.findall(r"`([\w/]+/[\w./]+)`", page) if not (ROOT / path).exists()]
+    assert not missing, f"docs/architecture.md names {missing[0]}, which does not exist"
+    methods = {
+        (node.name, made.name)
+        for tree in TREES.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+        for made in node.body
+        if isinstance(made, ast.FunctionDef)
+    }
+    named = set(re.findall(r"`([A-Z]\w+)\.(\w+)`", page))
+    assert named <= methods, f"docs/architecture.md names {sorted(named - methods)[0]}, which does not exist"
+    packages = {path.name for path in (ROOT / "protocols").iterdir() if (path / "__init__.py").exists()}
+    assert packages == set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    inside = (ROOT / "README.md").read_text(encoding="utf-8").partition("## What is inside")[2]
+    packages |= {path.name for path in (ROOT / "cosim").iterdir() if (path / "__init__.py").exists()}
+    assert packages <= set(re.findall(r"\b(\w+)/", inside))
 
 
 def test_units_load_no_simulator():
@@ -302,7 +388,10 @@ TOLD = '"""' + "A line.\n" * 6 + '"""\n'
         ("cosim", TOLD + "__version__ = version('cosim')"),
         ("protocols", TOLD + "__version__ = '1.0'"),
         ("protocols", TOLD.replace("A line.\n", "A line.\n" * 3)),
-        ("cosim.web", "from cosim.web.server import serve"),
+        ("cosim.web", TOLD + "from cosim.web.server import serve"),
+        ("cosim.web", ""),
+        ("protocols.transport", '"""Transport."""'),
+        ("protocols.transport", TOLD.replace("A line.\n", "A line.\n" * 3)),
     ],
 )
 def test_a_root_that_is_silent_or_does_something_is_noticed(package: str, source: str):
@@ -317,6 +406,33 @@ def test_imports_below_type_checking_count():
 def test_a_cycle_is_found():
     assert cycle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
     assert cycle({"a": {"b", "c"}, "b": {"c"}}) == []
+
+
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ("a, b, c, d, e, f, g, h", []),
+        ("a, b, c, d, e, f, g, h, i", ["the constructor of C takes 9 parameters, 8 are enough"]),
+        ("a, /, b, c, d, e, f, *, g, h, i", ["the constructor of C takes 9 parameters, 8 are enough"]),
+        ("a, *b", ["the constructor of C takes any number of parameters"]),
+        ("**a", ["the constructor of C takes any number of parameters"]),
+    ],
+)
+def test_a_constructor_that_takes_much_is_noticed(parameters: str, told: list[str]):
+    source = f"class C:\n    def __init__(self, {parameters}):\n        x = 1\n"
+    assert oversized(ast.parse(source), 3) == told
+
+
+def test_a_crowded_folder_is_noticed():
+    inside = [f"cosim.web.m{number}" for number in range(FOLDER_ENTRIES)]
+    assert crowded([*inside, "cosim.web", "cosim.web.m0.inner"]) == []
+    assert crowded([*inside, "cosim.web.one_more"]) == ["cosim.web has 26 entries, 25 are enough"]
+    assert crowded([name.replace("cosim.web", "cosim") for name in inside] + ["cosim.one_more"]) == []
+
+
+def test_classes_of_one_name_are_noticed():
+    trees = {name: ast.parse("class C: ...\nclass _D: ...") for name in ("p.q.a", "p.q.b", "p.r.a", "p.q")}
+    assert doubled(trees) == ["a class C is in each of p.q.a, p.q.b"]
 
 
 def test_a_long_function_is_noticed():

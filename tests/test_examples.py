@@ -1,12 +1,22 @@
-"""The numbered examples run as they stand, and show what their comments promise."""
+"""The examples run as they stand, and show what their comments promise."""
 
+import ast
+import importlib
 import re
+import shlex
+from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
 
+from cosim.machine import Address
 from cosim.scenario import load
 from cosim.simulation import simulate
+from cosim.testing import check_machine
+from cosim.units import S, Time
 from tests.checkout import ROOT
 
 EXAMPLES = ROOT / "examples"
@@ -77,3 +87,77 @@ def test_both_plays_are_done_though_the_host_fails() -> None:
     assert metrics["refused"] == 0
     assert metrics["successions"] >= 1
     assert metrics["collisions"] == 0
+
+
+# ---------------------------------------------------------------- a protocol of one's own
+
+ELECTION = EXAMPLES / "election"
+SCENARIO = (ELECTION / "election.yaml").read_text(encoding="utf-8")
+COMMANDS = [shlex.split(line) for line in re.findall(r"^#   cosim run (.*)$", SCENARIO, re.MULTILINE)]
+SEEDS = range(1, 21)
+CODE_LINES = 120
+
+
+@pytest.fixture
+def election(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module of the example, found as the command line finds it where its author stands."""
+    monkeypatch.syspath_prepend(str(ELECTION))
+    return importlib.import_module("leader_election")
+
+
+def elected(sets: list[str], seed: int) -> dict[str, float]:
+    return simulate(load(ELECTION / "election.yaml", sets), seed).metrics
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_five_robots_elect_one_leader_and_another_when_it_dies(words: list[str], election: ModuleType) -> None:
+    sets = [word for option, word in pairwise(words) if option == "--set"]
+    for seed in SEEDS:
+        metrics = elected(sets, seed)
+        assert metrics["leaders"] == 1
+        assert 15 < metrics["agreed_s"] < 60, "robot 0 dies at 15 s"
+        assert metrics["payloads_unsent"] == 0
+        before = elected([*sets, "faults=[]"], seed)
+        assert before["leaders"] == 1
+        assert before["agreed_s"] < 15
+
+
+def test_the_commands_are_for_three_channels(election: ModuleType) -> None:
+    assert {words[0] for words in COMMANDS} == {"election.yaml"}
+    assert [" ".join(words[2:3]) for words in COMMANDS] == ["", "channel.kind=adhoc", "channel.kind=bluetooth"]
+
+
+@pytest.mark.slow
+def test_a_robot_that_boots_again_leads_again(election: ModuleType) -> None:
+    metrics = elected(["faults=[{kind: crash, robot: 0, at_s: 20, for_s: 10}]"], 1)
+    assert metrics["leaders"] == 1
+    assert 30 < metrics["agreed_s"] < 32
+
+
+@pytest.mark.slow
+def test_over_bluetooth_without_links_each_follows_itself(election: ModuleType) -> None:
+    metrics = elected(["channel.kind=bluetooth"], 1)
+    assert metrics["leaders"] == 4
+    assert np.isnan(metrics["agreed_s"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("links", [None, {}])
+@pytest.mark.parametrize("kind", ["fixed", "nfd_s", "nfd_e", "phi_akka"])
+def test_the_elector_keeps_the_laws_of_machines(links: Any, kind: str, election: ModuleType) -> None:
+    parameters = election.Parameters.model_validate({"transport": {"links": links}, "detector": {"kind": kind}})
+
+    def make(me: Address, start: Time) -> Any:
+        return election.SPEC.make(parameters, 3, me, np.random.default_rng(1), start)
+
+    check_machine(make, duration=20 * S, events=election.SPEC.events)
+
+
+def test_the_protocol_is_short() -> None:
+    source = (ELECTION / "leader_election.py").read_text(encoding="utf-8")
+    lines = {number for number, line in enumerate(source.splitlines(), 1) if line.strip() and line.strip()[0] != "#"}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            lines -= {*range(node.lineno, (node.end_lineno or node.lineno) + 1)}
+    assert 80 < len(lines) <= CODE_LINES

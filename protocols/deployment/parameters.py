@@ -12,8 +12,8 @@ from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.planner import Call, PlannerParameters
 from protocols.deployment.tasks.plan import Place, Strategy
 from protocols.motion.parameters import DrivingParameters
-from protocols.transport.frames import NEWS_OVERHEAD
-from protocols.transport.parameters import CourierParameters
+from protocols.transport.frames import PUBLICATION_OVERHEAD
+from protocols.transport.parameters import TransportParameters
 
 MOST_CALLS: Final = 255  # a status counts them in a byte
 """Greatest number of calls."""
@@ -120,14 +120,14 @@ class Parameters(Settings):
     driving: DrivingParameters = DrivingParameters()
     positioning: PositioningParameters = PositioningParameters()
     sonar: SonarParameters = SonarParameters()
-    courier: CourierParameters = CourierParameters()
+    courier: TransportParameters = TransportParameters()
     planner: PlannerParameters = PlannerParameters()
     executing: ExecutiveParameters = ExecutiveParameters()
     exploring: ExploringParameters = ExploringParameters()
 
     @property
-    def carried(self) -> CourierParameters:
-        """What the courier is told: where radios need links, the host is the first to lead their piconet."""
+    def carried(self) -> TransportParameters:
+        """Parameters of the transport: where radios need links, the host is the first master of their piconet."""
         links = self.courier.links
         if links is None:
             return self.courier
@@ -145,8 +145,8 @@ class Parameters(Settings):
         if self.map == "learned" and self.positioning.kind != "given":
             expected = "does not go with map learned: there is nothing to localise on: expected given"
             raise error_at(("positioning", "kind"), self.positioning.kind, expected)
-        if not self.courier.octets >= NEWS_OVERHEAD + MOST_BYTES:
-            expected = f"is not >= {NEWS_OVERHEAD + MOST_BYTES}, the longest news"
+        if not self.courier.octets >= PUBLICATION_OVERHEAD + MOST_BYTES:
+            expected = f"is not >= {PUBLICATION_OVERHEAD + MOST_BYTES}, the longest news"
             raise error_at(("courier", "octets"), self.courier.octets, expected)
         times = [call.at_s for call in self.calls]
         if times != sorted(times):

@@ -42,7 +42,7 @@ from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.orders import Whereabouts
 from protocols.deployment.team.host import Host
 from protocols.mapping import frames
-from protocols.transport.transport import Courier
+from protocols.transport.transport import Transport
 from protocols.wire import BadBytes
 
 MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
@@ -71,8 +71,8 @@ class Runner(Drains):
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
         self.positioning = _positioning_of(parameters, setup, me, stream, note)
-        self.courier = Courier(me, setup.size, parameters.carried, start)
-        known = setup.ground, me, self.courier.news_octets, floor
+        self.transport = Transport(me, setup.size, parameters.carried, start)
+        known = setup.ground, me, self.transport.publication_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
         mover = ExploringMover(self.exploring, floor, me, *limits, floor.parameters, setup.tick)
         if parameters.interference:
@@ -95,7 +95,7 @@ class Runner(Drains):
             and not self.host.busy
             and self.member.resting
             and not self.console.attended
-            and self.courier.settled
+            and self.transport.settled
         )
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
@@ -103,12 +103,12 @@ class Runner(Drains):
         if reception.source == OPERATOR:
             self.console.request(data, now)
         else:
-            self.courier.receive(data, reception, now)
+            self.transport.receive(data, reception, now)
         self._settle(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link or the fate of a frame."""
-        self.courier.link(event, now)
+        self.transport.link(event, now)
         self._settle(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
@@ -120,37 +120,37 @@ class Runner(Drains):
         for other, request in self.member.requests():
             self.post(other, request, now)
         for topic, payload in self.exploring.frames():
-            self.courier.tell(topic, payload, now)
+            self.transport.publish(topic, payload, now)
         for picture in self.member.camera.pictures(self.me, observation):
             self._show(picture, now)
-        self.courier.tick(self.member.here, observation.visible, now)
+        self.transport.tick(self.member.here, observation.visible, now)
         self.host.tick(self._heard, self._whereabouts(), now)
         self.calls.tick(now)
         if now >= self._next_news or now < self._next_news - self._period:
             self._next_news = now + self._period
-            self.courier.tell(status.TOPIC, status.encode(self._news()), now)
+            self.transport.publish(status.TOPIC, status.encode(self._news()), now)
         self._settle(now)
 
     def wake(self, now: Time) -> None:
-        """Act on the courier's and the executive's deadlines."""
-        self.courier.wake(now)
+        """Act on the transport's and the executive's deadlines."""
+        self.transport.wake(now)
         self._settle(now)
 
     def wake_at(self) -> Time | None:
         """Return the earliest of these deadlines."""
-        courier, host = self.courier.wake_at(), self.host.wake_at()
-        if courier is None or host is None:
-            return courier if host is None else host
-        return min(courier, host)
+        transport, host = self.transport.wake_at(), self.host.wake_at()
+        if transport is None or host is None:
+            return transport if host is None else host
+        return min(transport, host)
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain frames, link commands, and messages to the operator."""
-        out = self.courier.drain()
+        out = self.transport.drain()
         return [*out, *(Outgoing(OPERATOR, said) for said in self.console.drain())]
 
     def events(self) -> list[Event]:
         """Drain rows for the trace, and events for the referee alone."""
-        return [*super().events(), *drained(self.courier.bad)]
+        return [*super().events(), *drained(self.transport.bad)]
 
     def rehearsal(self) -> list[dict[str, Any]]:
         """Return requests of an operator by which the team drives all over the floor, or explores a new one."""
@@ -166,14 +166,14 @@ class Runner(Drains):
         payload = messages.encode(letter)
         self.counters.letters += 1
         self.counters.letter_bytes += len(payload)
-        self.courier.post(destination, payload, now)
+        self.transport.send(destination, payload, now)
 
     def forget(self, other: Address, now: Time) -> None:
         """Drop all messages that are on their way to a robot."""
-        self.courier.forget(other, now)
+        self.transport.forget(other, now)
 
     def _settle(self, now: Time) -> None:
-        """Take what the courier has brought, and pass on what follows from it, until nothing more does."""
+        """Take what the transport has brought, and pass on what follows from it, until nothing more does."""
         self._read(now)
         self.host.advance(now)
         if self.host.changes != self._changes:
@@ -189,8 +189,8 @@ class Runner(Drains):
             self.host.advance(now)
         self._report(now)
         self.console.report(now)
-        self.counters.returned += len(self.courier.returned())
-        self.counters.frames, self.counters.frame_bytes = self.courier.counts.frames, self.courier.counts.octets
+        self.counters.returned += len(self.transport.returned())
+        self.counters.frames, self.counters.frame_bytes = self.transport.counts.frames, self.transport.counts.octets
 
     def _report(self, now: Time) -> None:
         for report in self.member.reports():
@@ -198,12 +198,12 @@ class Runner(Drains):
             self.host.advance(now)
 
     def _read(self, now: Time) -> None:
-        for source, topic, payload, _ in self.courier.news():
+        for source, topic, payload, _ in self.transport.published():
             try:
                 self._hear(source, topic, payload, now)
             except WireError:
                 self._events.append(BadBytes(source, len(payload)))
-        for source, payload in self.courier.letters():
+        for source, payload in self.transport.messages():
             try:
                 letter = messages.decode(payload, self._setup.size)
             except WireError:
@@ -245,7 +245,7 @@ class Runner(Drains):
 
     def _heard(self, other: Address) -> Time:
         """Return when *other* was heard last; the start of this machine if never."""
-        at = self.courier.heard(other)
+        at = self.transport.heard(other)
         return self._start if at is None else at
 
     def _silent(self, other: Address, now: Time) -> bool:

@@ -98,8 +98,8 @@ def succeed(before: Runner, after: Runner, now: Time) -> None:
     after.positioning.resume(before.positioning.shift)
     after.calls.start = before.calls.start
     after.counters.carry(before.counters)
-    after.courier.counts.frames += before.courier.counts.frames
-    after.courier.counts.octets += before.courier.counts.octets
+    after.transport.counts.frames += before.transport.counts.frames
+    after.transport.counts.octets += before.transport.counts.octets
 
 
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> DeploymentReferee:

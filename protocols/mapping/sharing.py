@@ -46,7 +46,7 @@ from protocols.mapping.frames import (
     from_runs,
     to_runs,
 )
-from protocols.transport.star import MASTER, LinkParameters, piconet_of
+from protocols.transport.star import MASTER, Piconet, PiconetParameters
 from protocols.wire import BadBytes
 
 AWAY_PERIODS: Final = 3
@@ -74,7 +74,7 @@ class SharingParameters(Settings):
     period_s: Period = Field(default=1.0, gt=0, description="s, from one sending to the next")
     octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
     again: Count = Field(default=4, ge=1, description="pieces that are sent again in answer to one summary")
-    links: LinkParameters | None = Field(
+    links: PiconetParameters | None = Field(
         default=None, description="send over the links of a piconet: what Bluetooth needs; by default to all in reach"
     )
 
@@ -174,7 +174,7 @@ class Sharing:
         self.places_m: dict[Address, Point] = {}
         """Where the others were when they were heard or seen last."""
         self._here: Point | None = None
-        self._piconet = None if parameters.links is None else piconet_of(me, size, parameters.links)
+        self._piconet = None if parameters.links is None else Piconet(me, size, parameters.links)
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:

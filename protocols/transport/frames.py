@@ -1,7 +1,8 @@
-"""What couriers say to each other on the wire: parts of letters, acknowledgements of them, and news.
+"""The frames of transports on the wire: parts of messages, acknowledgements of them, and publications.
 
-Every frame is big-endian: magic, kind, author, destination, the author's life, the body of its kind, and a CRC-16 (see
-``protocols.wire``). The paper (004) has "a TCP/IP socket" between executive and robots, and prints no formats.
+Every frame is big-endian: magic, kind, author, destination, the author's incarnation, the body of its kind, and a
+CRC-16 (see ``protocols.wire``). The paper (004) has "a TCP/IP socket" between executive and robots, and prints no
+formats.
 """
 
 from struct import Struct, error
@@ -14,47 +15,47 @@ from protocols.wire import CRC_BYTES, check, seal
 
 MAGIC: Final = 0x4C
 ALL: Final[Address] = 0xFF
-"""The destination of news on the wire: no robot has that address."""
-LIVES: Final = 1 << 32
-"""Lives are smaller: milliseconds of 49 days."""
+"""Destination of publications on the wire: no robot has that address."""
+INCARNATIONS: Final = 1 << 32
+"""Bound of the numbers of incarnations: milliseconds of 49 days."""
 WINDOW: Final = 32
-"""How many parts an acknowledgement tells of, beyond those without a gap."""
+"""Number of parts beyond the first gap that an acknowledgement reports."""
 MOST_PARTS: Final = 0xFFFF
-"""Parts of one letter are not more."""
+"""Greatest number of parts of one message."""
 MOST_OCTETS: Final = 0xFFFF
 SEQUENCE: Final = 1 << 32
-"""Numbers of parts are smaller: a robot that tells 100 a second from boot to death counts for more than a year."""
+"""Bound of the numbers of parts: a robot that sends 100 a second from boot to death counts for more than a year."""
 
 _HEAD: Final = Struct(">BBBBI")
 _PART: Final = Struct(">IIHH")
 _ACK: Final = Struct(">III")
-_NEWS: Final = Struct(">BI")
+_PUBLICATION: Final = Struct(">BI")
 _PART_KIND: Final = 1
 _ACK_KIND: Final = 2
-_NEWS_KIND: Final = 3
+_PUBLICATION_KIND: Final = 3
 PART_OVERHEAD: Final = _HEAD.size + _PART.size + CRC_BYTES
-"""Bytes of a part beyond what it carries."""
-NEWS_OVERHEAD: Final = _HEAD.size + _NEWS.size + CRC_BYTES
-"""Bytes of news beyond what they say."""
+"""Bytes of a part beyond its payload."""
+PUBLICATION_OVERHEAD: Final = _HEAD.size + _PUBLICATION.size + CRC_BYTES
+"""Bytes of a publication beyond its payload."""
 LEAST_OCTETS: Final = max(PART_OVERHEAD + 1, _HEAD.size + _ACK.size + CRC_BYTES)
 """Bytes of the shortest frame that is of use."""
 
 
 class Part(NamedTuple):
-    """Part of a letter: the *number*-th, from 0, that its author has for this destination in this life."""
+    """Part of a message: the *number*-th, from 0, that its author has for this destination in this incarnation."""
 
     number: int
     oldest: int
-    """The first part of the oldest letter that its author still stands by: nothing before it comes any more."""
+    """The first part of the oldest message that its author has not given up: no part before it comes any more."""
     place: int
-    """Which part of its letter it is, from 0."""
+    """Position of the part in its message, from 0."""
     parts: int
-    """How many parts the letter has, one at least."""
+    """Number of parts of the message, one at least."""
     payload: bytes
 
 
 class Ack(NamedTuple):
-    """What has arrived of the parts that the destination has sent in its life *of*."""
+    """What has arrived of the parts that the destination has sent in its incarnation *of*."""
 
     of: int
     next: int
@@ -63,45 +64,45 @@ class Ack(NamedTuple):
     """Bit i: part ``next + 1 + i`` has arrived as well."""
 
 
-class Bulletin(NamedTuple):
-    """News, which anybody may hear: of each *topic* only the latest counts, that with the greatest *number*."""
+class Publication(NamedTuple):
+    """A value for all who receive it: of each *topic* only the latest counts, that with the greatest *number*."""
 
     topic: int
     number: int
     payload: bytes
 
 
-Message: TypeAlias = Part | Ack | Bulletin
+Body: TypeAlias = Part | Ack | Publication
 
 
 class Frame(NamedTuple):
-    """A message with its address: who says it to whom, and in which life of its author."""
+    """A body with its author, its destination, and the incarnation of its author."""
 
     author: Address
     destination: Address
-    """``ALL`` for news."""
-    life: int
+    """``ALL`` for publications."""
+    incarnation: int
     """When the author was booted: milliseconds of its clock, mod 2**32."""
-    message: Message
+    body: Body
 
 
-def life_of(start: Time) -> int:
-    """Return the life that begins at *start*."""
-    return start // MS % LIVES
+def incarnation_of(start: Time) -> int:
+    """Return the number of the incarnation that begins at *start*."""
+    return start // MS % INCARNATIONS
 
 
 def encode(frame: Frame) -> bytes:
-    """Return *frame* as bytes; raise LocalProtocolError for what no frame can say."""
-    author, destination, life, message = frame
+    """Return *frame* as bytes; raise LocalProtocolError for values that no frame can have."""
+    author, destination, incarnation, body = frame
     try:
-        match message:
+        match body:
             case Part(number, oldest, place, parts, payload):
-                kind, body = _PART_KIND, _PART.pack(number, oldest, place, parts) + payload
+                kind, packed = _PART_KIND, _PART.pack(number, oldest, place, parts) + payload
             case Ack(of, following, beyond):
-                kind, body = _ACK_KIND, _ACK.pack(of, following, beyond)
-            case Bulletin(topic, number, payload):
-                kind, body = _NEWS_KIND, _NEWS.pack(topic, number) + payload
-        data = _HEAD.pack(MAGIC, kind, author, destination, life) + body
+                kind, packed = _ACK_KIND, _ACK.pack(of, following, beyond)
+            case Publication(topic, number, payload):
+                kind, packed = _PUBLICATION_KIND, _PUBLICATION.pack(topic, number) + payload
+        data = _HEAD.pack(MAGIC, kind, author, destination, incarnation) + packed
     except error as wrong:
         raise LocalProtocolError(f"{frame} does not fit into a frame: {wrong}") from None
     if not _sound(frame):
@@ -110,43 +111,43 @@ def encode(frame: Frame) -> bytes:
 
 
 def decode(data: bytes) -> Frame:
-    """Return the frame that *data* is; raise WireError for bytes that are none of ours."""
+    """Return the frame that *data* is; raise WireError for bytes that are no frame of a transport."""
     check(data)
     if len(data) < _HEAD.size + CRC_BYTES:
         raise WireError("too short for a head")
-    magic, kind, author, destination, life = _HEAD.unpack_from(data)
+    magic, kind, author, destination, incarnation = _HEAD.unpack_from(data)
     if magic != MAGIC:
         raise WireError(f"magic {magic:#x}")
-    frame = Frame(author, destination, life, _message(kind, data[_HEAD.size : -CRC_BYTES]))
+    frame = Frame(author, destination, incarnation, _body(kind, data[_HEAD.size : -CRC_BYTES]))
     if not _sound(frame):
         raise WireError(f"a frame of kind {kind} that means nothing")
     return frame
 
 
-def _message(kind: int, body: bytes) -> Message:
-    layout = {_PART_KIND: _PART, _ACK_KIND: _ACK, _NEWS_KIND: _NEWS}.get(kind)
+def _body(kind: int, data: bytes) -> Body:
+    layout = {_PART_KIND: _PART, _ACK_KIND: _ACK, _PUBLICATION_KIND: _PUBLICATION}.get(kind)
     if layout is None:
         raise WireError(f"kind {kind}")
-    if len(body) < layout.size or (kind == _ACK_KIND and len(body) > layout.size):
-        raise WireError(f"{len(body)} bytes in a frame of kind {kind}")
-    rest = body[layout.size :]
+    if len(data) < layout.size or (kind == _ACK_KIND and len(data) > layout.size):
+        raise WireError(f"{len(data)} bytes in a frame of kind {kind}")
+    rest = data[layout.size :]
     if kind == _PART_KIND:
-        number, oldest, place, parts = layout.unpack_from(body)
+        number, oldest, place, parts = layout.unpack_from(data)
         return Part(number, oldest, place, parts, rest)
-    if kind == _NEWS_KIND:
-        topic, number = layout.unpack_from(body)
-        return Bulletin(topic, number, rest)
-    return Ack(*layout.unpack(body))
+    if kind == _PUBLICATION_KIND:
+        topic, number = layout.unpack_from(data)
+        return Publication(topic, number, rest)
+    return Ack(*layout.unpack(data))
 
 
 def _sound(frame: Frame) -> bool:
     """Return whether a frame with such values can mean anything."""
-    message = frame.message
-    if isinstance(message, Bulletin):
+    body = frame.body
+    if isinstance(body, Publication):
         return frame.author != ALL == frame.destination
     if ALL in (frame.author, frame.destination) or frame.author == frame.destination:
         return False
-    if isinstance(message, Ack):
+    if isinstance(body, Ack):
         return True
-    begins = message.number - message.place
-    return message.place < message.parts and begins >= 0 and message.oldest <= message.number
+    begins = body.number - body.place
+    return body.place < body.parts and begins >= 0 and body.oldest <= body.number

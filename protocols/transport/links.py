@@ -1,15 +1,15 @@
-"""A piconet of a team that knows its members beforehand, and in which another takes over when the master dies.
+"""A piconet of a team whose members are known beforehand, in which another robot takes over when the master dies.
 
-Radios such as Bluetooth's carry nothing without a link, and have their slaves talk to the master alone. There is an
-order of masters: the first that the parameters name, then all by their addresses. The first pages the others by their
-addresses, which needs no inquiry, and pages those again that it has lost; they scan. What a slave says to others the
-master says again. A robot that has been without a master for a while takes over: the later, the more robots are before
-it in the order that may be alive. So a dead master is succeeded by the next that lives. A master goes on scanning: when
-two find each other, one of which has been out of the other's reach or was booted again, the one that is behind in the
-order gives up its piconet and joins the other's, and then its slaves are paged.
+Radios such as Bluetooth's carry nothing without a link, and their slaves talk to the master alone. There is an order of
+masters: the robot that the parameters name first, then all others by their addresses. The first pages the others by
+their addresses, which needs no inquiry, and pages again those that it has lost; the others scan. The master relays what
+a slave sends to others. A robot that has been without a master for a while takes over: it waits the longer, the more
+robots before it in the order may be alive, so that the next living robot succeeds a dead master. A master goes on
+scanning. When two masters find each other, because one was out of the other's reach or was booted again, the one that
+is later in the order gives up its piconet and joins the other's, whose master then pages its slaves.
 
 The specification asks for this (the host may die in mid-play); the paper (004) has a network that needs no links.
-``protocols.transport.star`` is the same without succession.
+``protocols.transport.star`` is the same without a takeover.
 """
 
 from collections.abc import Collection, Iterable
@@ -34,22 +34,22 @@ from protocols.transport.parameters import LinkParameters
 MOST_ROBOTS: Final = 8
 """A master and seven active slaves."""
 SERVICE: Final = 3
-"""A master is there for its slaves so many times as long as it has just paged in vain, or more."""
+"""Least time that a master is there for its slaves, in multiples of that which it has just paged in vain."""
 
 
 class Links:
-    """One robot's part in it; *now* never decreases."""
+    """One robot's part in the piconet; *now* never decreases."""
 
     def __init__(self, me: Address, size: int, parameters: LinkParameters, start: Time) -> None:
         """Be in a team of *size*, up to ``MOST_ROBOTS``."""
         self.me = me
         self.leading = me == parameters.first
-        """Whether it is a master, maybe of nobody."""
+        """True if it is a master, with or without slaves."""
         self.master: Address | None = None
-        """Who is its master, if it has one."""
+        """Its master, if it has one."""
         self.slaves: set[Address] = set()
         self.left: tuple[Address, ...] = ()
-        """Whom it has left to follow its master, which is to be told of them."""
+        """Its former slaves, which it has left to follow its master; the master is to learn of them."""
         self._first = parameters.first
         self._patience = from_seconds(parameters.patience_s)
         self._least = from_seconds(parameters.page_s)
@@ -59,32 +59,32 @@ class Links:
         self._stagger = from_seconds(parameters.stagger_s)
         self._others = [other for other in range(size) if other != me]
         self._dead: set[Address] = set()
-        """Who is taken for dead, or out of reach: nobody waits for them to take over."""
+        """Robots taken for dead, or out of reach: none waits for them to take over."""
         self._since = start
-        """Since when it has no master."""
+        """When it lost its master."""
         self._heard: dict[Address, Time] = {}
-        """When each that has a link was heard last, or got the link."""
+        """When each robot with a link was heard last, or got the link."""
         self._tried: dict[Address, Time] = {}
-        """When each that has no link was paged last, or lost."""
+        """When each robot without a link was paged last, or lost."""
         self._waits = dict.fromkeys(self._others, self._least)
-        """How long each is left alone after that."""
+        """How long each is not paged after that."""
         self._paging: tuple[Address, Time] | None = None
-        """Who is being paged, and since when."""
+        """The robot that is being paged, and since when."""
         self._rests_until = start
-        """Until when a master is there for its slaves, or can be paged itself, after a page in vain."""
+        """Until when, after a page in vain, a master is there for its slaves, or can be paged itself."""
         self._out: list[LinkCommand] = [Scan(enabled=True)]
 
     # ------------------------------------------------------------ who hears whom
 
     def hop(self, destination: Address) -> Address | None:
-        """Return to whom to send what is meant for *destination*; None if there is no way to it now."""
+        """Return the next hop to *destination*; None if there is no way to it now."""
         if self.master is not None:
             return self.master
         return destination if destination in self.slaves else None
 
     @property
     def audience(self) -> Address | None:
-        """To whom to send what is meant for all; None without a link."""
+        """Destination of what is meant for all; None without a link."""
         if self.master is not None:
             return self.master
         return BROADCAST if self.slaves else None
@@ -103,7 +103,7 @@ class Links:
         self._heard[neighbour] = now
 
     def find(self, robots: Iterable[Address]) -> None:
-        """Page soon those of whom another has said that they are there, and have no master."""
+        """Page soon *robots* that, as another has reported, are there and have no master."""
         for robot in robots:
             if robot in self._waits and robot not in self.slaves:
                 self._expect(robot)
@@ -114,14 +114,14 @@ class Links:
         self._tried.pop(robot, None)
 
     def forget(self, other: Address) -> None:
-        """Take *other* for dead until it is linked again: it is paged rarely."""
+        """Take *other* for dead, and page it rarely, until it is linked again."""
         self._dead.add(other)
         if other in self._waits:
             self._waits[other] = self._most
 
     def tick(self, seen: Collection[Address], now: Time) -> None:
-        """Take over if that is due, or page who is due; *seen* are those in sight."""
-        # a radio that was off, as robots are not told, has forgotten its links
+        """Take over if that is due, or page a robot that is due; *seen* are those in sight."""
+        # a radio that was off has forgotten its links, and does not report it
         for peer in sorted(peer for peer in self._linked if now - self._heard[peer] >= self._silence):
             self._out.append(Disconnect(peer))
             self._lost(peer, now)
@@ -149,21 +149,21 @@ class Links:
             self._out.append(Page(peer))
 
     def _hopeful(self, peer: Address) -> bool:
-        """Return whether a robot is likely to answer a page: it was not paged in vain since there was news of it."""
+        """Return whether *peer* is likely to answer a page: not paged in vain since anything was heard of it."""
         return self._waits[peer] == self._least and peer not in self._dead
 
     def _urgency(self, peer: Address) -> tuple[bool, bool, Time, Address]:
-        """Return what is smaller for those who are paged earlier: the hopeful, then who has waited longest."""
+        """Return a key that is smaller for robots to page earlier: the hopeful, then those that have waited longest."""
         return not self._hopeful(peer), peer in self._tried, self._tried.get(peer, 0), peer
 
     def _due(self, peer: Address, near: bool, now: Time) -> bool:
         wait = self._least if near else self._waits[peer]
         return peer not in self._tried or now - self._tried[peer] >= wait
 
-    # ------------------------------------------------------------ news of links
+    # ------------------------------------------------------------ events of links
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Take an event of a link."""
         match event:
             case Connected(peer=peer, role=role):
                 self._connected(peer, role, now)
@@ -177,7 +177,7 @@ class Links:
         return self.slaves if self.master is None else {self.master}
 
     def _lost(self, peer: Address, now: Time) -> None:
-        """Note that a link is lost: nobody waits any more for a master that was."""
+        """Note that a link is lost; a master that is lost is no longer waited for."""
         self._tried[peer] = now
         self._waits[peer] = self._least
         self.slaves.discard(peer)
@@ -188,7 +188,7 @@ class Links:
             self._out.append(Scan(enabled=True))
 
     def _connected(self, peer: Address, role: Role, now: Time) -> None:
-        self.slaves.discard(peer)  # of a former link nobody knew that it was lost
+        self.slaves.discard(peer)  # the loss of a former link was not reported
         self._heard[peer] = now
         paged = self._paging is not None and self._paging[0] == peer
         if paged:
@@ -197,7 +197,7 @@ class Links:
             self._out.append(Disconnect(peer))
         elif role is Role.MASTER and self.leading:
             self._dead.discard(peer)
-            if not self.slaves:  # it was out of reach of all: who was paged in vain may have been near another
+            if not self.slaves:  # it was out of reach of all: robots paged in vain may have been near another
                 self._waits = dict.fromkeys(self._others, self._least)
             self.slaves.add(peer)
             self._waits[peer] = self._least
@@ -224,19 +224,18 @@ class Links:
         self._paging = None
 
     def _failed(self, peer: Address, now: Time) -> None:
-        """Note that a page was in vain: for as long as it has lasted, or longer, nobody is paged who may be dead.
-
-        A page suspends the piconet, and who pages cannot be paged: but nobody pages the first, as long as it is alone.
-        """
+        """Note that a page was in vain: for as long as it has lasted, or longer, page no robot that may be dead."""
+        # A page suspends the piconet, and a robot that pages cannot be paged; the first needs no such rest while it is
+        # alone, since no robot pages it.
         spent = 0 if self._paging is None else now - self._paging[1]
         self._paging = None
         self._tried[peer] = now
         self._waits[peer] = min(2 * self._waits[peer], self._most)
         if self.slaves or self.me != self._first:
-            times = 2 * (SERVICE if self.slaves else 1) + self.me  # no two that page each other do so in step for ever
+            times = 2 * (SERVICE if self.slaves else 1) + self.me  # so that two that page each other fall out of step
             self._rests_until = now + times * spent // 2
 
     def drain(self) -> list[LinkCommand]:
-        """Return the link commands that are to be carried out, once."""
+        """Return the link commands, once."""
         out, self._out = self._out, []
         return out

@@ -1,10 +1,9 @@
-"""Links on meeting, for radios that carry nothing without one: who sees another robot looks for it and pages it.
+"""Links on meeting, for radios that carry nothing without one: a robot that sees another finds it and pages it.
 
-A robot with goals inquires for as long as it sees somebody of a higher number that it has no link to, and pages whom it
-has found; explorers have the lowest numbers. It becomes the master, and a slave of somebody neither looks for others
-nor is found by them: piconets form round explorers, and no device is in two of them (so a helper serves one explorer at
-a time). Links are kept as long as the radio keeps them. The paper knows nothing of this: its messages need a line of
-sight and nothing else.
+A robot with goals inquires as long as it sees a robot of a higher number to which it has no link, and pages those that
+it has found; explorers have the lowest numbers. It becomes the master. A slave neither inquires nor scans, so piconets
+form round explorers, and no device is in two of them (a helper serves one explorer at a time). Links are kept as long
+as the radio keeps them. The paper (000) has none of this: its messages need a line of sight and nothing else.
 """
 
 from collections.abc import Collection
@@ -35,9 +34,9 @@ class Meeting:
     def __init__(
         self, me: Address, looks: bool, inquiry: Time, patience: Time, out: list[Outgoing | LinkCommand]
     ) -> None:
-        """Be one that *looks* for others, or is found; *out* is where to command.
+        """Be a robot that *looks* for others, or is found by them; *out* takes the link commands.
 
-        An inquiry lasts for *inquiry* at most, and *patience* longer the device is waited for.
+        An inquiry lasts for *inquiry* at most; the device's answer is waited for *patience* longer.
         """
         self.me = me
         self._looks = looks
@@ -47,11 +46,11 @@ class Meeting:
         self._patience = patience
         self._out = out
         self._busy_until: Time | None = None
-        """The device inquires or pages, and until when its answer is waited for."""
+        """Until when the answer of the device, which inquires or pages, is waited for; None if it does neither."""
         self._found: list[Address] = []
 
     def look(self, in_sight: Collection[Address], now: Time) -> None:
-        """Look for whom this robot sees and has no link to, unless it is doing so; to be called at each tick."""
+        """Inquire for robots in sight without a link, unless an inquiry or a page runs; to be called at each tick."""
         if self._busy_until is not None:
             if now < self._busy_until:
                 return
@@ -65,7 +64,7 @@ class Meeting:
             self._out += Scan(enabled=False), Inquire(self._inquiry, len(missing))
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Take an event of a link."""
         match event:
             case Discovered(peer=peer) if peer not in self._found:
                 self._found.append(peer)
@@ -95,7 +94,7 @@ class Meeting:
                 self._out.append(Scan(enabled=True))
 
     def _page(self, now: Time) -> None:
-        """Page the next one that was found, if there is one."""
+        """Page the next robot that was found, if there is one."""
         while self._found and len(self.linked) < MOST_SLAVES:
             peer = self._found.pop(0)
             if peer not in self.linked and peer != self.me:
@@ -105,7 +104,7 @@ class Meeting:
         self._free()
 
     def _free(self) -> None:
-        """Be found again by others, unless this robot has slaves."""
+        """Scan again, unless this robot has slaves."""
         self._busy_until = None
         if not self.linked:
             self._out.append(Scan(enabled=True))

@@ -1,4 +1,4 @@
-"""What a scenario can say about how robots that deploy talk to each other."""
+"""What a scenario can set of a transport, and of the links that it keeps."""
 
 from typing import Self
 
@@ -9,24 +9,30 @@ from protocols.transport.frames import LEAST_OCTETS, MOST_OCTETS, WINDOW
 
 
 class LinkParameters(Settings):
-    """How robots keep a piconet of all, for radios that carry nothing without a link; another leads if the first dies.
+    """How robots keep a piconet of all, for radios that need links; another robot becomes master if the first dies.
 
-    A robot without a master takes over after ``alone_s``, and ``stagger_s`` more for each that is before it in the
-    order of masters and may be alive.
+    A robot without a master takes over after ``alone_s``, and ``stagger_s`` more for each robot that is before it in
+    the order of masters and may be alive.
     """
 
-    first: Count = Field(default=0, ge=0, description="the first in the order of masters; then by their addresses")
-    patience_s: Seconds = Field(default=6.0, gt=0, description="s, a master waits no longer for the end of a page")
-    page_s: Seconds = Field(default=5.0, gt=0, description="s from one page in vain to the next, of a robot in sight")
+    first: Count = Field(
+        default=0, ge=0, description="the first in the order of masters; the others follow by their addresses"
+    )
+    patience_s: Seconds = Field(
+        default=6.0, gt=0, description="s, the longest that a master waits for the end of a page"
+    )
+    page_s: Seconds = Field(default=5.0, gt=0, description="s from a page in vain to the next one, of a robot in sight")
     page_most_s: Seconds = Field(
-        default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
+        default=60.0,
+        gt=0,
+        description="s, the longest such wait for any other robot, which doubles with each page in vain",
     )
-    beat_s: Period = Field(default=2.0, gt=0, description="s, who has nothing to say lets itself be heard")
-    silence_s: Seconds = Field(
-        default=15.0, gt=0, description="s, after which a link over which nothing came is given up"
-    )
+    beat_s: Period = Field(default=2.0, gt=0, description="s without a publication until a robot sends a heartbeat")
+    silence_s: Seconds = Field(default=15.0, gt=0, description="s without any frame until a link is given up")
     alone_s: Seconds = Field(default=10.0, gt=0, description="s without a master until the next in order takes over")
-    stagger_s: Seconds = Field(default=10.0, gt=0, description="s more for each robot before it that may be alive")
+    stagger_s: Seconds = Field(
+        default=10.0, gt=0, description="s more for each robot before it in the order that may be alive"
+    )
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -37,26 +43,30 @@ class LinkParameters(Settings):
         return self
 
 
-class CourierParameters(Settings):
-    """How letters are carried and news told."""
+class TransportParameters(Settings):
+    """How messages are carried and values published."""
 
     octets: int = Field(default=200, ge=LEAST_OCTETS, le=MOST_OCTETS, description="bytes, the longest frame")
-    window: int = Field(default=16, ge=1, le=WINDOW, description="parts of letters to one robot on the way at a time")
-    in_device: Count = Field(
-        default=4, ge=1, description="frames to one neighbour that wait in the own radio at a time"
+    window: int = Field(default=16, ge=1, le=WINDOW, description="parts of messages to one robot on the way at a time")
+    in_device: Count = Field(default=4, ge=1, description="frames to one neighbour in the own radio at a time")
+    fate_s: Seconds = Field(default=3.0, gt=0, description="s until a radio has forgotten a frame")
+    retry_s: Seconds = Field(default=1.0, gt=0, description="s until a part is sent again, before any answer")
+    retry_least_s: Period = Field(default=0.2, gt=0, description="s, the shortest such time, once answers are timed")
+    retry_most_s: Seconds = Field(
+        default=4.0, gt=0, description="s, the longest such time; it doubles with each time in vain"
     )
-    fate_s: Seconds = Field(default=3.0, gt=0, description="s, after which a radio has forgotten a frame")
-    retry_s: Seconds = Field(default=1.0, gt=0, description="s until the first part is sent again, before any answer")
-    retry_least_s: Period = Field(default=0.2, gt=0, description="s, the shortest such time once answers are timed")
-    retry_most_s: Seconds = Field(default=4.0, gt=0, description="s, the longest; it doubles with each time in vain")
-    give_up_s: Seconds = Field(default=60.0, gt=0, description="s without any answer until a letter is given up")
-    ack_s: Seconds = Field(default=0.02, ge=0, description="s that an acknowledgement waits for more to acknowledge")
+    give_up_s: Seconds = Field(default=60.0, gt=0, description="s without any answer until a message is given up")
+    ack_s: Seconds = Field(default=0.02, ge=0, description="s that an acknowledgement waits for more parts")
     spread_s: Seconds = Field(
-        default=0.05, ge=0, description="s that news wait at most, each another time, without links"
+        default=0.05,
+        ge=0,
+        description="s, the longest that a publication waits, each for a time of its own; 0 with links",
     )
-    flood: bool = Field(default=False, description="each says news again once, for those out of their author's reach")
+    flood: bool = Field(
+        default=False, description="True: each robot relays a publication once, for those out of its author's reach"
+    )
     links: LinkParameters | None = Field(
-        default=None, description="talk over the links of a piconet: what Bluetooth needs; by default to all in reach"
+        default=None, description="keep the links of a piconet, as Bluetooth needs; by default send to all in reach"
     )
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
-"""What waits at a courier to be sent, and in which order: acknowledgements, news, frames of others, parts of letters.
+"""What waits to be sent, and in which order: acknowledgements, publications, frames of others, parts of messages.
 
-Nothing leaves for which the own radio has no room, or to which there is no link; so what is newer can still replace
-news, and robots to which letters go take turns.
+A frame leaves only when the own radio has room for it and there is a link. Until then a newer publication can replace
+an older one, and the robots to which messages go take turns.
 """
 
 from binascii import crc_hqx
@@ -13,32 +13,31 @@ from typing import Final, NamedTuple
 
 from cosim.machine import BROADCAST, Address, Fate, LinkCommand, Outcome, Outgoing
 from cosim.units import Time, from_seconds
-from protocols.transport.frames import PART_OVERHEAD, Bulletin, Frame, encode
+from protocols.transport.frames import PART_OVERHEAD, Frame, Publication, encode
 from protocols.transport.links import Links
-from protocols.transport.parameters import CourierParameters
+from protocols.transport.parameters import TransportParameters
 from protocols.transport.streams import Inbound, Outbound, Pace
 
-# ---------------------------------------------------------------- backlog
-# What the own radio holds of what it was given to send, as far as its host knows: so that nothing piles up in it.
-#
-# What waits in the radio can be neither replaced by what is newer nor taken back; what waits here can.
+# ---------------------------------------------------------------- the own radio
+# What waits in the radio can be neither replaced by what is newer nor taken back; what waits here can. So the host
+# keeps count of what the radio holds, and gives it little at a time.
 
 
 class Held(NamedTuple):
     """A frame in the radio."""
 
     neighbour: Address
-    """To whom it goes over the next hop; ``BROADCAST`` for all."""
+    """Destination of the next hop; ``BROADCAST`` for all."""
     since: Time
     part: tuple[Address, int] | None
-    """If it is a part of a letter: for whom, and its number."""
+    """Destination and number of the part, if it is a part of a message."""
 
 
 class Radio:
-    """The frames in it, by their tokens."""
+    """The frames that the own radio holds, by their tokens, as far as the host knows."""
 
     def __init__(self, room: int, patience: Time) -> None:
-        """Have *room* for frames to each neighbour; after *patience* it has forgotten a frame."""
+        """Have *room* for so many frames to each neighbour; after *patience* the radio has forgotten a frame."""
         self._room = room
         self._patience = patience
         self._tokens = 0
@@ -49,23 +48,23 @@ class Radio:
         return sum(held.neighbour == neighbour for held in self._held.values()) < self._room
 
     def enter(self, neighbour: Address, part: tuple[Address, int] | None, now: Time) -> int:
-        """Note that a frame is given to it; return the token to be sent with it."""
+        """Note that a frame is given to the radio; return the token to be sent with it."""
         self._tokens += 1
         self._held[self._tokens] = Held(neighbour, now, part)
         return self._tokens
 
     def leave(self, token: int) -> Held | None:
-        """Return the frame of which the radio has told the fate; None for what it has long forgotten."""
+        """Return the frame whose fate the radio has reported; None for one that it has long forgotten."""
         return self._held.pop(token, None)
 
     def forget(self, now: Time) -> list[Held]:
-        """Return the frames, once, whose fate was not told in time."""
+        """Return the frames, once, whose fate was not reported in time."""
         gone = [token for token, held in self._held.items() if now - held.since >= self._patience]
         return [self._held.pop(token) for token in gone]
 
     @property
     def deadline(self) -> Time | None:
-        """When it has forgotten the oldest of its frames."""
+        """When the radio has forgotten the oldest of its frames."""
         for held in self._held.values():  # in the order in which they were given
             return held.since + self._patience
         return None
@@ -74,29 +73,29 @@ class Radio:
 LOTS: Final = 1 << 16
 _LOT: Final = Struct(">BBBI")
 RELAYED: Final = 32
-"""Frames of others that a master holds for a slave; the oldest are dropped, and sent again by their authors."""
+"""Number of frames of others that a master holds for a slave; it drops the oldest, which their authors send again."""
 
 
 @dataclass(slots=True)
 class Counts:
-    """What a courier has sent."""
+    """What a transport has sent."""
 
     frames: int = 0
     octets: int = 0
     parts_again: int = 0
-    """Parts of letters that were sent before."""
+    """Parts of messages that were sent before."""
     relayed: int = 0
     """Frames of others."""
 
 
-class Dispatch:
-    """One robot's; all times are those of a clock that never goes back."""
+class Sender:
+    """All that one robot has to send; all times are those of a clock that never goes back."""
 
-    def __init__(self, me: Address, life: int, parameters: CourierParameters, links: Links | None) -> None:
-        """Send for robot *me* in its *life*, over *links* if the radio needs any."""
+    def __init__(self, me: Address, incarnation: int, parameters: TransportParameters, links: Links | None) -> None:
+        """Send for robot *me* in its *incarnation*, over *links* if the radio needs any."""
         self.counts = Counts()
         self._me = me
-        self._life = life
+        self._incarnation = incarnation
         self._links = links
         self._radio = Radio(parameters.in_device, from_seconds(parameters.fate_s))
         self._window = parameters.window
@@ -104,49 +103,48 @@ class Dispatch:
         times = parameters.retry_s, parameters.retry_least_s, parameters.retry_most_s, parameters.give_up_s
         self._pace = Pace(*map(from_seconds, times))
         self.outbound: dict[Address, Outbound] = {}
-        """Letters, by their destinations."""
+        """Messages, by their destinations."""
         self._turn = 0
         self._spread = from_seconds(parameters.spread_s) if links is None else 0
-        self._news: dict[tuple[Address, int], tuple[Time, bytes]] = {}
-        """When they may be sent, by author and topic."""
+        self._publications: dict[tuple[Address, int], tuple[Time, bytes]] = {}
+        """When each may be sent, and its frame, by author and topic."""
         self._relays: dict[Address, deque[bytes]] = defaultdict(lambda: deque(maxlen=RELAYED))
         self._out: list[Outgoing] = []
 
     # ------------------------------------------------------------ what is to be sent
 
-    def post(self, destination: Address, number: int, payload: bytes, now: Time) -> None:
-        """Queue a letter."""
+    def enqueue(self, destination: Address, number: int, payload: bytes, now: Time) -> None:
+        """Queue a message."""
         if destination not in self.outbound:
             self.outbound[destination] = Outbound(self._window, self._octets, self._pace)
-        self.outbound[destination].post(number, payload, now)
+        self.outbound[destination].enqueue(number, payload, now)
 
-    def say(self, author: Address, news: Bulletin, data: bytes, now: Time) -> None:
-        """Queue *data*, a frame of *news*, in place of what it replaces.
-
-        It waits a while, and each news another while: robots that tell at one instant, or say again what they have
-        heard at one instant, would destroy each other's frames, and over and over.
-        """
-        lot = crc_hqx(_LOT.pack(self._me, author, news.topic, news.number), 0xFFFF)
-        ready, _ = self._news.get((author, news.topic), (now + self._spread * lot // LOTS, data))
-        self._news[author, news.topic] = ready, data
+    def publish(self, author: Address, publication: Publication, data: bytes, now: Time) -> None:
+        """Queue *data*, the frame of a *publication*, in place of an older one of the same topic."""
+        # Each waits for a time of its own: robots that publish at one instant, or relay what they have received at one
+        # instant, would destroy each other's frames, and again each time.
+        lot = crc_hqx(_LOT.pack(self._me, author, publication.topic, publication.number), 0xFFFF)
+        key = author, publication.topic
+        ready, _ = self._publications.get(key, (now + self._spread * lot // LOTS, data))
+        self._publications[key] = ready, data
 
     def relay(self, destination: Address, data: bytes) -> None:
-        """Queue a frame of another."""
+        """Queue a frame of another robot."""
         self._relays[destination].append(data)
 
     def forget(self, other: Address) -> list[int]:
-        """Drop all that is for *other*; return the numbers of its letters."""
+        """Drop all that is for *other*; return the numbers of the messages for it."""
         self._relays.pop(other, None)
         return self.outbound[other].give_up() if other in self.outbound else []
 
     def hasten(self, destinations: Iterable[Address], now: Time) -> None:
-        """Try again soon to reach those who have not answered for a while."""
+        """Try again soon to reach those of *destinations* that have not answered for a while."""
         for destination in destinations:
             if destination in self.outbound:
                 self.outbound[destination].hasten(now)
 
     def fate(self, fate: Fate, now: Time) -> None:
-        """Note what the radio says of a frame."""
+        """Note what the radio reports of a frame."""
         held = self._radio.leave(fate.token)
         if held is not None:
             self._left_radio(held, now if fate.outcome in (Outcome.DELIVERED, Outcome.SENT) else None)
@@ -159,7 +157,7 @@ class Dispatch:
     # ------------------------------------------------------------ time
 
     def time_out(self, now: Time) -> list[tuple[Address, int]]:
-        """Act on deadlines; return the destinations and numbers of the letters that are given up."""
+        """Act on deadlines; return destinations and numbers of the messages that are given up."""
         for held in self._radio.forget(now):
             self._left_radio(held, None)
         gone: list[tuple[Address, int]] = []
@@ -169,8 +167,8 @@ class Dispatch:
         return gone
 
     def deadlines(self, now: Time) -> Iterator[Time]:
-        """Yield when something is to be done by itself: not what waits for the radio."""
-        for ready, _ in self._news.values():
+        """Yield the times at which something is due; what waits for the radio has none."""
+        for ready, _ in self._publications.values():
             if ready > now:
                 yield ready
         for outbound in self.outbound.values():
@@ -182,19 +180,19 @@ class Dispatch:
     # ------------------------------------------------------------ sending
 
     def send(self, inbound: Iterable[tuple[Address, Inbound]], now: Time) -> None:
-        """Send what may be sent now; *inbound* are letters that come in, by their authors."""
-        for author, letters in inbound:
-            if letters.due is not None and letters.due <= now:
+        """Send what may be sent now; *inbound* are the streams of messages that come in, with their authors."""
+        for author, stream in inbound:
+            if stream.due is not None and stream.due <= now:
                 hop = self._hop(author)
                 if hop is not None:
-                    self._send(hop, encode(Frame(self._me, author, self._life, letters.acknowledge())), now)
-        self._say_news(now)
-        self._pass_on(now)
+                    self._send(hop, encode(Frame(self._me, author, self._incarnation, stream.acknowledge())), now)
+        self._send_publications(now)
+        self._send_relayed(now)
         while self._send_part(now):
             pass
 
     def _hop(self, destination: Address) -> Address | None:
-        """Return to whom to send what is for *destination*, if there is a way, and the radio has room for it."""
+        """Return the next hop to *destination*, if there is one and the radio has room for a frame to it."""
         hop = destination if self._links is None else self._links.hop(destination)
         return hop if hop is not None and self._radio.free(hop) else None
 
@@ -203,15 +201,15 @@ class Dispatch:
         self.counts.octets += len(data)
         self._out.append(Outgoing(hop, data, self._radio.enter(hop, part, now)))
 
-    def _say_news(self, now: Time) -> None:
+    def _send_publications(self, now: Time) -> None:
         audience = BROADCAST if self._links is None else self._links.audience
-        for key in [key for key, (ready, _) in self._news.items() if ready <= now]:
+        for key in [key for key, (ready, _) in self._publications.items() if ready <= now]:
             if audience is None or not self._radio.free(audience):
                 break
             self.counts.relayed += key[0] != self._me
-            self._send(audience, self._news.pop(key)[1], now)
+            self._send(audience, self._publications.pop(key)[1], now)
 
-    def _pass_on(self, now: Time) -> None:
+    def _send_relayed(self, now: Time) -> None:
         for destination, frames in self._relays.items():
             if self._links is None or destination not in self._links.slaves:
                 frames.clear()  # their authors send them again, maybe another way
@@ -233,12 +231,14 @@ class Dispatch:
             if number is not None and hop is not None:
                 again, part = outbound.take(number, now)
                 self.counts.parts_again += again
-                self._send(hop, encode(Frame(self._me, destination, self._life, part)), now, (destination, number))
+                self._send(
+                    hop, encode(Frame(self._me, destination, self._incarnation, part)), now, (destination, number)
+                )
                 self._turn = turn + 1
                 return True
         return False
 
     def drain(self) -> list[Outgoing | LinkCommand]:
-        """Return what is to be sent, and the link commands before it, once."""
+        """Return the frames to be sent, and the link commands before them, once."""
         out, self._out = self._out, []
         return [*out] if self._links is None else [*self._links.drain(), *out]

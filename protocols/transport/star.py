@@ -1,10 +1,10 @@
-"""A piconet of a team that knows its members beforehand: one is the master, and keeps links to all who are near.
+"""A piconet of a team whose members are known beforehand; robot 0 is the master for good.
 
-Radios such as Bluetooth's carry nothing without a link, and have their slaves talk to the master alone. Here robot 0 is
-the master: it pages the others by their addresses, which needs no inquiry, and pages those again that it has lost. As
-long as it pages its piconet is suspended, and a page of who is out of reach takes seconds: so it waits ever longer from
-one page of a robot to the next, unless that is likely to be near. The others let themselves be paged. What a slave says
-the master says again, so that all hear it. Nobody stands in for a master that is dead.
+Radios such as Bluetooth's carry nothing without a link, and their slaves talk to the master alone. Here robot 0 is the
+master: it pages the others by their addresses, which needs no inquiry, and pages again those that it has lost; the
+others scan. A page suspends the piconet, and one of a robot out of reach takes seconds. So the master waits ever longer
+from one page of a robot to the next, unless that robot is likely to be near. The master relays what a slave sends, so
+that all receive it. No robot replaces a master that is dead; ``protocols.transport.links`` has such a takeover.
 """
 
 import math
@@ -35,67 +35,70 @@ MASTER: Final[Address] = 0
 MOST_ROBOTS: Final = 8
 """A master and seven active slaves."""
 NEAR_SHARE: Final = 0.5
-"""Who was heard last from within this share of the greatest distance over which any was heard is likely to be near."""
+"""Share of the greatest distance of a robot that was heard, within which robots are likely to be in reach."""
 
 
-class LinkParameters(Settings):
+class PiconetParameters(Settings):
     """How robot 0 keeps a piconet of all, for radios that carry nothing without a link."""
 
-    patience_s: Seconds = Field(default=6.0, gt=0, description="s, the host waits no longer for the end of a page")
+    patience_s: Seconds = Field(
+        default=6.0,
+        gt=0,
+        description="s, the longest that robot 0 waits for the end of a page; longer than any page lasts",
+    )
     page_s: Seconds = Field(
-        default=5.0, gt=0, description="s from one page in vain to the next, of a robot that is likely to be near"
+        default=5.0, gt=0, description="s from a page in vain to the next one, of a robot that is likely to be near"
     )
     page_most_s: Seconds = Field(
-        default=60.0, gt=0, description="s, the longest wait for any other, which doubles with each page in vain"
+        default=60.0,
+        gt=0,
+        description="s, the longest such wait for any other robot, which doubles with each page in vain",
     )
 
     @model_validator(mode="after")
-    def _waits_grow(self) -> "LinkParameters":
+    def _waits_grow(self) -> "PiconetParameters":
         if not self.page_s <= self.page_most_s:
             raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
         return self
 
 
 class Piconet:
-    """One robot's part in it."""
+    """One robot's part in the piconet."""
 
-    def __init__(self, me: Address, size: int, patience: Time, least: Time, most: Time) -> None:
-        """Be in a team of *size*; wait for the answer to a page for so long, and from *least* to *most* for the next.
-
-        *patience* is longer than any page lasts: a host is not told that its own radio is dead.
-        """
+    def __init__(self, me: Address, size: int, parameters: PiconetParameters) -> None:
+        """Be robot *me* in a team of *size*."""
         self.me = me
         self.linked: set[Address] = set()
-        self._patience = patience
-        self._least = least
-        self._most = most
+        self._patience = from_seconds(parameters.patience_s)  # as a radio that is dead does not answer its host
+        self._least = from_seconds(parameters.page_s)
+        self._most = from_seconds(parameters.page_most_s)
         self._tried: dict[Address, Time] = {}
-        """When each that has no link was paged last, or lost."""
-        self._waits = dict.fromkeys((other for other in range(size) if other != me), least)
-        """How long each is left alone after that."""
+        """When each robot without a link was paged last, or lost."""
+        self._waits = dict.fromkeys((other for other in range(size) if other != me), self._least)
+        """How long each is not paged after that."""
         self._paging: tuple[Address, Time] | None = None
-        """Who is being paged, and since when."""
+        """The robot that is being paged, and since when."""
         self._reach_m = 0.0
         self._out: list[LinkCommand] = [Scan(enabled=me != MASTER)]
 
     @property
     def audience(self) -> Address | None:
-        """To whom a payload is sent that is meant for all; None without a link."""
+        """Destination of what is meant for all; None without a link."""
         if not self.linked:
             return None
         return BROADCAST if self.me == MASTER else MASTER
 
     def relays(self, sender: Address, reception: Reception) -> bool:
-        """Return whether to say again what *sender* has said: to the master alone, and there are others to hear it."""
+        """Return whether to relay a payload: *sender* has sent it to this master alone, and there are other slaves."""
         direct = reception.source == sender and not reception.broadcast
         return self.me == MASTER and direct and not self.linked <= {sender}
 
     def heard(self, away_m: float) -> None:
-        """Note that a robot so far away was heard."""
+        """Note that a robot was heard from a distance of *away_m*."""
         self._reach_m = max(self._reach_m, away_m)
 
     def tick(self, here: Point, places_m: Mapping[Address, Point], seen: Collection[Address], now: Time) -> None:
-        """Page who is due, if any: *places_m* is where the others were last, *seen* are those in sight."""
+        """Page a robot that is due, if any: *places_m* is where the others were last, *seen* are those in sight."""
         if self.me != MASTER:
             return
         if self._paging is not None:
@@ -115,13 +118,13 @@ class Piconet:
         return math.dist(here, place_m) <= NEAR_SHARE * self._reach_m
 
     def _due(self, peer: Address, near: bool, now: Time) -> bool:
-        """Return whether a robot without a link has been left alone for long enough; clocks may have been set back."""
+        """Return whether it is time to page a robot without a link; the clock may have been set back."""
         if peer not in self._tried:
             return True
         return not 0 <= now - self._tried[peer] < (self._least if near else self._waits[peer])
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links."""
+        """Take an event of a link."""
         match event:
             case Connected(peer=peer, role=role):
                 self._connected(peer, role)
@@ -147,12 +150,6 @@ class Piconet:
         self._waits[peer] = min(2 * self._waits[peer], self._most)
 
     def drain(self) -> list[LinkCommand]:
-        """Return the link commands that are to be carried out, once."""
+        """Return the link commands, once."""
         out, self._out = self._out, []
         return out
-
-
-def piconet_of(me: Address, size: int, parameters: LinkParameters) -> Piconet:
-    """Return the part of robot *me* in the piconet of a team of *size*."""
-    times = parameters.patience_s, parameters.page_s, parameters.page_most_s
-    return Piconet(me, size, *map(from_seconds, times))

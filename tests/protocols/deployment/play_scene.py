@@ -1,8 +1,8 @@
 """A stage for executives: robots are points that drive straight, orders and reports take their time, hosts die.
 
-It runs any plan to its end. What it makes of the executive is what a member and a courier make of it: orders arrive in
-the order of their serials or not at all, reports may arrive in any order and more than once, and what a robot reported
-to a host that has died it tells the next one again.
+It runs any plan to its end. What it makes of the executive is what a member and a transport make of it: orders arrive
+in the order of their serials or not at all, reports may arrive in any order and more than once, and what a robot
+reported to a host that has died it tells the next one again.
 """
 
 import heapq
@@ -169,7 +169,7 @@ class Scene:
         robot = self.robots[order.robot]
         lost = self.executive is not None and robot.address in self.executive.lost_robots
         if not robot.alive and not lost and self.now < 600 * S:
-            self._at(self.now + S, lambda: self._hear(order))  # the courier sends it again
+            self._at(self.now + S, lambda: self._hear(order))  # the transport sends it again
         if not robot.alive or (robot.order is not None and robot.order.serial >= order.serial):
             return
         robot.obeyed.append(order)

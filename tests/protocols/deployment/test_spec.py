@@ -160,13 +160,13 @@ def test_what_a_robot_has_counted_outlives_its_machine() -> None:
         if each.name != "ended":
             setattr(before.counters, each.name, 3)
     before.counters.ended = [(1, "done", 5)]
-    before.courier.counts.frames, before.courier.counts.octets = 40, 900
+    before.transport.counts.frames, before.transport.counts.octets = 40, 900
     after.counters.letters = 2  # it has begun to count
-    after.courier.counts.frames = 1
+    after.transport.counts.frames = 1
     own = after.counters
     assert SPEC.succeed is not None
     SPEC.succeed(before, after, 0)
-    after.wake(1)  # which takes the courier's counts
+    after.wake(1)  # which takes the transport's counts
     assert after.counters is own
     assert (own.ordered, own.letters, own.ended) == (3, 5, [(1, "done", 5)])
     assert own.frames >= 41

@@ -9,22 +9,22 @@ from cosim.units import S
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS
 from protocols.deployment.runner import Runner
 from protocols.mapping import frames
-from protocols.transport.frames import ALL, Bulletin, Frame, decode, encode
+from protocols.transport.frames import ALL, Frame, Publication, decode, encode
 from protocols.wire import BadBytes
 from tests.protocols.deployment.crew_scene import STARTS_M, setup
 
 
 def topics_told(runner: Runner, topic: int, payload: bytes) -> set[int]:
     """Have a robot hear such news, and return the topics of what it tells in the next half minute."""
-    data = encode(Frame(0, ALL, 0, Bulletin(topic, 1, payload)))
+    data = encode(Frame(0, ALL, 0, Publication(topic, 1, payload)))
     runner.receive(data, Reception(0, True), 0)
     told = set()
     for now in range(0, 30 * S, S):
         runner.observe(Observation(*STARTS_M[1], 0.0, 0.0, True, False), now)
         runner.wake(now + S // 2)
         for each in runner.outbox():
-            message = decode(each.payload).message if isinstance(each, Outgoing) else None
-            told |= {message.topic} if isinstance(message, Bulletin) else set()
+            message = decode(each.payload).body if isinstance(each, Outgoing) else None
+            told |= {message.topic} if isinstance(message, Publication) else set()
     return told
 
 

@@ -1,4 +1,4 @@
-"""Frames of couriers: golden bytes, there and back, and what is none."""
+"""Frames of transports: golden bytes, there and back, and what is none."""
 
 import pytest
 from hypothesis import given
@@ -8,16 +8,16 @@ from cosim.errors import LocalProtocolError, WireError
 from protocols.transport.frames import (
     ALL,
     LEAST_OCTETS,
-    NEWS_OVERHEAD,
     PART_OVERHEAD,
+    PUBLICATION_OVERHEAD,
     Ack,
-    Bulletin,
+    Body,
     Frame,
-    Message,
     Part,
+    Publication,
     decode,
     encode,
-    life_of,
+    incarnation_of,
 )
 
 
@@ -40,7 +40,7 @@ GOLDEN: list[tuple[Frame, str]] = [
     (Frame(3, 6, 70_000, Part(258, 256, 2, 7, b"\x01\x02")), "4c 01 03 06 00011170 00000102 00000100 0002 0007 0102"),
     (Frame(0, 1, 0, Part(0, 0, 0, 1, b"")), "4c 01 00 01 00000000 00000000 00000000 0000 0001"),
     (Frame(6, 3, 1, Ack(70_000, 259, 0x80000001)), "4c 02 06 03 00000001 00011170 00000103 80000001"),
-    (Frame(2, ALL, 70_000, Bulletin(5, 65_536, b"here")), "4c 03 02 ff 00011170 05 00010000 68657265"),
+    (Frame(2, ALL, 70_000, Publication(5, 65_536, b"here")), "4c 03 02 ff 00011170 05 00010000 68657265"),
 ]
 
 
@@ -63,12 +63,14 @@ def parts(draw: st.DrawFn) -> Part:
     return Part(number, oldest, place, draw(st.integers(place + 1, 2**16 - 1)), draw(st.binary(max_size=300)))
 
 
-ANY = st.one_of(parts(), st.builds(Ack, WORD, WORD, WORD), st.builds(Bulletin, st.integers(0, 255), WORD, st.binary()))
+ANY = st.one_of(
+    parts(), st.builds(Ack, WORD, WORD, WORD), st.builds(Publication, st.integers(0, 255), WORD, st.binary())
+)
 
 
 @given(st.lists(ADDRESS, min_size=2, max_size=2, unique=True), WORD, ANY)
-def test_frames_decode_to_equal_frames(pair: list[int], life: int, message: Message) -> None:
-    frame = Frame(pair[0], ALL if isinstance(message, Bulletin) else pair[1], life, message)
+def test_frames_decode_to_equal_frames(pair: list[int], incarnation: int, body: Body) -> None:
+    frame = Frame(pair[0], ALL if isinstance(body, Publication) else pair[1], incarnation, body)
     assert decode(encode(frame)) == frame
 
 
@@ -96,7 +98,7 @@ def test_bytes_that_are_no_frame_are_refused_with_a_wire_error(junk: bytes, seal
         ("4c 01 00 01 00000000 00000001 00000000 0002 0003", "means nothing"),  # begins before the first
         ("4c 01 00 01 00000000 00000001 00000002 0000 0001", "means nothing"),  # nobody stands by it
         ("4c 01 01 01 00000000 00000000 00000000 0000 0001", "means nothing"),  # to itself
-        ("4c 01 00 ff 00000000 00000000 00000000 0000 0001", "means nothing"),  # a letter to all
+        ("4c 01 00 ff 00000000 00000000 00000000 0000 0001", "means nothing"),  # a message to all
         ("4c 02 ff 00 00000000 00000000 00000000 00000000", "means nothing"),  # from all
         ("4c 03 00 01 00000000 00 00000000", "means nothing"),  # news to one
         ("4c 03 ff ff 00000000 00 00000000", "means nothing"),
@@ -113,7 +115,7 @@ def test_what_means_nothing_is_refused(body: str, why: str) -> None:
         Frame(256, 0, 0, Ack(0, 0, 0)),
         Frame(0, 1, 2**32, Ack(0, 0, 0)),
         Frame(0, 1, 0, Part(0, 0, 0, 65_536, b"")),
-        Frame(0, 1, 0, Bulletin(0, 0, b"")),
+        Frame(0, 1, 0, Publication(0, 0, b"")),
         Frame(0, 0, 0, Part(0, 0, 0, 1, b"")),
     ],
 )
@@ -133,10 +135,10 @@ def test_any_changed_bit_is_noticed() -> None:
 
 def test_overheads_are_what_frames_have_beyond_their_payloads() -> None:
     assert len(encode(Frame(0, 1, 0, Part(0, 0, 0, 1, b"")))) == PART_OVERHEAD
-    assert len(encode(Frame(0, ALL, 0, Bulletin(0, 0, b"")))) == NEWS_OVERHEAD
+    assert len(encode(Frame(0, ALL, 0, Publication(0, 0, b"")))) == PUBLICATION_OVERHEAD
     assert len(encode(Frame(0, 1, 0, Ack(0, 0, 0)))) <= LEAST_OCTETS
 
 
-def test_lives_are_milliseconds_of_the_clock() -> None:
-    assert life_of(1_999_999) == 1
-    assert life_of((2**32 + 5) * 1_000_000) == 5
+def test_incarnations_are_milliseconds_of_the_clock() -> None:
+    assert incarnation_of(1_999_999) == 1
+    assert incarnation_of((2**32 + 5) * 1_000_000) == 5

@@ -20,8 +20,8 @@ from cosim.machine import (
 )
 from cosim.units import S, Time
 from protocols.transport.links import Links
-from protocols.transport.parameters import CourierParameters, LinkParameters
-from tests.protocols.transport.courier_alone import TIMES
+from protocols.transport.parameters import LinkParameters, TransportParameters
+from tests.protocols.transport.transport_alone import TIMES
 
 
 def part(me: Address, size: int = 4, **changes: Any) -> Links:
@@ -360,4 +360,4 @@ def test_times_that_contradict_each_other_are_refused(changes: dict[str, float],
 
 def test_waits_that_do_not_grow_are_refused() -> None:
     with pytest.raises(ValidationError, match=r"retry_s\n  is not >= 0\.2, retry_least_s, and <= 4\.0, retry_most_s"):
-        CourierParameters(retry_s=0.1)
+        TransportParameters(retry_s=0.1)

@@ -1,16 +1,19 @@
-"""Couriers in a piconet: what a master passes on, to whom a slave speaks, and what waits for who is not there."""
+"""Transports in a piconet: what a master passes on, to whom a slave speaks, and what waits for who is not there."""
 
 import pytest
 
 from cosim.machine import BROADCAST, Connected, Lost, Page, PageFailed, Reception, Role
 from cosim.units import S
-from protocols.transport.frames import ALL, Ack, Bulletin, Frame, encode
-from tests.protocols.transport.courier_alone import bluetooth_courier, linked, sent
+from protocols.transport.frames import ALL, Ack, Frame, Publication, encode
 from tests.protocols.transport.lossy_air import HERE
+from tests.protocols.transport.transport_alone import bluetooth_transport, linked, sent
 
 
 def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged_at_once() -> None:
-    second, first = linked(bluetooth_courier(1, 5), Role.MASTER, 2, 3), linked(bluetooth_courier(0, 5), Role.MASTER, 4)
+    second, first = (
+        linked(bluetooth_transport(1, 5), Role.MASTER, 2, 3),
+        linked(bluetooth_transport(0, 5), Role.MASTER, 4),
+    )
     second.links.leading = True  # type: ignore[union-attr]
     linked(second, Role.MASTER, 2, 3)
     first.forget(2, 0)
@@ -21,7 +24,7 @@ def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged
     first.drain()
     second.link(Connected(0, Role.SLAVE), 6 * S)
     ((to, frame),) = sent(second)
-    assert (to, frame.message) == (0, Bulletin(255, 1, bytes([2, 3])))
+    assert (to, frame.body) == (0, Publication(255, 1, bytes([2, 3])))
     first.link(Connected(1, Role.MASTER), 6 * S)
     first.receive(encode(frame), Reception(1, False), 6 * S)
     first.tick(HERE, (), 6 * S)
@@ -31,27 +34,27 @@ def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged
     assert Page(3) in first.drain()
 
 
-def test_a_courier_without_a_link_keeps_what_it_has_to_say() -> None:
-    robot = bluetooth_courier(1)
-    robot.post(2, b"x", 0)
-    robot.tell(0, b"old", 0)
-    robot.tell(0, b"new", 0)
+def test_a_transport_without_a_link_keeps_what_it_has_to_say() -> None:
+    robot = bluetooth_transport(1)
+    robot.send(2, b"x", 0)
+    robot.publish(0, b"old", 0)
+    robot.publish(0, b"new", 0)
     assert sent(robot) == []
     robot.link(Connected(0, Role.SLAVE), S)
-    (to_all, frame), (to_one, letter) = sent(robot)
+    (to_all, frame), (to_one, message) = sent(robot)
     assert to_all == to_one == 0
-    assert frame == Frame(1, ALL, 0, Bulletin(0, 2, b"new"))
-    assert letter.destination == 2
+    assert frame == Frame(1, ALL, 0, Publication(0, 2, b"new"))
+    assert message.destination == 2
 
 
 def test_a_master_passes_on_what_slaves_say_to_each_other_and_to_all() -> None:
-    master = linked(bluetooth_courier(0), Role.MASTER, 1, 2)
-    to_two, to_all = Frame(1, 2, 0, Ack(0, 0, 0)), Frame(1, ALL, 0, Bulletin(0, 1, b""))
+    master = linked(bluetooth_transport(0), Role.MASTER, 1, 2)
+    to_two, to_all = Frame(1, 2, 0, Ack(0, 0, 0)), Frame(1, ALL, 0, Publication(0, 1, b""))
     for frame in (to_two, to_all):
         master.receive(encode(frame), Reception(1, False), 0)
     assert sent(master) == [(2, to_two), (BROADCAST, to_all)]
-    assert [news.source for news in master.news()] == [1]
-    assert master.letters() == []
+    assert [news.source for news in master.published()] == [1]
+    assert master.messages() == []
     assert master.counts.relayed == 2
 
 
@@ -60,30 +63,30 @@ def test_a_master_passes_on_what_slaves_say_to_each_other_and_to_all() -> None:
     [
         (Frame(1, 3, 0, Ack(0, 0, 0)), Reception(1, False)),  # to whom it has no link
         (Frame(1, 2, 0, Ack(0, 0, 0)), Reception(2, False)),  # was passed on already
-        (Frame(1, ALL, 0, Bulletin(0, 1, b"")), Reception(2, False)),
-        (Frame(1, ALL, 0, Bulletin(0, 1, b"")), Reception(1, True)),  # all have heard it
+        (Frame(1, ALL, 0, Publication(0, 1, b"")), Reception(2, False)),
+        (Frame(1, ALL, 0, Publication(0, 1, b"")), Reception(1, True)),  # all have heard it
     ],
 )
 def test_nothing_else_is_passed_on(frame: Frame, reception: Reception) -> None:
-    master = linked(bluetooth_courier(0), Role.MASTER, 1, 2)
+    master = linked(bluetooth_transport(0), Role.MASTER, 1, 2)
     master.receive(encode(frame), reception, 0)
     assert sent(master) == []
 
 
 def test_news_of_the_only_slave_are_told_to_nobody() -> None:
-    master = linked(bluetooth_courier(0), Role.MASTER, 1)
-    master.receive(encode(Frame(1, ALL, 0, Bulletin(0, 1, b""))), Reception(1, False), 0)
+    master = linked(bluetooth_transport(0), Role.MASTER, 1)
+    master.receive(encode(Frame(1, ALL, 0, Publication(0, 1, b""))), Reception(1, False), 0)
     assert sent(master) == []
 
 
 def test_a_slave_passes_nothing_on() -> None:
-    slave = linked(bluetooth_courier(3), Role.SLAVE, 0)
+    slave = linked(bluetooth_transport(3), Role.SLAVE, 0)
     slave.receive(encode(Frame(1, 2, 0, Ack(0, 0, 0))), Reception(1, False), 0)
     assert sent(slave) == []
 
 
 def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
-    master = linked(bluetooth_courier(0), Role.MASTER, 1, 2)
+    master = linked(bluetooth_transport(0), Role.MASTER, 1, 2)
     for number in range(6):
         master.receive(encode(Frame(1, 2, 0, Ack(0, number, 0))), Reception(1, False), 0)
     assert len(sent(master)) == 4  # the radio holds no more
@@ -94,7 +97,7 @@ def test_what_waits_for_a_slave_that_is_lost_is_not_passed_on_later() -> None:
 
 
 def test_a_master_that_has_nothing_to_say_lets_itself_be_heard_and_nobody_takes_that_for_news() -> None:
-    master, slave = linked(bluetooth_courier(0), Role.MASTER, 1), linked(bluetooth_courier(1), Role.SLAVE, 0)
+    master, slave = linked(bluetooth_transport(0), Role.MASTER, 1), linked(bluetooth_transport(1), Role.SLAVE, 0)
     beats = []
     for tick in range(100):
         now = tick * S // 10
@@ -104,14 +107,14 @@ def test_a_master_that_has_nothing_to_say_lets_itself_be_heard_and_nobody_takes_
             assert destination == BROADCAST
             slave.receive(encode(frame), Reception(0, True), now)
         if tick == 30:
-            master.tell(0, b"news", now)
+            master.publish(0, b"news", now)
     assert beats[:2] == [20, 31]
-    assert [news.payload for news in slave.news()] == [b"news"]
+    assert [news.payload for news in slave.published()] == [b"news"]
     assert slave.heard(0) == beats[-1] * S // 10
 
 
 def test_without_slaves_no_master_speaks() -> None:
-    master = bluetooth_courier(0)
+    master = bluetooth_transport(0)
     for tick in range(100):
         master.tick(HERE, (), tick * S)
         assert sent(master) == []

@@ -29,24 +29,25 @@ from cosim.testing import check_machine
 from cosim.units import MS, S, Time
 from protocols.mapping.frames import Summary, encode
 from protocols.mapping.sharing import Sharing, SharingCounters, SharingParameters
-from protocols.transport.star import LinkParameters, Piconet, piconet_of
+from protocols.transport.star import Piconet, PiconetParameters
 from tests.protocols.exploration.test_laws import STARTS_M, maker
 from tests.protocols.mapping.sharing_scene import OCCUPIED, UNKNOWN, Team
 from tests.protocols.mapping.test_sharing import wander
 
 HERE = (0.0, 0.0)
 FAR = (9.0, 0.0)
+TIMES = PiconetParameters(patience_s=6.0, page_s=5.0, page_most_s=20.0)
 
 
 def master(size: int = 4) -> Piconet:
     """Return a master that has said that it does not scan: 6 s of patience, waits from 5 to 20 s."""
-    piconet = Piconet(0, size, 6 * S, 5 * S, 20 * S)
+    piconet = Piconet(0, size, TIMES)
     piconet.drain()
     return piconet
 
 
 def slave(me: Address = 2) -> Piconet:
-    piconet = Piconet(me, 4, 6 * S, 5 * S, 20 * S)
+    piconet = Piconet(me, 4, TIMES)
     piconet.drain()
     return piconet
 
@@ -77,7 +78,7 @@ def pages_of_one_that_never_answers(piconet: Piconet, seconds: int, **told: Any)
 
 
 def test_the_master_does_not_scan_and_the_others_do() -> None:
-    assert [Piconet(me, 3, S, S, S).drain() for me in range(3)] == [[Scan(False)], [Scan(True)], [Scan(True)]]
+    assert [Piconet(me, 3, TIMES).drain() for me in range(3)] == [[Scan(False)], [Scan(True)], [Scan(True)]]
 
 
 def test_the_master_pages_all_one_after_the_other_and_nobody_twice() -> None:
@@ -202,7 +203,7 @@ def test_the_master_says_again_what_a_slave_has_said_if_there_are_others() -> No
 
 @pytest.mark.parametrize("near", ["seen", "heard near", "heard far", "nothing"])
 def test_who_shares_pages_those_soon_who_were_seen_or_heard_near_by(near: str) -> None:
-    links = LinkParameters(patience_s=6.0, page_s=5.0, page_most_s=20.0)
+    links = PiconetParameters(patience_s=6.0, page_s=5.0, page_most_s=20.0)
     sharing = Sharing(SharingParameters(octets=60, links=links), 0, 2, 400, SharingCounters(), 0)
     sharing.tick(0.0, 0.0, 0)
     assert Page(1) in sharing.drain()
@@ -278,11 +279,11 @@ def test_a_master_that_boots_again_gets_its_map_back() -> None:
 
 
 def test_parameters_become_times() -> None:
-    piconet = piconet_of(0, 2, LinkParameters(patience_s=6.0, page_s=1.0, page_most_s=3.0))
+    piconet = Piconet(0, 2, PiconetParameters(patience_s=6.0, page_s=1.0, page_most_s=3.0))
     piconet.drain()
     assert pages_of_one_that_never_answers(piconet, 12) == [0, 2, 5, 8, 11]
     with pytest.raises(ValidationError, match=r"page_s\n  is not <= 1\.0, page_most_s"):
-        LinkParameters(page_s=2.0, page_most_s=1.0)
+        PiconetParameters(page_s=2.0, page_most_s=1.0)
 
 
 def test_an_explorer_talks_over_its_links_and_remembers_whom_it_has_seen() -> None:

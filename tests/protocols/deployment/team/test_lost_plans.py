@@ -20,7 +20,7 @@ from protocols.deployment.tasks.events import Breached, HostChanged, PlanEnded
 from protocols.deployment.tasks.plan import Between, Instant
 from protocols.deployment.team.rumours import Rumours
 from protocols.deployment.team.succession import Succession
-from protocols.transport.frames import ALL, Bulletin, Frame, encode
+from protocols.transport.frames import ALL, Frame, Publication, encode
 from tests.protocols.deployment.crew_scene import BY_CABLE, PLACES_M, STARTS_M, TICK, call, rows, run, setup
 from tests.protocols.deployment.hosts_scene import Robot, Team, drives, over
 
@@ -40,7 +40,7 @@ class Listener:
     def hear(self, source: Address, host: Address, plan: int, calls: int) -> None:
         self.frames += 1
         told = News(host, 0, plan, calls, 0, None, True, *STARTS_M[source], 0.0, 0.0, None, "")
-        news = Bulletin(status.TOPIC, self.frames, status.encode(told))
+        news = Publication(status.TOPIC, self.frames, status.encode(told))
         data = encode(Frame(source, ALL, 0, news))
         self.runner.receive(data, Reception(source, True), self.now)
 

@@ -1,4 +1,4 @@
-"""Robots that do nothing but write to each other, as their parameters have it: couriers in a whole run of cosim."""
+"""Robots that do nothing but write to each other, as their parameters have it: transports in a whole run of cosim."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,8 +14,8 @@ from cosim.scenario import build
 from cosim.settings import Settings
 from cosim.simulation import Simulation
 from cosim.units import MS, Time, from_seconds, to_seconds
-from protocols.transport.parameters import CourierParameters
-from protocols.transport.transport import Courier
+from protocols.transport.parameters import TransportParameters
+from protocols.transport.transport import Transport
 
 NEWS_PERIOD: Time = 500 * MS
 
@@ -23,27 +23,27 @@ NEWS_PERIOD: Time = 500 * MS
 class Parameters(Settings):
     """Who writes to whom."""
 
-    courier: CourierParameters = Field(default_factory=CourierParameters)
+    transport: TransportParameters = Field(default_factory=TransportParameters)
     posts: tuple[tuple[float, Address, Address, int], ...] = Field(
         default=(), description="s of the run, author, destination, bytes"
     )
 
 
 def payload_of(number: int, octets: int) -> bytes:
-    """Return the letter that is the *number*-th of all posts."""
+    """Return the message that is the *number*-th of all posts."""
     return bytes((number * 31 + place * 7) % 256 for place in range(octets))
 
 
 class Writer:
-    """Writes its letters when it is time, and tells all every so often that it lives."""
+    """Writes its messages when it is time, and tells all every so often that it lives."""
 
     def __init__(self, parameters: Parameters, size: int, me: Address, start: Time) -> None:
         self.me = me
-        self.courier = Courier(me, size, parameters.courier, start)
+        self.transport = Transport(me, size, parameters.transport, start)
         self.posted: list[int] = []
         """Which of all posts it has sent."""
         self.numbers: dict[int, int] = {}
-        """Which of all posts its letters are."""
+        """Which of all posts its messages are."""
         self.got: list[tuple[float, Address, bytes]] = []
         self.back: list[int] = []
         self.news_of: dict[Address, list[float]] = {}
@@ -60,45 +60,45 @@ class Writer:
         return False
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        self.courier.receive(data, reception, now)
+        self.transport.receive(data, reception, now)
         self._read(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        self.courier.link(event, now)
+        self.transport.link(event, now)
         self._read(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
         while self._agenda and self._agenda[0][0] <= now:
             _, number, to, octets = self._agenda.pop(0)
-            self.numbers[self.courier.post(to, payload_of(number, octets), now)] = number
+            self.numbers[self.transport.send(to, payload_of(number, octets), now)] = number
             self.posted.append(number)
         if now - self._told >= NEWS_PERIOD:
             self._told = now
-            self.courier.tell(0, bytes(60), now)
-        self.courier.tick((observation.x_m, observation.y_m), observation.visible, now)
+            self.transport.publish(0, bytes(60), now)
+        self.transport.tick((observation.x_m, observation.y_m), observation.visible, now)
         self._read(now)
 
     def wake(self, now: Time) -> None:
-        self.courier.wake(now)
+        self.transport.wake(now)
         self._read(now)
 
     def wake_at(self) -> Time | None:
-        return self.courier.wake_at()
+        return self.transport.wake_at()
 
     def _read(self, now: Time) -> None:
-        self.got += [(to_seconds(now), *letter) for letter in self.courier.letters()]
-        for news in self.courier.news():
+        self.got += [(to_seconds(now), *message) for message in self.transport.messages()]
+        for news in self.transport.published():
             self.news_of.setdefault(news.source, []).append(to_seconds(news.at))
-        self.back += [self.numbers[number] for _, number in self.courier.returned()]
+        self.back += [self.numbers[number] for _, number in self.transport.returned()]
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
-        return self.courier.drain()
+        return self.transport.drain()
 
     def commands(self) -> list[Command]:
         return []
 
     def events(self) -> list[Event]:
-        events, self.courier.bad = self.courier.bad, []
+        events, self.transport.bad = self.transport.bad, []
         return events
 
 
@@ -122,7 +122,7 @@ def place(
 
 
 SPEC = ProtocolSpec(
-    name="courier_toy",
+    name="transport_toy",
     parameters=Parameters,
     place=place,
     prepare=lambda parameters, surroundings: len(surroundings.starts_m),
@@ -135,16 +135,16 @@ SPEC = ProtocolSpec(
 
 
 def run(size: int, channel: dict[str, Any], duration_s: float, posts: Any, **more: Any) -> list[Any]:
-    """Run *size* robots, which stand in a row, 2 m apart, and return their machines; *more*: courier, faults."""
-    courier = more.pop("courier", {})
+    """Run *size* robots, which stand in a row, 2 m apart, and return their machines; *more*: transport, faults."""
+    transport = more.pop("transport", {})
     data = {
         "duration_s": duration_s,
         "floorplan": {"map": "walls", "bounds_m": [0, 0, 2.0 * size, 2.0]},
         "team": {"size": size},
         "channel": channel,
         "protocol": {
-            "use": "tests.protocols.transport.courier_toy:SPEC",
-            "parameters": {"courier": courier, "posts": posts},
+            "use": "tests.protocols.transport.transport_toy:SPEC",
+            "parameters": {"transport": transport, "posts": posts},
         },
         **more,
     }
