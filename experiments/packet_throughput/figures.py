@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from cosim.channels.bluetooth.errors import throughput_kbps
+from cosim.channels.bluetooth.bits.errors import throughput_kbps
 from cosim.channels.bluetooth.packets import ACL
 from cosim.report.estimates import Estimate, estimates
 

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from pydantic import Field
 
+from cosim.channels.bluetooth.bits.errors import throughput_kbps
 from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.bluetooth.errors import throughput_kbps
 from cosim.channels.bluetooth.packets import ACL, AclName, PacketType
 from cosim.channels.bluetooth.reach import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings

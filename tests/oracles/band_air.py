@@ -11,7 +11,7 @@ from itertools import chain, takewhile
 from math import inf
 from typing import Literal, NamedTuple
 
-from cosim.channels.bluetooth.errors import section_probabilities
+from cosim.channels.bluetooth.bits.errors import section_probabilities
 from tests.oracles.medium import COLLIDED, OUT_OF_RANGE, RECEIVED, US, OnAir
 from tests.oracles.philox import philox
 

@@ -21,7 +21,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cosim.channels.bluetooth.errors import HEADER
+from cosim.channels.bluetooth.bits.errors import HEADER
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.arrays import Floats, Int64s
-from cosim.channels.bluetooth.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
+from cosim.channels.bluetooth.bits.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
 from cosim.channels.bluetooth.hopping import train_phase_of
 from cosim.channels.bluetooth.packets import ACCESS_AIR, HEADER_AIR, ID_AIR
 from cosim.channels.jamming import Jammer, jams

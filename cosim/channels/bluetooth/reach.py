@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.arrays import Bools, Floats
 from cosim.channels.base import Positions
-from cosim.channels.bluetooth.errors import SENSITIVITY_BER, es_n0_db_at
+from cosim.channels.bluetooth.bits.errors import SENSITIVITY_BER, es_n0_db_at
 from cosim.channels.jamming import Jammer
 from cosim.channels.propagation import Barrier, Propagation
 from cosim.jit import njit

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from cosim.channels.bluetooth import polling
-from cosim.channels.bluetooth.errors import best_type
+from cosim.channels.bluetooth.bits.errors import best_type
 from cosim.channels.bluetooth.polling import BEACON, EVERYONE, LAZY, NEVER, NEXT, NOTHING, SCHEDULER, SHARED, STOPPED
 from cosim.channels.bluetooth.queues import Payload
 from cosim.channels.bluetooth.state import PiconetState

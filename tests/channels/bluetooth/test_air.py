@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 
 from cosim.channels.bluetooth import polling
+from cosim.channels.bluetooth.bits.errors import HEADER, section_errors
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.errors import HEADER, section_errors
 from cosim.channels.bluetooth.hopping import GIAC, basic_channel, inquiry_channel, scan_channels
 from cosim.channels.bluetooth.links import Links
 from cosim.channels.bluetooth.packets import DH1, DM1, FHS, ID

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
-from cosim.channels.bluetooth import errors
-from cosim.channels.bluetooth.errors import (
+from cosim.channels.bluetooth.bits import errors
+from cosim.channels.bluetooth.bits.errors import (
     best_type,
     bit_error_rate,
     es_n0_db_at,

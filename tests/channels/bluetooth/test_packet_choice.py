@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.errors import section_errors
+from cosim.channels.bluetooth.bits.errors import section_errors
 from cosim.channels.bluetooth.medium import Medium
 from cosim.channels.bluetooth.packets import ACL
 from cosim.machine import BROADCAST
