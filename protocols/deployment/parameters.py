@@ -15,38 +15,46 @@ from protocols.motion.parameters import DrivingParameters
 from protocols.transport.frames import PUBLICATION_OVERHEAD
 from protocols.transport.parameters import TransportParameters
 
-MOST_CALLS: Final = 255
-"""News count them in a byte."""
+MOST_CALLS: Final = 255  # a status counts them in a byte
+"""Greatest number of calls."""
 
 
 class MemberParameters(Settings):
     """How a robot carries out its orders."""
 
     behind_s: Seconds = Field(
-        default=3.0, ge=0, description="s, who is to set off behind another waits so long for it to begin to drive"
+        default=3.0,
+        ge=0,
+        description="s, time for which a robot that is to set off behind another waits for that to drive",
     )
     behind_most_s: Seconds = Field(
-        default=60.0, ge=0, description="s, and so long at most for one that has begun, but does not get on"
+        default=60.0, ge=0, description="s, greatest such time if the other has set off, but does not move"
     )
-    near_m: Metres = Field(default=2.0, gt=0, description="m, who has come as near to the post has come to pass it")
-    away_m: Metres = Field(default=3.0, gt=0, description="m, and has passed once it is so far from it again")
-    aside_s: Seconds = Field(default=45.0, gt=0, description="s, after which who stepped aside comes back in any case")
+    near_m: Metres = Field(
+        default=2.0, gt=0, description="m, distance from the post within which another robot is about to pass it"
+    )
+    away_m: Metres = Field(default=3.0, gt=0, description="m, distance from the post beyond which it has passed")
+    aside_s: Seconds = Field(
+        default=45.0, gt=0, description="s, time after which a robot that stepped aside comes back in any case"
+    )
     taken_m: Metres = Field(
-        default=0.8, gt=0, description="m, who comes back leaves its post to one who stands so near"
+        default=0.8, gt=0, description="m, distance from the post within which an idle robot takes it"
     )
-    taken_s: Seconds = Field(default=15.0, ge=0, description="s, and has nothing to do but to stand there")
-    ask_m: Metres = Field(default=3.0, gt=0, description="m, nobody is asked to step aside who is farther off")
-    ask_s: Seconds = Field(default=3.0, gt=0, description="s from one request to step aside to the next")
+    taken_s: Seconds = Field(default=15.0, ge=0, description="s, time for which that robot must stand there")
+    ask_m: Metres = Field(default=3.0, gt=0, description="m, distance within which a robot is asked to step aside")
+    ask_s: Seconds = Field(default=3.0, gt=0, description="s, interval between two such requests to one robot")
     crowd_s: Seconds = Field(
-        default=3.0, gt=0, description="s, who passes a place and comes no nearer, for bodies about it, has come to it"
+        default=3.0,
+        gt=0,
+        description="s, time without progress after which a place that is only passed is reached, in a crowd",
     )
     stuck_s: Seconds = Field(
         default=90.0,
         gt=0,
-        description="s in which a robot gets no nearer to its goal, or to facing what it photographs, until that fails",
+        description="s, time without progress to a goal, or in turning to what is photographed, until that fails",
     )
-    view_deg: float = Field(default=60.0, gt=0, le=360, description="degrees, how wide a picture is")
-    look_radps: Rate = Field(default=0.5, gt=0, description="rad/s, how fast a robot turns to what it photographs")
+    view_deg: float = Field(default=60.0, gt=0, le=360, description="degrees, width of a picture")
+    look_radps: Rate = Field(default=0.5, gt=0, description="rad/s, at which a robot turns to what it photographs")
 
     @model_validator(mode="after")
     def _passes(self) -> Self:
@@ -58,48 +66,51 @@ class MemberParameters(Settings):
 class TimedCall(Settings):
     """A play that the host calls without an operator."""
 
-    at_s: Seconds = Field(default=0.0, ge=0, description="s after the start; later if another play is not over by then")
+    at_s: Seconds = Field(
+        default=0.0, ge=0, description="s after the start; later if another play has not ended by then"
+    )
     call: Call
 
 
 class TimedSwitch(Settings):
-    """The host switches the strategy of the play that is being played, without an operator."""
+    """A change of the strategy of the present play, which the host makes without an operator."""
 
     at_s: Seconds = Field(ge=0, description="s after the start")
     strategy: Strategy
 
 
 class Parameters(Settings):
-    """What all robots of a run have been told."""
+    """The parameters that all robots of a run know."""
 
     host: Count = Field(default=0, ge=0, description="the robot at whose machine planner and executive begin")
     executive: Literal["central", "distributed"] = Field(
-        default="central", description="whether the host orders all, or each robot runs the plan and orders itself"
+        default="central",
+        description="central: the host orders all robots; distributed: each runs the plan and orders itself",
     )
     map: Literal["given", "learned"] = Field(
-        default="given", description="by which ways are planned: the floor's, or what robots have explored so far"
+        default="given", description="map by which ways are planned: the floor's, or what robots have explored so far"
     )
     calls: tuple[TimedCall, ...] = Field(
         default=(), max_length=MOST_CALLS, description="plays to be played, in the order of their times"
     )
     switches: tuple[TimedSwitch, ...] = Field(default=(), description="changes of strategy, in that order")
-    library: str | None = Field(default=None, description="path of a playbook (YAML) of the user's own")
-    base_m: Place | None = Field(default=None, description="m, where base is; the middle of the starts if not given")
-    cameras: tuple[Count, ...] | None = Field(default=None, description="who has a camera; all if not given")
-    sonars: tuple[Count, ...] = Field(default=(), description="who has sonar, not a laser scanner")
+    library: str | None = Field(default=None, description="path of the user's own playbook (YAML)")
+    base_m: Place | None = Field(default=None, description="m, place of base; the middle of the starts if not given")
+    cameras: tuple[Count, ...] | None = Field(default=None, description="robots that have a camera; all if not given")
+    sonars: tuple[Count, ...] = Field(default=(), description="robots that have sonar, not a laser scanner")
     cells_m: tuple[Annotated[Length, Field(gt=0)], ...] | None = Field(
         default=None, description="m, side of the cells of each robot's own map; driving.cell_m if not given"
     )
-    news_s: Period = Field(default=1.0, gt=0, description="s from one telling of whereabouts to the next")
-    listen_s: Seconds = Field(default=2.0, ge=0, description="s, who has booted listens so long before it leads others")
-    silence_s: Seconds = Field(
-        default=15.0, gt=0, description="s, nothing heard for so long: a robot is taken for lost"
+    news_s: Period = Field(default=1.0, gt=0, description="s, interval between status broadcasts")
+    listen_s: Seconds = Field(
+        default=2.0, ge=0, description="s, time for which a robot that has booted listens before it leads others"
     )
+    silence_s: Seconds = Field(default=15.0, gt=0, description="s, silence after which a robot is taken for lost")
     alone_s: Seconds = Field(
-        default=45.0, gt=0, description="s, nothing heard of anybody for so long: a robot goes on alone"
+        default=45.0, gt=0, description="s, silence of all others after which a robot goes on alone"
     )
     again_s: Seconds = Field(
-        default=5.0, gt=0, description="s, what another's news say that it lacks it is told once in so long"
+        default=5.0, gt=0, description="s, interval at which another robot is sent what it lacks by its status"
     )
     interference: bool = Field(
         default=False,

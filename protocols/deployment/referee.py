@@ -1,29 +1,30 @@
-"""The truth of a deployment: whether the places are held, when, and how the robots have moved to get there.
+"""The truth of a deployment: whether the places are held, since when, and how the robots have moved to get there.
 
-A place is held when a living robot stands within ``HELD_M`` of it. A team is deployed when so many of its plan's places
-are held at once as can be: all of them, or as many as robots of the plan are alive, or as dead bodies do not cover; and
-when that lasts, for robots that stand at such places between two stages only pass them.
+A place is held when a living robot stands within ``HELD_M`` of it. A team is deployed when as many of its plan's places
+are held at once as possible: all of them, or as many as robots of the plan are alive, or as are not covered by dead
+bodies. This has to last, since robots may stand at such places between two stages that they only pass.
 
-What is judged are the places of the last plan. A plan to the same places as the one before, as after two parts of a
-team have met again, goes on with that: time counts from the begin of the first of them.
+The referee judges the places of the last plan. A plan to the same places as the one before, as after two parts of a
+team have met again, continues that one: time counts from the begin of the first of them.
 
-Interference is how long robots are below their free speed because of another robot, in robot-seconds. Paper 004,
-section 5, augments its strategies "to reduce interference" and prints no measure of it. Ours compares, tick by tick,
-the speed v to which a robot's order leads with the speed u that it would have had no other robot been there since it
-set off: that of its counterfactual twin (:mod:`protocols.deployment.driving.twin`), which is at the same place at every
-tick, looks at the same walls, has the same goal and the same limits of its drive, but sees no bodies, and has the speed
-and the heading that it has itself come to. So the time in which a robot that was stopped gets up to speed again counts
-too, and a corner, a narrow door or the end of the way counts nothing. A robot that was never hindered goes as its twin
-does: its shortfall is 0. The greater length of a detour round another robot counts nothing either: it is driven freely.
+Interference is the time for which robots are below their free speed because of another robot, in robot-seconds. Paper
+004, section 5, augments its strategies "to reduce interference" and prints no measure of it. Ours compares, tick by
+tick, the speed v to which a robot's order leads with the speed u that it would have if no other robot had been there
+since it set off. This is the speed of its counterfactual twin (:mod:`protocols.deployment.driving.twin`), which is at
+the same place at every tick, with the same walls, goal and limits of its drive, but sees no bodies, and has the speed
+and the heading that it has come to by itself. So the time in which a robot that was stopped gets up to speed again
+counts, while a corner, a narrow door or the end of the way does not. A robot that was never hindered goes as its twin
+does: its shortfall is 0. The extra length of a detour round another robot does not count: it is driven freely.
 
-Two readings of "robot-seconds below the free speed" are kept:
+There are two readings of "robot-seconds below the free speed":
 
-* *lost* time, sum of (1 - v / u) dt: on a given way the time that it took, less the time that it would have taken, for
-  the sum of v / u dt is the sum of ds / u; a robot that stands loses all of a second, one at half its speed a half;
-* *hindered* time, sum of dt where v is below u by more than ``SLIGHT`` of it: the words as they stand.
+* *lost* time, the sum of (1 - v / u) dt: on a given way the time that it took, less the time that it would have taken,
+  since the sum of v / u dt is the sum of ds / u; a robot that stands loses a whole second per second, one at half its
+  speed half a second;
+* *hindered* time, the sum of dt where v is below u by more than ``SLIGHT`` of it, which is the literal meaning.
 
-A robot that goes back, or aside to make way, gets no nearer to its goal: it counts as standing (v <= 0). One that does
-not want to move (it has arrived, or waits for its turn as ordered) has no free speed: that is no interference.
+A robot that goes back, or aside to make way, gets no nearer to its goal, so it counts as standing (v <= 0). One that
+does not want to move (it has arrived, or waits for its turn as ordered) has no free speed; this is no interference.
 """
 
 import math
@@ -42,23 +43,23 @@ from protocols.deployment.tasks.events import Driving, PlanBegun, TaskEnded, Tas
 from protocols.deployment.tasks.plan import Place
 
 HELD_M: Final = 0.3
-"""As near to a place as this a robot holds it."""
+"""Distance within which a robot holds a place."""
 REST_M: Final = 1e-3
-"""A robot that moved less than this in a tick stands."""
-STOOD: Final = 5 * S
-"""Places that are held for so long on end are not only passed: the next order, over any channel, comes before that."""
+"""Movement per tick below which a robot counts as standing, m."""
+STOOD: Final = 5 * S  # over any channel the next order comes sooner
+"""Time after which places that are held are not only passed."""
 MOVED_M: Final = 0.1
-"""A robot that has come as far as this in a stage has moved in it."""
-TOUCH_M: Final = 1e-4
-"""As near as this is a collision: the simulator stops bodies at contact, they never overlap."""
+"""Distance from which on a robot has moved in a stage."""
+TOUCH_M: Final = 1e-4  # the simulator stops bodies at contact: they never overlap
+"""Gap below which two bodies collide."""
 MOST_STAGES: Final = 8
-"""So many stages have a column."""
+"""Number of stages that have a column."""
 ADDED: Final = "~"
 """Mark in the names of tasks that the executive adds to a plan."""
 SLIGHT: Final = 0.05
-"""A speed that is less than this share below the free one counts as free where seconds are counted whole."""
+"""Share below the free speed up to which a speed counts as free in *hindered* time."""
 STILL_MPS: Final = 1e-6
-"""A double that is as slow as this wants to stand, or to turn on the spot: nobody can hinder it."""
+"""Speed of a twin up to which it wants to stand, or to turn on the spot: it cannot be hindered."""
 
 REFEREE_METRICS: Final = (
     Metric("deployed", "1", "1 if at the end all places of the last plan are held that could be, else 0"),
@@ -98,22 +99,22 @@ REFEREE_METRICS: Final = (
 
 
 def stage_of(task: str) -> str | None:
-    """Return the name of the stage that a drive belongs to: the task above it (in a strategy ``.../stage-N``).
+    """Return the name of a drive's stage: the task above it (in a strategy ``.../stage-N``).
 
-    None for a drive that the plan does not have: a robot that has made way comes back (its name holds ``ADDED``).
+    None for a drive that is not in the plan: a robot that has made way comes back (the name holds ``ADDED``).
     """
     return None if ADDED in task else task.rpartition("/")[0]
 
 
 def shortfall(speed_mps: float, free_mps: float) -> float:
-    """Return which share of its free speed a robot lacks, 0 to 1; 0 if it could not go anyway."""
+    """Return the share of its free speed that a robot lacks, 0 to 1; 0 if it would not move anyway."""
     if free_mps <= STILL_MPS:
         return 0.0
     return min(max(1.0 - max(speed_mps, 0.0) / free_mps, 0.0), 1.0)
 
 
 class Shortfall:
-    """What one robot has lost to others so far, of ticks that are *tick* ns long."""
+    """The time that one robot has lost to others so far, in ticks of *tick* ns."""
 
     def __init__(self, tick: Time) -> None:
         self._tick_s = to_seconds(tick)
@@ -121,19 +122,19 @@ class Shortfall:
         self._hindered = 0
 
     def note(self, speed_mps: float, free_mps: float) -> None:
-        """Count a tick of a robot under way, that goes *speed_mps* towards its goal, its twin *free_mps*."""
+        """Count a tick of a robot under way; *speed_mps*: its speed towards its goal, *free_mps*: its twin's."""
         lacking = shortfall(speed_mps, free_mps)
         self._lost += lacking
         self._hindered += lacking > SLIGHT
 
     @property
     def lost_s(self) -> float:
-        """Seconds that it lost."""
+        """Lost time, s."""
         return self._lost * self._tick_s
 
     @property
     def hindered_s(self) -> float:
-        """Seconds in which it was slower than it would have been."""
+        """Hindered time, s."""
         return self._hindered * self._tick_s
 
 
@@ -146,17 +147,17 @@ class Begun:
 
 
 class Log:
-    """What the robots have reported: which plans have begun, which drive each robot is at, and what it has lost."""
+    """The referee's log of robots' reports: plans that have begun, the drive of each robot, and its lost time."""
 
     def __init__(self, size: int, tick: Time) -> None:
         self.begun: list[Begun] = []
         self.tasks: list[str | None] = [None] * size
-        """The task of the drive that each robot is at."""
+        """Task of each robot's present drive."""
         self._shortfalls = [Shortfall(tick) for _ in range(size)]
         self._under_way = [0] * size
-        """Ticks in which each was under way to a goal."""
+        """Ticks in which each robot was under way to a goal."""
         self._waited = [0] * size
-        """Ticks in which each waited for its turn, as ordered."""
+        """Ticks in which each robot waited for its turn, as ordered."""
         self._tick_s = to_seconds(tick)
 
     def note(self, robot: Address, event: Event, now: Time) -> None:
@@ -181,7 +182,7 @@ class Log:
         return sum(each.lost_s for each in self._shortfalls)
 
     def hindered_s(self) -> float:
-        """Return the robot-seconds in which robots were slower than they would have been without others."""
+        """Return the robot-seconds in which robots were slower than without others."""
         return sum(each.hindered_s for each in self._shortfalls)
 
     def under_way_s(self) -> float:
@@ -194,10 +195,10 @@ class Log:
 
 
 class DeploymentReferee(Referee):
-    """Watches bodies, and hears what robots report. It ends no run: the machines know when the play is over."""
+    """Watches bodies, and takes robots' reports. It ends no run: the machines know when the play is over."""
 
     def __init__(self, interference: bool, surroundings: Surroundings) -> None:
-        """Judge a run in *surroundings*; *interference*: robots report what they would do without the others."""
+        """Judge a run in *surroundings*; *interference*: robots report their speed without the others."""
         size = len(surroundings.starts_m)
         self._log = Log(size, surroundings.tick)
         self._interference = interference
@@ -212,7 +213,7 @@ class DeploymentReferee(Referee):
         self._aims = Aims()
 
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
-        """Note where the robots are, and what they have done since the tick before."""
+        """Note where the robots are, and how they have moved since the tick before."""
         places = np.stack((x_m, y_m), axis=1)
         moved = np.hypot(*(places - self._places).T)
         self._way_m += float(moved.sum())
@@ -231,7 +232,7 @@ class DeploymentReferee(Referee):
         self._log.note(robot, event, now)
 
     def died(self, death: Death) -> None:
-        """Note that a robot holds nothing any more; its body stays in the way."""
+        """Note that a robot no longer holds a place; its body stays in the way."""
         self._dead[death.robot] = death
 
     def _held_of(self, plan: PlanBegun) -> set[Place]:
@@ -244,13 +245,13 @@ class DeploymentReferee(Referee):
         return {plan.places_m[n] for n in np.flatnonzero((away <= HELD_M).any(axis=1))}
 
     def _all_of(self, plan: PlanBegun, held: set[Place]) -> bool:
-        """Return whether there are places of *plan* that are held, and no more could be."""
+        """Return whether places of *plan* are held, and no more of them could be."""
         alive = sum(robot not in self._dead for robot in plan.robots)
         free = sum(place in held or not self._covered(place) for place in set(plan.places_m))
         return bool(held) and len(held) >= min(alive, free)
 
     def _covered(self, place: Place) -> bool:
-        """Return whether a dead body is so near that nobody can hold *place*."""
+        """Return whether a dead body is so near that no robot can hold *place*."""
         least = float(self._radii_m.min())
         return any(math.dist((d.x_m, d.y_m), place) + HELD_M < d.radius_m + least for d in self._dead.values())
 
@@ -276,29 +277,29 @@ class DeploymentReferee(Referee):
 
 
 class Aims:
-    """How the places of the last plan have come to be held."""
+    """The places of the last plan, and since when they are held."""
 
     def __init__(self) -> None:
         self._places: set[Place] = set()
         self._plans = 0
-        """So many plans had begun when it was looked last."""
+        """Number of plans that had begun at the last look."""
         self._begun: Time = 0
-        """When the team set off to these places."""
+        """Time at which the team set off to these places."""
         self._held: set[Place] = set()
-        """Those that have been held at some time."""
+        """Places that have been held at some time."""
         self._since: Time | None = None
-        """Since when all have been held that could be; once that has lasted, it stays as it is."""
+        """Time since which all places that could be held are held; fixed once that has lasted."""
         self._lasted = False
         self.unoccupied_s = 0.0
-        """Place-seconds in which those that had been held were not."""
+        """Place-seconds in which places that had been held were not."""
 
     @property
     def deployment_s(self) -> float:
-        """Seconds until all were held; NaN if they have not been."""
+        """Time until all were held, s; NaN if they never were."""
         return math.nan if self._since is None else to_seconds(self._since - self._begun)
 
     def follow(self, plans: Sequence[Begun]) -> None:
-        """Begin anew for each of the plans that have begun since, if it is to other places than the one before."""
+        """Begin again for each new plan that has other places than the one before."""
         for plan in plans[self._plans :]:
             self._plans += 1
             if self._plans == 1 or set(plan.plan.places_m) != self._places:
@@ -306,7 +307,7 @@ class Aims:
                 self._held, self._since, self._lasted, self.unoccupied_s = set(), None, False, 0.0
 
     def look(self, held: set[Place], enough: bool, tick_s: float, now: Time) -> None:
-        """Take which places are held at a tick, and whether more could be."""
+        """Take the places that are held at a tick; *enough*: no more could be."""
         if self._lasted:
             return
         if enough:
@@ -347,12 +348,12 @@ class Contacts:
 
 
 class Stages:
-    """Counts who moves in each stage, in the order in which the stages begin."""
+    """Counts the robots that move in each stage, in the order in which the stages begin."""
 
     def __init__(self) -> None:
         self._moved: dict[str, set[int]] = {}
         self._began: dict[tuple[int, str], Place] = {}
-        """Where a robot was as it was first seen at a drive of a stage."""
+        """Place of a robot when it was first seen at a drive of a stage."""
 
     def look(self, tasks: Sequence[str | None], places: Floats) -> None:
         """Take the task of the drive that each robot is at, and the bodies' places at a tick, shape (n, 2)."""
@@ -367,7 +368,7 @@ class Stages:
                     moved.add(robot)
 
     def verdict(self) -> dict[str, float]:
-        """Return how many stages there were, and how many robots moved in each; NaN for those there were not."""
+        """Return the number of stages, and of the robots that moved in each; NaN for stages that did not occur."""
         counts = [float(len(robots)) for robots in self._moved.values() if robots]
         columns = [*counts[:MOST_STAGES], *[math.nan] * (MOST_STAGES - len(counts))]
         return {"stages": float(len(counts)), **{f"moving_{n}": value for n, value in enumerate(columns, start=1)}}

@@ -1,9 +1,10 @@
 """The machine of one robot of a deployment: a member that drives, a host that may lead, a console, a transport.
 
-The packages know nothing of each other but what passes here: what the transport receives goes to the host and the
-member, what the executive orders this robot goes to the member, and what the member has ended goes to all.
+These parts are joined only here: messages that arrive go to the host and the member, the executive's orders for this
+robot go to the member, and the member's reports go to the host.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -27,10 +28,11 @@ from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring import FIRST_TOPIC, TOPICS, Exploring
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.learned import floor_of
-from protocols.deployment.localization.positioning import positioning_of
+from protocols.deployment.localization.positioning import Given, Localised, Positioning
+from protocols.deployment.localization.scan import Sensor
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages import messages, status
-from protocols.deployment.messages.messages import Aside, Letter, Look, Picture
+from protocols.deployment.messages.messages import Letter, Look, Picture, YieldRequest
 from protocols.deployment.messages.status import News
 from protocols.deployment.operator.calls import Calls
 from protocols.deployment.operator.console import Console
@@ -44,7 +46,7 @@ from protocols.transport.transport import Transport
 from protocols.wire import BadBytes
 
 MAP_TOPICS: Final = range(FIRST_TOPIC, FIRST_TOPIC + TOPICS)
-"""Of news that tell of maps."""
+"""Topics of status broadcasts that carry pieces of maps."""
 
 
 class Runner(Drains):
@@ -63,11 +65,12 @@ class Runner(Drains):
         self._setup = setup
         self._start = start
         self._period = from_seconds(parameters.news_s)
+        # spread over the period, so that the team's statuses do not collide
         self._next_news = start + self._period * me // setup.size
         body = setup.crew.bodies[me]
         limits = body.radius_m, body.speed_mps, body.acceleration_mps2
         note = self._events.append
-        self.positioning = positioning_of(parameters, setup, me, stream, note)
+        self.positioning = _positioning_of(parameters, setup, me, stream, note)
         self.transport = Transport(me, setup.size, parameters.carried, start)
         known = setup.ground, me, self.transport.publication_octets, floor
         self.exploring = Exploring(parameters.exploring, *known, body.sensor == "laser", note)
@@ -80,13 +83,13 @@ class Runner(Drains):
         self.console = Console(planning, setup, self.host, self.member, self._heard, self._silent, note)
         self.calls = Calls(parameters, planning, self.host, note, self.counters, start)
         self._changes = 0
-        """How often the host has changed, as far as the member was told."""
+        """Number of changes of the host, as far as the member knows."""
 
     # ------------------------------------------------------------ the contract of machines
 
     @property
     def finished(self) -> bool:
-        """Whether all that was to be played has been, and the robot rests; never where an operator may call plays."""
+        """True if all calls have been played, and the robot rests; never once an operator has sent anything."""
         return (
             self.calls.over
             and not self.host.busy
@@ -96,7 +99,7 @@ class Runner(Drains):
         )
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
-        """Take a frame of another robot, or what the operator says at this robot's console."""
+        """Take a frame of another robot, or a request of the operator at this robot's console."""
         if reception.source == OPERATOR:
             self.console.request(data, now)
         else:
@@ -104,12 +107,12 @@ class Runner(Drains):
         self._settle(now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
-        """Take news about links and frames."""
+        """Take an event of a link or the fate of a frame."""
         self.transport.link(event, now)
         self._settle(now)
 
     def observe(self, observation: Observation, now: Time) -> None:
-        """Drive on, look who is there, and tell all where this robot takes itself to be."""
+        """Drive on, look which robots are there, and broadcast the status when it is due."""
         observation = self.positioning.locate(observation)
         drive = self.member.step(observation, now)
         if drive is not None:
@@ -134,39 +137,39 @@ class Runner(Drains):
         self._settle(now)
 
     def wake_at(self) -> Time | None:
-        """Return the earliest of them."""
+        """Return the earliest of these deadlines."""
         transport, host = self.transport.wake_at(), self.host.wake_at()
         if transport is None or host is None:
             return transport if host is None else host
         return min(transport, host)
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
-        """Drain frames, link commands, and what is said to the operator."""
+        """Drain frames, link commands, and messages to the operator."""
         out = self.transport.drain()
         return [*out, *(Outgoing(OPERATOR, said) for said in self.console.drain())]
 
     def events(self) -> list[Event]:
-        """Drain rows for the trace, and what only the referee hears."""
+        """Drain rows for the trace, and events for the referee alone."""
         return [*super().events(), *drained(self.transport.bad)]
 
     def rehearsal(self) -> list[dict[str, Any]]:
-        """Return what an operator may say so that the team drives all over the floor, or explores one that is new."""
+        """Return requests of an operator by which the team drives all over the floor, or explores a new one."""
         places = self._setup.far_m()
         explore = {"play": "explore", "parameters": {"robots": self._setup.size}}
         call = {"play": "deploy", "places": places} if places else explore
         return [{"request": 0, "say": "call", "call": call, "execute": True}]
 
-    # ------------------------------------------------------------ letters
+    # ------------------------------------------------------------ messages
 
     def post(self, destination: Address, letter: Letter, now: Time) -> None:
-        """Send a letter reliably."""
+        """Send a message reliably."""
         payload = messages.encode(letter)
         self.counters.letters += 1
         self.counters.letter_bytes += len(payload)
         self.transport.send(destination, payload, now)
 
     def forget(self, other: Address, now: Time) -> None:
-        """Send nothing any more of what is on its way to a robot."""
+        """Drop all messages that are on their way to a robot."""
         self.transport.forget(other, now)
 
     def _settle(self, now: Time) -> None:
@@ -185,7 +188,7 @@ class Runner(Drains):
             self._report(now)
             self.host.advance(now)
         self._report(now)
-        self.console.tell(now)
+        self.console.report(now)
         self.counters.returned += len(self.transport.returned())
         self.counters.frames, self.counters.frame_bytes = self.transport.counts.frames, self.transport.counts.octets
 
@@ -209,21 +212,21 @@ class Runner(Drains):
             self._deliver(source, letter, now)
 
     def _hear(self, source: Address, topic: int, payload: bytes, now: Time) -> None:
-        """Take what another tells to all; raise WireError for what nobody of the team can have meant."""
+        """Take a status broadcast; raise WireError for one that no robot of the team can have sent."""
         if topic in MAP_TOPICS:
-            frames.decode(payload)  # nobody begins to tell of a map because of bytes that are no piece of any
+            frames.decode(payload)  # only a piece of a map makes a robot begin to share maps
             self.exploring.receive(source, payload, now)
             return
         if topic != status.TOPIC:
             raise WireError(f"news of topic {topic}")
         news = status.decode(payload, self._setup.size)
-        self.member.others.tell(source, news, now)
+        self.member.others.receive(source, news, now)
         self.host.hear(source, news, now)
 
     def _deliver(self, source: Address, letter: Letter, now: Time) -> None:
         match letter:
-            case Aside():
-                self.member.step_aside(letter, now)
+            case YieldRequest():
+                self.member.yield_to(letter, now)
             case Look(request=request):
                 self.member.camera.ask(source, request)
             case Picture():
@@ -238,10 +241,10 @@ class Runner(Drains):
         else:
             self.post(asked_by, shown, now)
 
-    # ------------------------------------------------------------ who is where
+    # ------------------------------------------------------------ status
 
     def _heard(self, other: Address) -> Time:
-        """Return when *other* was heard last; when this machine began, if never."""
+        """Return when *other* was heard last; the start of this machine if never."""
         at = self.transport.heard(other)
         return self._start if at is None else at
 
@@ -281,3 +284,22 @@ class Runner(Drains):
             task=member.task,
             over=host.over,
         )
+
+
+def _positioning_of(
+    parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, note: Callable[[Event], None]
+) -> Positioning:
+    """Return what locates robot *me*; it draws from *stream*, if at all."""
+    own, ring = parameters.positioning, parameters.sonar
+    body, frame = setup.crew.bodies[me], setup.frames[me]
+    sensor = Sensor(setup.beams)
+    if body.sensor == "sonar":
+        sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
+    if own.kind == "given":
+        return Given(sensor, frame, stream)
+    known = setup.maps.known(setup.floors[me].parameters.cell_m, body.radius_m)
+    radii_m = tuple(each.radius_m for each in setup.crew.bodies)
+    # the filter expects no more than the robot's own sensor can see
+    reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}
+    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
+    return Localised(own, known, sensor, frame, radii_m, setup.tick, stream, note)

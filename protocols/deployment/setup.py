@@ -1,4 +1,4 @@
-"""What all robots of a deployment know beforehand: the floor, the team, the plays."""
+"""The setup of a deployment, which all robots know beforehand: the floor, the team and the plays."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from cosim.navigation.localization.motion import Pose
 from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of
-from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.maps import KnownMaps
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
@@ -23,7 +23,7 @@ from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
 
 _LINES: Final = 6
-"""Places all over a floor lie on so many lines each way."""
+"""Number of lines, in each direction, of the lattice of places all over a floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +37,24 @@ class Setup:
     playbook: Playbook
     starts_m: tuple[Place, ...]
     scan_range_m: float
-    """How far the robots' range scanners reach."""
+    """Range of the robots' scanners."""
     beams: int
+    """Number of beams of a scanner."""
     named_m: dict[str, tuple[Place, ...]]
     """Places that the floor names."""
     floors: tuple[Floor, ...]
-    """Each robot's own: those with cells of the same size share one, with the planner if theirs are its."""
-    charts: Charts
-    """The floor as maps on which robots localise."""
+    """Floor of each robot; robots with cells of the same size share one, also with the planner."""
+    maps: KnownMaps
+    """Floor as maps on which robots localise."""
     frames: tuple[Pose, ...]
-    """The robots' own frames, as poses in that of the floor."""
+    """Frame of each robot, as a pose in that of the floor."""
     ground: Ground
-    """What explorers know."""
+    """What robots that explore know beforehand."""
 
     def far_m(self) -> tuple[Place, ...]:
-        """Return the farthest places that robots can get to, one a robot or fewer.
+        """Return the farthest places from base that all robots can get to, at most one per robot.
 
-        They are some of those that have names and of a lattice over the whole floor.
+        They are chosen among named places and a lattice over the whole floor.
         """
         radius_m, base_m = max(body.radius_m for body in self.crew.bodies), self.crew.base_m
         x_min, y_min, x_max, y_max = self.floor.bounds_m
@@ -66,8 +67,8 @@ class Setup:
         return tuple(places[: self.size])
 
 
-def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Return what all know; raise UserError for parameters that do not fit the team or the floor."""
+def setup_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
+    """Return the setup of a run; raise UserError for parameters that do not fit the team or the floor."""
     size = len(surroundings.starts_m)
     _check_robots(parameters, size)
     check_cells(surroundings, parameters.driving.cell_m, "protocol.parameters.driving.cell_m")
@@ -89,7 +90,7 @@ def knowledge_of(parameters: Parameters, surroundings: Surroundings) -> Setup:
         beams=surroundings.beams,
         named_m={name: tuple(places) for name, places in surroundings.places_m.items()},
         floors=_floors(parameters, surroundings, floor, size),
-        charts=Charts(surroundings),
+        maps=KnownMaps(surroundings),
         frames=surroundings.frames or ((0.0, 0.0, 0.0),) * size,
         ground=ground,
     )
@@ -145,7 +146,7 @@ def _read(path: Path) -> Play:
 
 
 def _base_m(parameters: Parameters, floor: Floor, bodies: Sequence[Body], starts_m: Sequence[Place]) -> Place:
-    """Return where base is: as given, or in the middle of the starts, or at the start next to that."""
+    """Return the place of base: as given, or the middle of the starts, or the start next to that."""
     radius_m = max(body.radius_m for body in bodies)
     if parameters.base_m is not None:
         if not floor.free(radius_m, parameters.base_m):

@@ -1,4 +1,4 @@
-"""What cosim must know of deployments: the entry point ``deployment`` names ``SPEC``."""
+"""The specification of deployments for cosim: the entry point ``deployment`` names ``SPEC``."""
 
 import math
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ from protocols.deployment.operator.page import PAGE
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.referee import REFEREE_METRICS, DeploymentReferee
 from protocols.deployment.runner import Runner
-from protocols.deployment.setup import Setup, knowledge_of
+from protocols.deployment.setup import Setup, setup_of
 from protocols.deployment.tasks.events import EVENTS, PlanRefused
 from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Floor
 from protocols.transport.links import MOST_ROBOTS
 
-TEAM_LIMIT: Final = 64
-"""Frames hold addresses in a byte; nobody has ever watched more robots by one page."""
+TEAM_LIMIT: Final = 64  # frames hold addresses in a byte, and the page has been tried with no more
+"""Greatest number of robots."""
 APART: Final = 3.0
-"""Robots start so many radii apart, from centre to centre, about base."""
+"""Distance of starts about base from each other, centre to centre, in radii."""
 
 METRICS: Final = (
     Metric("plans_ended", "1", "plays that were played to their end, however that was"),
@@ -50,7 +50,7 @@ METRICS: Final = (
 
 
 def place(parameters: Parameters, surroundings: Surroundings, size: int, stream: np.random.Generator) -> list[Place]:
-    """Put the robots where the floor's ``starts`` say, or close together about base; raise UserError without room.
+    """Place the robots at the floor's ``starts``, or close together about base; raise UserError without room.
 
     Base is as given, or the floor's place ``base``, or the middle of the floor.
     """
@@ -76,24 +76,24 @@ def place(parameters: Parameters, surroundings: Surroundings, size: int, stream:
 
 
 def prepare(parameters: Parameters, surroundings: Surroundings) -> Setup:
-    """Return what all robots know; raise UserError for a team that the parameters do not fit."""
+    """Return the setup of a run; raise UserError for parameters that do not fit the team."""
     size = len(surroundings.starts_m)
     if parameters.courier.links is not None and size > MOST_ROBOTS:
         raise UserError(f"protocol.parameters.courier.links: {size} robots, a piconet has at most {MOST_ROBOTS}")
     if parameters.positioning.kind == "mcl" and not surroundings.beams:
         raise UserError("protocol.parameters.positioning.kind: 'mcl' needs a range scanner")
-    return knowledge_of(parameters, surroundings)
+    return setup_of(parameters, surroundings)
 
 
 def make(parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, start: Time) -> Runner:
-    """Return the machine of robot *me*; it draws nothing but what localisation needs, and the noise of a sonar."""
+    """Return the machine of robot *me*; only its localisation and the noise of a sonar draw from *stream*."""
     return Runner(parameters, setup, me, start, stream)
 
 
 def succeed(before: Runner, after: Runner, now: Time) -> None:
-    """Let a machine that boots again know what its robot's disk has kept: where odometry lies on the map, its agenda.
+    """Hand over to a machine that boots again what its robot's disk has kept: the shift of odometry, and the agenda.
 
-    What its robot has counted for the judge goes on too: a run's counts are of the run, not of the last life.
+    The counters go on too: they are those of the run, not of the last incarnation.
     """
     after.positioning.resume(before.positioning.shift)
     after.calls.start = before.calls.start
@@ -103,14 +103,16 @@ def succeed(before: Runner, after: Runner, now: Time) -> None:
 
 
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> DeploymentReferee:
-    """Return the judge of the truth."""
+    """Return the referee."""
     return DeploymentReferee(parameters.interference, surroundings)
 
 
 def measure(machines: Sequence[Runner]) -> dict[str, float]:
-    """Return what the machines have counted."""
+    """Return the metrics that the machines have counted."""
     counters = [machine.counters for machine in machines]
-    announced = [end for each in counters for end in each.ended]  # again by a successor, or after a reboot
+    announced = [
+        end for each in counters for end in each.ended
+    ]  # a successor, or a host after a reboot, announces an end again
     ends = {number: (result, at) for number, result, at in sorted(announced, key=lambda end: end[2], reverse=True)}
     return {
         "plans_ended": float(len(ends)),
@@ -152,4 +154,4 @@ SPEC = ProtocolSpec(
     rehearsal=lambda machines: machines[0].rehearsal(),
     page=PAGE,
 )
-"""The protocol."""
+"""Specification of the protocol."""

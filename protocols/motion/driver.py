@@ -1,4 +1,8 @@
-"""One robot's wheel: how it moves now, and what DWA has it do next to get to an aim (paper 004, section 6)."""
+"""The drive of one robot: how it moves now, and its next motion towards an aim, by DWA (paper 004, section 6).
+
+A motion is a row as :mod:`cosim.navigation.dwa` has it: place, heading, and how far the robot goes (its *way*) and
+turns in one tick. An order acts from the next tick on; until then the robot keeps its motion, at whose end DWA starts.
+"""
 
 import math
 from typing import Final
@@ -30,21 +34,24 @@ from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Traffic
 
 _TURN_SEEN_RAD: Final = 0.02
-"""By so much the turn of a tick may differ from what was commanded before what was seen counts instead."""
+"""Largest difference of a tick's turn from the commanded one at which the command counts, not what was seen."""
 _TURN_ERROR_RAD: Final = 0.1
+"""Largest difference in turn, in one tick, at which a command counts, not odometry that drifts."""
 _WAY_ERROR_M: Final = 0.02
-"""By so much odometry that drifts may differ in a tick from what was commanded before it is believed instead."""
+"""Largest difference in place, in one tick, at which a command counts, not odometry that drifts."""
 _KEPT_SHARE: Final = 0.5
-"""This share of the margin by which ways are planned is kept in any case: ways are cells, and their corners are cut."""
+# ways are made of cells, and a robot cuts their corners
+"""Share of the planned margin that is kept in any case."""
 _CIRCLE_M: Final = 0.5
+"""Distance of an aim below which a robot that does not face it turns on the spot."""
 _ASKEW_RAD: Final = 0.25 * math.pi
-"""Who is so near to what it aims at, and so far from facing it, turns on the spot."""
+"""Angle to such an aim from which on the robot turns on the spot."""
 _NOTHING: Final = (0, 2)
 _NOBODY: Final = (0, BODY_COLUMNS)
 
 
-class Wheel:
-    """The motion of one robot, tick by tick; ways are in metres a tick, and turns in rad a tick."""
+class Driver:
+    """The motion of one robot, tick by tick; ways are in metres per tick, turns in rad per tick."""
 
     def __init__(
         self,
@@ -56,14 +63,14 @@ class Wheel:
         tick: Time,
     ) -> None:
         self.points: Floats = np.zeros(_NOTHING)
-        """What the scanner has met in this tick, near by, that is neither a wall nor a known body; shape (n, 2), m."""
+        """Scanned points of this tick, near by, of neither a wall nor a known body; shape (n, 2), m."""
         self._floor, self._own = floor, parameters
         self._tick, self._seconds = tick, to_seconds(tick)
         self._limits = _limits(radius_m, speed_mps, acceleration_mps2, parameters, self._seconds)
         self._stop_m = float(self._limits[1]) + stopping_m(self._limits[1] + self._limits[2], self._limits[2])
         self._motion = np.zeros(STATE)
         self.carried: Shift | None = None
-        """From the frame of the last tick to that of this one, if it was corrected; what stands still is there now."""
+        """Shift from the frame of the last tick to that of this one; None if the frame was not corrected."""
         self._odometry: Pose = (0.0, 0.0, 0.0)
         self._wanted = (math.nan, math.nan)
         self._asked: Time = -1
@@ -72,34 +79,34 @@ class Wheel:
 
     @property
     def here(self) -> Point:
-        """Where it is."""
+        """Place of the robot."""
         return float(self._motion[0]), float(self._motion[1])
 
     @property
     def motion(self) -> Floats:
-        """How it moves, as :mod:`cosim.navigation.dwa` has it; not to be changed."""
+        """The robot's motion, as :mod:`cosim.navigation.dwa` has it; not to be changed."""
         return self._motion
 
     @property
     def wanted(self) -> tuple[float, float]:
-        """The way and the turn that it was told last."""
+        """Way and turn that were ordered last."""
         return self._wanted
 
     @property
     def stands(self) -> bool:
-        """Whether it stays where it is until the next tick."""
+        """True if the robot stays where it is until the next tick."""
         return bool(self._motion[3] == 0.0)
 
     def reached(self, wanted: tuple[float, float], last: tuple[float, float]) -> tuple[float, float]:
-        """Return the way and the turn that it comes to in a tick, if it is told what is *wanted*."""
+        """Return the way and the turn that the robot reaches within a tick if *wanted* is ordered."""
         return towards(wanted[0], last[0], self._limits[2]), towards(wanted[1], last[1], self._limits[4])
 
     def speed_mps(self, way: float) -> float:
-        """Return how fast it is that goes so far in a tick."""
+        """Return the speed at which a robot goes *way* in a tick."""
         return way / self._seconds
 
     def start_s(self, aim_m: Point, way_m: float) -> float:
-        """Return how long it takes at most, alone, to turn to an aim and then to get on by so little, seconds."""
+        """Return the time, at most, in which the robot alone turns to an aim and then goes *way_m*, seconds."""
         _, _, change, turn_most, turn_change, *_ = self._limits.tolist()
         off = abs(
             math.remainder(math.atan2(aim_m[1] - self.here[1], aim_m[0] - self.here[0]) - self._motion[2], math.tau)
@@ -109,19 +116,19 @@ class Wheel:
         return float(turning + math.sqrt(2.0 * way_m / change)) * self._seconds
 
     def order(self, way: float, turn: float) -> Drive | None:
-        """Return the order for a way and a turn; None if it is the last one still."""
+        """Return the order for a way and a turn; None if it equals the last one."""
         if (way, turn) == self._wanted:
             return None
         self._wanted = way, turn
         return Drive(way / self._seconds, turn / self._seconds)
 
     def follow(self, observation: Observation, now: Time) -> None:
-        """Note where it is, how it has moved in the last tick, and how it moves until the next."""
+        """Note where the robot is, how it has moved in the last tick, and how it moves until the next."""
         x, y, heading, speed = observation[:4]
         motion, own = self._motion, self._limits
         way = speed * self._seconds
         self.carried = None
-        if self._asked != now - self._tick:  # somebody else may have driven it since
+        if self._asked != now - self._tick:  # something else may have driven the robot since
             gone_x, gone_y = way * math.cos(heading), way * math.sin(heading)
             motion[:] = x, y, heading, way, 0.0, gone_x, gone_y
             self._wanted = math.nan, math.nan
@@ -130,6 +137,7 @@ class Wheel:
         else:
             was_x, was_y, was_heading, _, turn, _, _ = motion.tolist()
             seen = math.remainder(heading - was_heading, math.tau)
+            # a body that was held turns less than it was ordered to
             if abs(math.remainder(seen - turn, math.tau)) > _TURN_SEEN_RAD:
                 turn = min(max(seen, -own[3]), own[3])
             way, turn = self.reached(self._wanted, (way, turn))
@@ -140,17 +148,15 @@ class Wheel:
         self.points = np.zeros(_NOTHING)
 
     def _carry(self, seen: Located, odometry: Pose) -> None:
-        """Do what :meth:`follow` does where places are corrected: how it has moved is what it was told to, or odometry.
-
-        What it was told counts where both agree: odometry errs in heading at every tick, and by 0.02 rad in a tick a
-        body that stands 2 m off would seem to go 0.4 m/s.
-        """
+        """Do what :meth:`follow` does where places are corrected: take the motion from the order, or from odometry."""
         was_x, was_y, was_heading, way, turn, _, _ = self._motion.tolist()
-        told = *chord(0.0, way, turn), turn
-        felt = step(self._odometry, odometry)
-        off_m, off_rad = math.dist(told[:2], felt[:2]), abs(math.remainder(felt[2] - turn, math.tau))
+        ordered = *chord(0.0, way, turn), turn
+        sensed = step(self._odometry, odometry)
+        off_m, off_rad = math.dist(ordered[:2], sensed[:2]), abs(math.remainder(sensed[2] - turn, math.tau))
+        # The order counts where both agree: odometry errs in heading at every tick, and by 0.02 rad in a tick a body
+        # that stands 2 m off would seem to go 0.4 m/s.
         obeyed = not seen.blocked and off_m <= _WAY_ERROR_M and off_rad <= _TURN_ERROR_RAD
-        gone = told if obeyed else felt
+        gone = ordered if obeyed else sensed
         before = start(seen[:3], gone)
         self.carried = Shift.between((was_x, was_y, was_heading), before)
         most = self._limits[3]
@@ -163,32 +169,34 @@ class Wheel:
         """Return way and turn of the tick after the next."""
         (x, y), own, motion, walls, bodies = self.here, self._limits, self._motion, self._walls(), traffic.bodies()
         self.points = unknown_points(walls, bodies, x, y, observation.ranges_m, self._reach_m, self._own.known_m)
+        # how a robot moves that has just come into sight is not known before the next tick
         if traffic.surprises((x, y), 4.0 * own[0] + 3.0 * self._stop_m):
             return 0.0, 0.0
         most = self._most(motion, aim)
-        if self._own.blind_corners and traffic.somebody_unseen(self.here):
+        if self._own.blind_corners and traffic.unseen_near(self.here):
+            # the other robot comes at the same speed: each can use half of the gap
             gap = unseen_gap(walls, x, y, motion[2]) - own[0]
             most = min(most, max(braking_way(0.5 * gap, own[2]), own[2]))
         return self._choose(motion, aim, most, walls, self.points, bodies)
 
     def alone(self, motion: Floats, aim: Aim, points: Floats) -> tuple[float, float]:
-        """Return what :meth:`to` would if it moved so, and nobody were there; *motion* is where it is itself."""
+        """Return what :meth:`to` would return for another *motion* from the same place, and without other robots."""
         return self._choose(motion, aim, self._most(motion, aim), self._walls(), points, np.zeros(_NOBODY))
 
     def _most(self, motion: Floats, aim: Aim) -> float:
-        """Return the greatest way of the tick after the next, if nothing else is there but the *aim*."""
+        """Return the greatest way of the tick after the next by the *aim* alone, without obstacles."""
         own = self._limits
         dx, dy = chord(motion[2], motion[3], motion[4])
         off_x, off_y = aim.place_m[0] - motion[0] - dx, aim.place_m[1] - motion[1] - dy
         left_m = math.hypot(off_x, off_y)
         error = math.remainder(math.atan2(off_y, off_x) - motion[2] - motion[4], math.tau)
         if left_m < _CIRCLE_M and abs(error) > _ASKEW_RAD:
-            return 0.0  # it would drive round a near aim for ever
+            return 0.0  # otherwise it would drive round a near aim for ever
         return float(min(own[1], braking_way(left_m, own[2]))) if aim.last else float(own[1])
 
     @property
     def _reach_m(self) -> float:
-        """So near what is there can matter."""
+        """Distance within which walls and points can matter."""
         own = self._limits
         return float(own[0] + max(own[5], own[7]) + self._stop_m)
 

@@ -1,9 +1,9 @@
-"""The known map as ways over it: built once a run, shared by the planner and by all robots' movers (paper 004, 6).
+"""The known map as a planning grid: built once a run, shared by the planner and by all robots' movers (paper 004, 6).
 
-For each radius of a body there is one grid of cells in which its centre may be, a margin off the walls. A cell's price
-falls from that margin to the distance of comfort, so that ways lead through the middle of doors. A field is what value
-iteration makes of a goal: what is left to it, from everywhere. Bodies that stand in the way can be put into a field of
-their own; such a field is not kept.
+For each radius of a body there is one grid of the cells in which its centre may be, a margin off the walls. A cell's
+price falls from that margin to the distance of comfort, so that ways lead through the middle of doors. A field is the
+value function of a goal: the cost that is left to it from everywhere. A field can have standing bodies as obstacles
+besides the walls; such a field is not kept.
 """
 
 import math
@@ -24,15 +24,15 @@ from cosim.protocol import Surroundings
 from protocols.motion.parameters import DrivingParameters
 
 _KEPT: Final = 64
-"""So many fields are remembered, the latest asked for."""
+"""Number of fields that are remembered, the latest asked for."""
 _SNAP_M: Final = 0.35
-"""Who stands, or wants to stand, where there is no free cell is taken to be at one so near, or nowhere."""
+"""Largest distance of a place that is not in a free cell from the free cell that it is taken for."""
 _SEEN_SHARE: Final = 0.75
-"""A straight line to where one aims keeps this share of the margin off the walls."""
+"""Share of the margin that a straight line to an aim keeps off the walls."""
 
 
 class Blocker(NamedTuple):
-    """A disc that stands somewhere, as an obstacle."""
+    """A disc as an obstacle."""
 
     x_m: float
     y_m: float
@@ -40,30 +40,30 @@ class Blocker(NamedTuple):
 
     @property
     def place_m(self) -> Point:
-        """Where it stands."""
+        """Centre of the disc."""
         return self.x_m, self.y_m
 
 
 class Aim(NamedTuple):
-    """What a field says to who stands somewhere."""
+    """Where to drive from some place, according to a field."""
 
     place_m: Point
-    """The last point of the way that is in sight, or the goal."""
+    """Last point of the way that is in sight, or the goal."""
     left_m: float
     """Length of the way to the goal."""
     last: bool
-    """Whether the place is the goal."""
+    """True if the place is the goal."""
 
 
 class Field:
-    """What is left to one goal from everywhere, for one radius."""
+    """The cost of the way to one goal from everywhere, for one radius."""
 
     def __init__(self, grid: PlanningGrid, price: Singles, goal_m: Point, fits: bool) -> None:
         """Take the goal, and whether a body *fits* there, though its cell's centre may be too near to a wall."""
         self._grid, self._price = grid, price
         goal = snapped(grid, goal_m)
         self.goal_m = goal_m if fits or goal < 0 or _holds(grid, goal, goal_m) else grid.centre_m(goal)
-        """The goal, or the nearest place to it where the body fits."""
+        """Goal, or the nearest place to it where the body fits."""
         self._value = values(grid.free, price, [goal] if goal >= 0 else [])
 
     def cost_m(self, at: Point) -> float:
@@ -81,8 +81,8 @@ class Field:
     def aim(self, at: Point, reach_m: float, out: bool = False) -> Aim | None:
         """Return where to drive from a place: a point of the way in sight, at most *reach_m* off; None without a way.
 
-        Who does not fit where it is, too near to a wall or a body, is at the nearest place where it does; if it is to
-        get *out* of there, that is where it drives first.
+        A body that does not fit where it is, too near to a wall or to another body, is taken to be at the nearest place
+        where it does; if it is to get *out* of there, it drives to that place first.
         """
         grid, start = self._grid, snapped(self._grid, at)
         if start < 0:
@@ -149,9 +149,10 @@ class Floor:
     def afar_m(self, radius_m: float, starts: Sequence[Point], others: Sequence[Point]) -> Floats:
         """Return how far each cell that a disc can get to from *starts* is from the nearest of them and of *others*.
 
-        In metres, shape (n,), one cell after the other: by the way of a point, step by step, as it leads wherever
-        light does. Empty if one of the places is nowhere.
+        In metres, shape (n,), one cell after the other, along the ways of a point. Empty if one of the places is
+        nowhere.
         """
+        # a point gets wherever light does, so no cell is seen from farther off
         disc, _ = self.grid(radius_m)
         point, _ = self.grid(0.0)
         mine = [snapped(disc, place) for place in starts]
@@ -164,7 +165,7 @@ class Floor:
         return np.asarray(away[np.isfinite(away)], np.float64)
 
     def free(self, radius_m: float, at: Point) -> bool:
-        """Return whether a disc can stand at *at*, the margin off all walls."""
+        """Return whether a disc can stand at *at*, with the margin to all walls."""
         x, y = at
         x_min, y_min, x_max, y_max = self.bounds_m
         if not (x_min <= x <= x_max and y_min <= y <= y_max):
@@ -188,7 +189,7 @@ class Floor:
         return field
 
     def aim(self, radius_m: float, field: Field, at: Point, out: bool = False) -> Aim | None:
-        """Return where to drive in a *field*: as far ahead as a straight line leads clear of the walls.
+        """Return where to drive in a *field*: as far ahead as a straight line keeps clear of the walls.
 
         At most the parameters' ``look_ahead_m``; *out* as in :meth:`Field.aim`. None without a way.
         """
@@ -200,8 +201,10 @@ class Floor:
                 return None
             line = np.array([[*at, *at], [*at, *aim.place_m]])
             here, along = swept_clearance(self.walls, line[:, :2], line[:, 2:], kept_m).tolist()
+            # a robot that is too near to a wall already may follow any line that comes no nearer
             if along >= here - 1e-6:
                 return aim
+            # the line comes too near to a wall: aim less far ahead
             reach_m = min(0.5 * reach_m, 0.8 * math.dist(at, aim.place_m))
         return aim
 
@@ -247,7 +250,8 @@ class Floor:
         return grid, np.asarray(1.0 + (own.comfort_price - 1.0) * near, np.float32)
 
     def _kept_m(self, radius_m: float) -> float:
-        """Return how far off the walls the centre of a body is kept."""
+        """Return the distance that the centre of a body keeps from walls."""
+        # at least half a cell's diagonal: otherwise a way could pass a wall between two cells
         return max(radius_m + self.parameters.margin_m, 0.75 * self.parameters.cell_m)
 
 

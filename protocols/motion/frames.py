@@ -1,8 +1,7 @@
-"""Frames in which one place has two names, and observations whose frame is corrected now and then.
+"""Shifts between frames, and observations in a frame that is corrected now and then.
 
-Who takes itself to be where a filter has it finds, with every correction, that it and all that it sees have moved at
-once, though nothing has. So a place may be told in such a frame, but no motion: that is worked out from what does not
-know of the correction, see :class:`Located`.
+With every correction of its pose estimate a robot seems to move at once, with all that it sees, though nothing has
+moved. So such a frame is good for places, but not for motion, which is derived from odometry (:class:`Located`).
 """
 
 import math
@@ -13,7 +12,7 @@ from cosim.observation import Observation
 
 
 class Shift(NamedTuple):
-    """From one frame to another: turned counter-clockwise, then moved."""
+    """A shift from one frame to another: a turn counter-clockwise, then a translation."""
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -21,13 +20,13 @@ class Shift(NamedTuple):
 
     @classmethod
     def between(cls, before: Pose, after: Pose) -> Self:
-        """Return the shift by which a pose in one frame is another one in the other."""
+        """Return the shift that takes the pose *before* in one frame to the pose *after* in the other."""
         turned = math.remainder(after[2] - before[2], math.tau)
         cos, sin = math.cos(turned), math.sin(turned)
         return cls(after[0] - cos * before[0] + sin * before[1], after[1] - sin * before[0] - cos * before[1], turned)
 
     def pose(self, pose: Pose) -> Pose:
-        """Return a pose in the other frame."""
+        """Return *pose* in the other frame."""
         return *self.point(pose[0], pose[1]), math.remainder(pose[2] + self.turned_rad, math.tau)
 
     def point(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -43,21 +42,21 @@ class Shift(NamedTuple):
 
 
 class Located(Observation):
-    """An observation in a frame that is corrected while the robot drives: places count, but not what they change by."""
+    """An observation in a frame that is corrected while the robot drives: its places count, their changes do not."""
 
     odometry: Pose | None = None
-    """The same pose as odometry has it, which knows of no correction, but errs by a little at every tick."""
+    """The same pose by odometry, which has no corrections, but errs a little at every tick."""
 
     @classmethod
-    def told(cls, observation: Observation, odometry: Pose) -> Self:
-        """Return *observation*, the robot's pose being *odometry* before it was corrected."""
+    def of(cls, observation: Observation, odometry: Pose) -> Self:
+        """Return *observation* with *odometry*, the robot's pose before it was corrected."""
         located = cls._make(observation)
         located.odometry = odometry
         return located
 
 
 def step(before: Pose, after: Pose) -> Pose:
-    """Return how far *after* is ahead of *before*, how far to the left, and how far it is turned."""
+    """Return how far *after* is ahead of *before*, how far to its left, and how far turned."""
     cos, sin = math.cos(before[2]), math.sin(before[2])
     dx, dy = after[0] - before[0], after[1] - before[1]
     return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(after[2] - before[2], math.tau)

@@ -1,4 +1,4 @@
-"""Parameters of driving: what a floor's cells cost, what DWA prefers, and how long a robot puts up with being held."""
+"""Parameters of driving: the costs of a floor's cells, the weights of DWA, and how long a held robot waits."""
 
 from pydantic import Field
 
@@ -6,10 +6,12 @@ from cosim.settings import Gain, Length, Metres, Rate, Seconds, Settings
 
 
 class DrivingParameters(Settings):
-    """How robots of a team drive; what differs from body to body (radius, speed, acceleration) comes with the body."""
+    """How robots of a team drive; what differs between bodies (radius, speed, acceleration) comes with the body."""
 
     cell_m: Length = Field(default=0.1, gt=0, description="m, side of the cells in which ways are planned")
-    margin_m: Metres = Field(default=0.03, ge=0, description="m off walls and bodies in plans; half is always kept")
+    margin_m: Metres = Field(
+        default=0.03, ge=0, description="m, distance from walls and bodies in plans; half of it is always kept"
+    )
     comfort_m: Metres = Field(
         default=0.3, gt=0, description="m from a wall, beside the margin, within which cells cost"
     )
@@ -24,18 +26,21 @@ class DrivingParameters(Settings):
     speed_weight: Gain = Field(default=0.2, ge=0, description="of progress to the aim (Fox et al.: 0.2)")
     clear_m: Metres = Field(default=0.3, gt=0, description="m, obstacles farther from the body do not matter")
     stray_m: Metres = Field(
-        default=0.03, gt=0, description="m, by which a robot may stray, in what it takes to stop, from its direction"
+        default=0.03, gt=0, description="m, by which a robot that stops may stray from its direction"
     )
-    arrive_m: Metres = Field(default=0.1, gt=0, description="m, a goal as near as this is reached")
-    via_m: Metres = Field(default=0.4, gt=0, description="m, a way point as near as this is passed")
+    arrive_m: Metres = Field(default=0.1, gt=0, description="m, distance within which a goal is reached")
+    via_m: Metres = Field(default=0.4, gt=0, description="m, distance within which a way point is passed")
     known_m: Metres = Field(
-        default=0.15, ge=0, description="m, what the scanner meets so near to a wall of the map is that wall"
+        default=0.15, ge=0, description="m, distance from a wall of the map within which scanned points belong to it"
     )
-    still_s: Seconds = Field(default=1.0, gt=0, description="s, who has not moved for so long is gone round")
+    still_s: Seconds = Field(
+        default=1.0, gt=0, description="s, time without motion after which a robot is driven round"
+    )
     yield_s: Seconds = Field(
-        default=1.0, gt=0, description="s held by one who goes first, after which a robot makes way"
+        default=1.0, gt=0, description="s, time for which a robot is held by one that goes first before it makes way"
     )
-    patience_s: Seconds = Field(default=10.0, gt=0, description="s without progress after which a robot is stuck")
+    patience_s: Seconds = Field(default=10.0, gt=0, description="s, time without progress after which a robot is stuck")
     blind_corners: bool = Field(
-        default=True, description="slower where somebody who is not in sight, but may be near, could come round"
+        default=True,
+        description="slow down where a robot that may be near, but is not in sight, could come round a corner",
     )

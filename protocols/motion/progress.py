@@ -1,4 +1,4 @@
-"""Whether a robot that drives gets anywhere: by what is left of its way on the bare map, whatever its mover tries."""
+"""Whether a robot that drives gets nearer to its goal, by its way on the bare map, whatever its mover tries."""
 
 import math
 from typing import Final
@@ -8,9 +8,9 @@ from cosim.units import S, Time
 from protocols.motion.floor import Floor
 
 NEARER_M: Final = 0.2
-"""Who has come nearer by so much has got somewhere."""
+"""Decrease in the length of the way that counts as progress."""
 LOOK: Final = S
-"""So often that is looked at."""
+"""Interval between progress checks."""
 
 
 class Approach:
@@ -25,12 +25,12 @@ class Approach:
         self._looked: Time = 0
 
     def begin(self, goal_m: Point, now: Time) -> None:
-        """Set off to a place."""
+        """Begin a drive to a place."""
         self._goal_m, self._left_m = goal_m, math.inf
         self._since = self._looked = now
 
     def held(self, here: Point, now: Time) -> Time:
-        """Return for how long the robot, which is *here*, has not got nearer."""
+        """Return for how long the robot, now *here*, has made no progress."""
         if self._goal_m is not None and not 0 <= now - self._looked < LOOK:
             self._looked = now
             left_m = self._floor.field(self._radius_m, self._goal_m).distance_m(here)

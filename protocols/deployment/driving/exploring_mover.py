@@ -18,7 +18,7 @@ from protocols.deployment.driving.learned import LearnedFloor
 from protocols.deployment.driving.mover import Mover, State
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Place
-from protocols.motion.driver import Wheel
+from protocols.motion.driver import Driver
 from protocols.motion.floor import Aim, Floor
 from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Track
@@ -65,9 +65,9 @@ class ExploringMover(Mover):
         wary = parameters.model_copy(update={"margin_m": parameters.margin_m + BESIDE_M})
         bare = Floor(np.zeros((0, 4)), floor.bounds_m, None, wary)
         slow_mps = min(speed_mps, exploring.speed_mps)
-        self._led = Wheel(bare, radius_m, slow_mps, acceleration_mps2, wary, tick)
+        self._led = Driver(bare, radius_m, slow_mps, acceleration_mps2, wary, tick)
         if isinstance(floor, LearnedFloor):
-            self._wheel = Wheel(bare, radius_m, speed_mps, acceleration_mps2, wary, tick)
+            self._driver = Driver(bare, radius_m, speed_mps, acceleration_mps2, wary, tick)
 
     def explore(self, now: Time) -> None:
         """Explore until nothing is left to see."""

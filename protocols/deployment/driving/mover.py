@@ -1,10 +1,10 @@
 """Driving to a goal: descent in the field of value iteration, by DWA, with a right of way (paper 004, section 6).
 
-The field says where to aim; DWA how to get there without touching anything. What neither knows of is in here: whose
-turn it is. Who has the lower address goes first. Robots that stand are gone round where there is room: at once by who
-yields, after a while by who goes first. Where there is none, who yields makes way: it backs off to the nearest place
-off the other's way, and comes back when that one has passed. A robot that is held by one that just stands there says
-so (``blocked_by``), so that somebody can ask that one to step aside.
+The field says where to aim, DWA how to get there without touching anything. This module adds the right of way: of two
+robots the one with the lower address goes first, the other yields. A robot drives round robots that stand, where there
+is room: at once if it yields, after a while if it goes first. Where there is no room, the robot that yields makes way:
+it backs off to the nearest place off the other's way, and comes back when the other has passed. A robot that is held by
+one that only stands there names it (``blocked_by``), so that it can be asked to step aside.
 """
 
 import math
@@ -17,7 +17,7 @@ from cosim.units import Time, from_seconds, to_seconds
 from protocols.deployment.driving.twin import Twin
 from protocols.deployment.driving.yielding import Refuge, in_the_way, off_way_m, refuge
 from protocols.deployment.tasks.plan import Place
-from protocols.motion.driver import Wheel
+from protocols.motion.driver import Driver
 from protocols.motion.floor import Aim, Blocker, Field, Floor
 from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Track, Traffic
@@ -25,23 +25,23 @@ from protocols.motion.traffic import Other, Track, Traffic
 State: TypeAlias = Literal["idle", "driving", "arrived", "stuck"]
 
 _PROGRESS_M: Final = 0.1
-"""Who has come nearer to its goal by so much has made progress."""
+"""Decrease in the length of the way that counts as progress."""
 _SLOW_TO_ROUND: Final = 3.0
-"""Who goes first waits so many times as long as others do before it goes round a body that stands."""
+"""Factor of the time for which a robot that goes first waits before it drives round a body that stands."""
 _FIRST_M: Final = 2.0
-"""So much farther the others go to make way for who goes first."""
+"""Extra way that a robot goes to yield to one that goes first."""
 _CORNERED_M: Final = 100.0
-"""What it costs to make way to where one is shut in when the other has arrived."""
+"""Cost added to a refuge in which the robot is shut in once the other has arrived."""
 _WAIT_S: Final = 20.0
-"""Nobody makes way for longer than that."""
+"""Longest time for which a robot makes way."""
 _HELD_S: Final = 0.5
-"""s without progress after which a robot gets away from what it is too near to, before anything else."""
+"""Time without progress after which a robot first gets away from what it is too near to."""
 _REPLAN_S: Final = 0.5
-"""s between two looks at who stands in the way."""
+"""Interval between checks of which robots stand in the way."""
 
 
 class Mover:
-    """What drives one robot; asked once a tick."""
+    """The driver of one robot; stepped once a tick."""
 
     def __init__(
         self,
@@ -56,15 +56,17 @@ class Mover:
         self.me = me
         self.state: State = "idle"
         self.goal_m: Place | None = None
-        """Where it is to end up."""
-        self.remaining_m: float | None = None  # length of the way that is left to where it drives now
-        self.blocked_by: Address | None = None  # who stands in its way, where no way leads round
+        """Place where it is to end up."""
+        self.remaining_m: float | None = None
+        """Length of the way that is left to where it drives now; None without a way."""
+        self.blocked_by: Address | None = None
+        """Robot that stands in its way, where no way leads round that."""
         self.yielding_to: Address | None = None
-        """For whom it is making way."""
+        """Robot for which it is making way."""
         self.twin: Twin | None = None
-        """What it would do without the others; None unless that is to be compared."""
+        """Its counterfactual twin; None unless interference is measured."""
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
-        self._wheel = Wheel(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
+        self._driver = Driver(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         seconds = to_seconds(tick)
         self._traffic = Traffic(me, radius_m, acceleration_mps2 * seconds**2, seconds)
         self._via: list[Place] = []
@@ -73,11 +75,12 @@ class Mover:
         self._among: tuple[Blocker, ...] = ()
         self._planned: Time | None = None
         self._best_m, self._progress, self._made_way, self._held = math.inf, 0, 0, False
-        self._started: Time = 0  # when, alone, it would have made its first progress
+        self._started: Time = 0
+        """Time at which it would have made its first progress, alone: it may have to turn first."""
 
     @property
     def wants_m(self) -> Place | None:
-        """Where it would go now, if nobody stood in its way."""
+        """Place where it would go now if no robot stood in its way."""
         return self.goal_m
 
     @property
@@ -86,13 +89,13 @@ class Mover:
         return self.goal_m is not None and self.state in ("driving", "stuck")
 
     def compare(self) -> None:
-        """Compute from now on, for the referee, what it would do without the others."""
+        """Compute from now on, for the referee, what the robot would do without the others."""
         self.twin = Twin(self._floor, self._radius_m, self._own.arrive_m)
 
-    # ------------------------------------------------------------ what it is told
+    # ------------------------------------------------------------ commands
 
     def go(self, place_m: Place, via_m: Sequence[Place] = ()) -> None:
-        """Drive to a place, past way points in their order; what it did before is given up."""
+        """Drive to a place, past way points in their order; give up what the robot did before."""
         self.goal_m, self._via = (float(place_m[0]), float(place_m[1])), [(float(x), float(y)) for x, y in via_m]
         self._begin("driving")
         if self.twin is not None:
@@ -104,13 +107,13 @@ class Mover:
         self._begin("idle")
 
     def retreat(self, from_m: Place, way: Sequence[Place]) -> None:
-        """Get out of the *way* of somebody who is at *from_m*, and wait there until it is told where to :meth:`go`.
+        """Get out of the *way* of a robot that is at *from_m*, and wait there until :meth:`go` is called.
 
-        Where it cannot get out of the way it stays. It has ``arrived`` when it is out of the way.
+        The robot has ``arrived`` when it is out of the way. It stays where it is if it cannot get out of the way.
         """
         passing, place = Blocker(*from_m, self._radius_m), None
         for blockers in ([*self._traffic.standing(self._here), passing], [passing]):
-            # who is shut in by others makes for where it would go without them, and asks them to make room in turn
+            # a robot that is shut in by others makes for where it would go without them, and asks them to make room
             place = place or refuge(self._floor, self._radius_m, self._here, [from_m, *way], self._radius_m, blockers)
         self.goal_m, self._via = (place.place_m if place else self._here), []
         self._begin("driving")
@@ -126,29 +129,29 @@ class Mover:
     # ------------------------------------------------------------ a tick
 
     def step(self, observation: Observation, others: Sequence[Other], now: Time) -> Drive | None:
-        """Return what to do from the next tick on; None if that is what it does already.
+        """Return the order from the next tick on; None if it equals the last one.
 
-        The observation's pose is taken for its own; *others* are the robots it has heard of, and where they are.
+        The observation's pose is taken for the robot's own; *others* are the robots that it has heard of.
         """
-        self._wheel.follow(observation, now)
-        self._traffic.look(observation, others, now, self._wheel.carried)
+        self._driver.follow(observation, now)
+        self._traffic.look(observation, others, now, self._driver.carried)
         if self._progress < 0:
             self._progress = now
         way, turn = 0.0, 0.0
         if self.state in ("driving", "stuck"):
             aim = self._aim(now)
             if aim is not None:
-                way, turn = self._wheel.to(aim, observation, self._traffic)
-        drive = self._wheel.order(way, turn)
+                way, turn = self._driver.to(aim, observation, self._traffic)
+        drive = self._driver.order(way, turn)
         if self.twin is not None:
             goal = self._next_m if self.state in ("driving", "stuck") else None
             bodies = [((other.x_m, other.y_m), other.radius_m) for other in others]
-            self.twin.look(self._wheel, goal, bodies, self._held, self.yielding_to is not None)
+            self.twin.look(self._driver, goal, bodies, self._held, self.yielding_to is not None)
         return drive
 
     @property
     def _here(self) -> Place:
-        return self._wheel.here
+        return self._driver.here
 
     @property
     def _next_m(self) -> Place | None:
@@ -157,7 +160,7 @@ class Mover:
     # ------------------------------------------------------------ where to
 
     def _aim(self, now: Time) -> Aim | None:
-        """Return where to aim; None to stay (it has arrived, or there is no way)."""
+        """Return where to aim; None to stay (the robot has arrived, or there is no way)."""
         here = self._here
         self._give_way(now)
         self._pass_way_points()
@@ -174,15 +177,15 @@ class Mover:
         if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
             self._arrive()
             return None
-        if self._best_m == math.inf:
-            self._started = now + from_seconds(self._wheel.start_s(aim.place_m, _PROGRESS_M))
+        if self._best_m == math.inf:  # the first look at this goal
+            self._started = now + from_seconds(self._driver.start_s(aim.place_m, _PROGRESS_M))
         self._judge(aim.left_m, now)
         return aim
 
     def _arrive(self) -> None:
         if self._aside is not None:
-            self._progress = -1
-        elif self._wheel.stands:
+            self._progress = -1  # time in the refuge is no time without progress
+        elif self._driver.stands:
             self.state, self.blocked_by = "arrived", None
 
     def _pass_way_points(self) -> None:
@@ -191,7 +194,7 @@ class Mover:
             self._forget_progress()
 
     def _plan(self, target: Place, now: Time) -> None:
-        """Choose the field to follow: round those who stand in the way, if a way leads round."""
+        """Choose the field to follow: round the robots that stand in the way, if a way leads round them."""
         self._planned = now
         plain = self._floor.field(self._radius_m, target)
         way = plain.way(self._here) or []
@@ -201,25 +204,27 @@ class Mover:
         if not among:
             self._field, self._among = plain, ()
             return
+        # a field with bodies is costly: keep it while they stand where they stood
         if self._field is None or not _alike(among, self._among) or self._field.goal_m != plain.goal_m:
             self._field, self._among = self._floor.field_among(self._radius_m, target, among), among
         if not self._leads(self._field, target, among):
             self._field, self._among = plain, ()
             self.blocked_by = standing[0].address
-            for nearest in range(len(among) - 1, 0, -1):  # the way round those who are nearer, if one leads there
+            # no way leads round all of them: take the one round the nearer ones, if there is one
+            for nearest in range(len(among) - 1, 0, -1):
                 field = self._floor.field_among(self._radius_m, target, among[:nearest])
                 if self._leads(field, target, among[:nearest]):
                     self._field, self.blocked_by = field, standing[nearest].address
                     break
 
     def _leads(self, field: Field, target: Place, among: Sequence[Blocker]) -> bool:
-        """Return whether a field among bodies leads to its target, and none of them stands on that."""
+        """Return whether a field among bodies leads to its target, and none of them covers the target."""
         taken_m = self._radius_m + self._own.margin_m
         taken = any(math.dist(body.place_m, target) < taken_m + body.radius_m for body in among)
         return not taken and field.cost_m(self._here) < math.inf
 
     def _in_the_way(self, way: Sequence[Place], now: Time) -> list[Track]:
-        """Return all who stand near by, the nearest first, if one is in the way: the way round may meet the others."""
+        """Return all robots that stand near by, the nearest first, if one of them is in the way; else none."""
         found = [
             track
             for track in self._traffic.tracks(self._here)
@@ -228,22 +233,24 @@ class Mover:
         ]
         margin_m = self._own.margin_m + self._own.stray_m
         held = any(in_the_way(each.place_m, self._radius_m, way, each.radius_m, margin_m) for each in found)
-        return found if held else []
+        return found if held else []  # all of them: the way round one may meet the others
 
-    # ------------------------------------------------------------ whose turn it is
+    # ------------------------------------------------------------ right of way
 
     def _judge(self, left_m: float, now: Time) -> None:
-        """Note progress, or that there has been none for too long; make way if that is due to one who goes first."""
+        """Note progress, or that there was none for too long; make way for a robot that goes first, if that is due."""
         if left_m < self._best_m - _PROGRESS_M:
             self._best_m, self._progress, self.state = left_m, now, "driving"
             return
         held_s = to_seconds(now - self._progress)
         if held_s >= self._own.patience_s:
             self.state = "stuck"
+        # a robot that has to turn first makes no progress meanwhile
         if self._aside is not None or now - max(self._progress, self._started) < from_seconds(self._own.yield_s):
             return
         for track in self._traffic.tracks(self._here):
             near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
+            # where both have stood for long, the rule of who yields has not helped
             anyway = min(held_s, track.still_s(now)) >= 0.5 * self._own.patience_s
             near = not track.idle and math.dist(self._here, track.place_m) <= near_m
             if near and self._make_way(track, anyway, now):
@@ -252,7 +259,7 @@ class Mover:
     def _make_way(self, track: Track, anyway: bool, now: Time) -> bool:
         """Back off to where the other can pass, if it comes this way, and if that is easier than for the other.
 
-        Of two to whom it is about as easy the one with the lower address goes first.
+        If it is about as easy for both, the robot with the lower address goes first. *anyway*: yield in any case.
         """
         way = _way_of(track, self._here, self._floor)
         margin_m = self._own.margin_m + self._own.stray_m
@@ -260,6 +267,7 @@ class Mover:
             return False
         mine = self._refuge(self._radius_m, self._here, track.radius_m, way, track.place_m, self.goal_m)
         if not anyway and track.goal_m is not None and self.goal_m is not None:
+            # both robots compute both costs, so that they decide alike without a message
             on = self._floor.way(self._radius_m, self._here, self.goal_m) or []
             theirs = self._refuge(track.radius_m, track.place_m, self._radius_m, on, self._here, track.goal_m)
             handicap = -_FIRST_M if track.address < self.me else _FIRST_M
@@ -276,7 +284,7 @@ class Mover:
     def _refuge(
         self, radius_m: float, at: Place, other_m: float, way: Sequence[Place], other: Place, goal: Place | None
     ) -> Refuge | None:
-        """Return where a body can go out of the way of another, and come on from when that one has arrived."""
+        """Return where a body can go out of the way of another, and go on from when the other has arrived."""
         standing = [body for body in self._traffic.standing(self._here) if body.place_m not in (at, other)]
         found = refuge(self._floor, radius_m, at, way, other_m, [Blocker(*other, other_m), *standing])
         if found is None or goal is None or not way:
@@ -284,11 +292,12 @@ class Mover:
         end = way[-1]
         if math.dist(end, goal) < radius_m + other_m or math.dist(end, found.place_m) < radius_m + other_m:
             return found
+        # the other will stand at the end of its way
         then = self._floor.field_among(radius_m, goal, [Blocker(*end, other_m)])
         return found if then.cost_m(found.place_m) < math.inf else found._replace(cost_m=found.cost_m + _CORNERED_M)
 
     def _give_way(self, now: Time) -> None:
-        """End having made way when the other has passed, stands, or takes too long."""
+        """End making way when the other has passed, stands, or takes too long."""
         if self._aside is None:
             return
         track = self._traffic.of(self.yielding_to)
@@ -306,13 +315,13 @@ class Mover:
 
 
 def _way_of(track: Track, here: Place, floor: Floor) -> list[Place]:
-    """Return the way of another robot; to where one is oneself, if it has not said where it goes."""
+    """Return the way of another robot; to *here* if its goal is not known."""
     goal = track.goal_m or here
     return floor.way(track.radius_m, track.place_m, goal) or [track.place_m, goal]
 
 
 def _alike(some: Sequence[Blocker], others: Sequence[Blocker]) -> bool:
-    """Return whether discs stand where others have stood, but for a little."""
+    """Return whether two lists of discs stand at nearly the same places."""
     return len(some) == len(others) and all(
         math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) < 0.05 for a, b in zip(some, others, strict=True)
     )

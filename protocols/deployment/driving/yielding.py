@@ -1,8 +1,8 @@
 """Making way: where a robot goes so that another can pass (paper 004, section 5).
 
 "The robots move away (roughly perpendicular to the route of the moving robot), wait until the robot has passed, then
-move back into position." The nearest place, by the way to it, that is far enough off the other's route is beside it,
-where there is room; where there is none, it is along the corridor, in the next door or round the next corner.
+move back into position." Ours go to the nearest place, by the way to it, that is far enough off the other's route.
+Where there is room this is beside the route; otherwise it is along the corridor, in the next door or round the corner.
 """
 
 import math
@@ -19,15 +19,15 @@ from protocols.deployment.tasks.plan import Place
 from protocols.motion.floor import Blocker, Floor, snapped
 
 _AMPLE_M: Final = 0.1
-"""So much more than a touch, and the margins, is kept off the way of who passes."""
+"""Distance from the way of the robot that passes, beyond a touch and the margins."""
 _BESIDE_M: Final = 1.5
-"""Who is no farther than that from a place beside the way, where the other gets round it, goes there."""
+"""Largest cost of a place beside the way, where the other can drive round, that is preferred to one off the way."""
 _FARTHEST_M: Final = 25.0
-"""Nobody goes farther than that out of the way."""
+"""Longest way that a robot goes out of the way of another."""
 
 
 class Refuge(NamedTuple):
-    """A place out of somebody's way."""
+    """A place out of another robot's way."""
 
     place_m: Place
     cost_m: float
@@ -53,9 +53,9 @@ def refuge(
 ) -> Refuge | None:
     """Return the nearest place where a body is out of the *way* of another, of radius *other_m*; None without one.
 
-    *way* is that of the other's centre, from where it is; *blockers* are the bodies that stand about, the other too:
-    nobody gets past them. It is *me* itself if that is off the way. Where nothing near is off the way, it is as far
-    beside it as one gets, if the other finds a way round one there.
+    *way* is that of the other's centre, from where it is; *blockers* are the bodies near by, the other included, as
+    obstacles. The refuge is *me* itself if that is off the way. Where nothing near is off the way, it is as far beside
+    the way as the body gets, if the other finds a way round it there.
     """
     grid, price = floor.grid(radius_m)
     need_m = radius_m + other_m + 2.0 * floor.parameters.margin_m + _AMPLE_M
@@ -74,6 +74,7 @@ def refuge(
     clear = off >= need_m
     hugging = cells[np.where(cost.ravel()[cells] * grid.cell_m < _BESIDE_M, off, -1.0).argmax()]
     beside = grid.centre_m(int(hugging))
+    # where the other can drive round the body, the body need not go farther
     if floor.field_among(other_m, way[-1], [Blocker(*beside, radius_m)]).cost_m(way[0]) < math.inf:
         nearer = clear & (cost.ravel()[cells] <= cost.flat[hugging])
         if not nearer.any():
@@ -86,7 +87,7 @@ def refuge(
 
 @njit(cache=True)
 def _off_way(line: Floats, points: Floats) -> Any:
-    """Return how far each of *points* (n, 2) is from the line through the rows of *line* (m, 2), in metres."""
+    """Return the distances of *points* (n, 2) from the line through the rows of *line* (m, 2), in metres."""
     off = np.full(points.shape[0], np.inf)
     for k in range(max(line.shape[0] - 1, 1)):
         px, py = line[k]
@@ -100,7 +101,7 @@ def _off_way(line: Floats, points: Floats) -> Any:
 
 
 def off_way_m(at: Place, way: Sequence[Place]) -> float:
-    """Return how far a place is from a way, metres; inf from no way."""
+    """Return the distance of a place from a way, metres; inf if the way is empty."""
     if not way:
         return math.inf
     return float(_off_way(np.asarray(way, np.float64).reshape(-1, 2), np.array([at], np.float64))[0])

@@ -1,7 +1,7 @@
 """Robots that are deployed already make room for one that leaps past them, then come back (paper 004, section 5).
 
-This follows the robots' whereabouts, not the facts: who stands aside is forgotten when a host dies, and is found out
-again.
+This follows the robots' statuses, not the facts: which robots stand aside is forgotten when a host dies, and its
+successor finds it out again.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,22 +19,22 @@ from protocols.deployment.tasks.orders import Halt, Retreat, Whereabouts
 from protocols.deployment.tasks.plan import Go, Place
 
 _CORNERS: Final = 16
-"""So much of its way who steps aside is told of a robot that passes."""
-_CLEAR: Final = 1.5
-"""A robot comes back when a passing one's way is off by so many times what made it step aside: or it would dither."""
+"""Number of corners of the passing robot's way that an order to step aside names."""
+_CLEAR: Final = 1.5  # otherwise it would dither
+"""Factor of the distance at which a robot steps aside beyond which it comes back."""
 
 
 class _Step(Enum):
-    """Where a deployed robot is that is not at its post."""
+    """State of a deployed robot that is not at its post."""
 
     ASIDE = "aside"
     DOUBTED = "doubted"
-    """Perhaps aside: a predecessor may have ordered it."""
+    """It may be aside: a predecessor may have ordered that."""
     COMING_BACK = "back"
 
 
 class Passing:
-    """A robot on its way past others; what is left of that is only looked up for one who is near."""
+    """A robot on its way past others."""
 
     def __init__(self, robot: Address, radius_m: float, stops_m: Sequence[Place], ways: Ways) -> None:
         self.robot, self.radius_m, self.here_m = robot, radius_m, stops_m[0]
@@ -42,17 +42,18 @@ class Passing:
 
     @cached_property
     def way(self) -> list[Place]:
-        """What is left of its way, its later places included."""
+        """Rest of its way, its later places included."""
+        # looked up only if the robot is near one that may have to make room
         legs = [self._ways.way(self.radius_m, a, b) or [b] for a, b in pairwise(self._stops_m)]
         return [self.here_m, *(place for leg in legs for place in leg)]
 
 
 Request: TypeAlias = tuple[str, Retreat | Go | Halt]
-"""The deployment's name, and what one of its robots is to do."""
+"""A deployment's name, and what one of its robots is to do."""
 
 
-class Room:
-    """Who stands aside, and who is to."""
+class MakingRoom:
+    """The robots that stand aside, and those that are to."""
 
     def __init__(self, crew: Crew, ways: Ways, parameters: ExecutiveParameters) -> None:
         self._crew, self._ways, self._parameters = crew, ways, parameters
@@ -60,7 +61,7 @@ class Room:
 
     @property
     def away(self) -> Collection[Address]:
-        """The robots that are not at their posts."""
+        """Robots that are not at their posts."""
         return self._steps.keys()
 
     def back(self, robot: Address) -> None:
@@ -68,11 +69,11 @@ class Room:
         self._steps.pop(robot, None)
 
     def doubt(self, robots: Collection[Address]) -> None:
-        """Take *robots* to stand aside, perhaps: whoever ordered them has died."""
+        """Note that *robots* may stand aside: the host that ordered them has died."""
         self._steps |= dict.fromkeys(robots, _Step.DOUBTED)
 
     def requests(self, progress: Progress, places: Mapping[Address, Whereabouts]) -> list[Request]:
-        """Return who is to step aside now, and who to come back."""
+        """Return which robots are to step aside now, and which to come back."""
         requests = list[Request]()
         standing = set[Address]()
         busy = progress.errands().keys() if self._steps or any(d.leaping for d in progress.deployments.values()) else ()
@@ -90,6 +91,7 @@ class Room:
                     continue
                 standing.add(robot)
                 request: Retreat | Go | Halt | None = self._request(robot, deploying.stands_m[robot], passing)
+                # its post is no longer wanted: do not send it back there
                 if node.state is State.TERMINATED and isinstance(request, Go):
                     request = Halt(robot=robot)
                     self.back(robot)
@@ -100,7 +102,7 @@ class Room:
         return requests
 
     def _passing(self, robot: Address, deploying: Deploying, at: Whereabouts) -> Passing:
-        """Return a robot that moves."""
+        """Return a robot of a deployment that moves, with the places that it has still to pass."""
         stops_m = deploying.ahead_m(robot) or [deploying.post_m(robot)]
         return Passing(robot, self._crew.radius_m(robot), [(at.x_m, at.y_m), *stops_m], self._ways)
 
@@ -126,7 +128,8 @@ class Room:
 
 
 def _posted(progress: Progress) -> dict[Address, str]:
-    """Return the last deployment in which each robot has a post: it has left those of deployments before."""
+    """Return the last deployment in which each robot has a post."""
+    # later entries replace earlier ones: a robot has left the posts of deployments before
     return {
         robot: name
         for name, deploying in progress.deployments.items()

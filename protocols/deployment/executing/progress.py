@@ -1,7 +1,7 @@
-"""How far a plan has come: a function of the plan, when it was begun, and the facts so far.
+"""How far a plan has come: a function of the plan, of its start, and of the facts so far.
 
-Nothing here depends on when a fact was heard, only on when it became true. What a progress wants of the robots follows
-from the leaves that run; to make orders of that is the executive's business.
+Nothing here depends on when a fact was received, only on when it became true. What the robots are to do follows from
+the leaves that run; the executive makes orders of it.
 """
 
 import math
@@ -22,44 +22,44 @@ from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record, Switche
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import UNSTAGED, Deployment, Explore, Go, Photo, Place, Staging, Strategy, Task
 
-# ---------------------------------------------------------------- who plays which part
-# Who does what in a play that is under way: who is lost, who stands where, who has taken over from whom.
+# ---------------------------------------------------------------- casting
+# Which robot plays which part of a plan under way, which robots are lost, and where they stand.
 
 
 class Casting:
-    """The robots of a crew, as far as a plan has to do with them."""
+    """The robots of a crew and their parts in a plan."""
 
     def __init__(self, record: Record, crew: Crew, length: Length, draft: bool) -> None:
         self._crew, self._length = crew, length
         self._reserve = set(crew.robots) - set(record.plan.robots) if draft else set[Address]()
-        """Robots that may take over: those that the plan makes no use of, and that have not taken over yet."""
+        """Spare robots: those that the plan makes no use of, and that have not taken over a part yet."""
         self._roles: dict[Address, Address] = {}
-        """Who has taken over from a lost robot, outside deployments."""
+        """Robot that has taken over from a lost one, outside deployments."""
         self.lost: set[Address] = set()
         self._bodies_m: dict[Address, Place] = {}
-        """Where the lost ones were last, if that is known."""
+        """Last known places of lost robots."""
         self.stands_m: dict[Address, Place] = dict.fromkeys(crew.robots, crew.base_m) | record.starts_m
-        """Where a robot has been ordered to, and arrived at, last."""
+        """Place at which each robot has arrived last by an order."""
 
     def role(self, robot: Address) -> Address:
-        """Return who plays the part of *robot* now."""
-        while robot in self._roles:
+        """Return the robot that plays the part of *robot* now."""
+        while robot in self._roles:  # a substitute can be lost in turn
             robot = self._roles[robot]
         return robot
 
     def lose(self, robot: Address, place_m: Place | None) -> None:
-        """Note that a robot is lost; its body may stand in the way of who is to take its place."""
+        """Note that a robot is lost, and where its body stands, if that is known."""
         self.lost.add(robot)
-        if place_m is not None:
+        if place_m is not None:  # the body may cover a place that another robot is to take
             self._bodies_m[robot] = place_m
 
     def find(self, robot: Address) -> None:
-        """Note that a robot is lost no more."""
+        """Note that a robot is no longer lost."""
         self.lost.discard(robot)
         self._bodies_m.pop(robot, None)
 
     def covered(self, robot: Address, place_m: Place) -> bool:
-        """Return whether a lost robot's body stands where *robot* would stand at a place."""
+        """Return whether a lost robot's body covers a place for *robot*."""
         radius_m = self._crew.radius_m(robot)
         return any(
             math.dist(place_m, body_m) < radius_m + self._crew.radius_m(other)
@@ -67,11 +67,11 @@ class Casting:
         )
 
     def draft(self, place_m: Place) -> Address | None:
-        """Return the spare robot that has the shortest way to a place, and take it; None: there is none."""
+        """Take the spare robot that has the shortest way to a place, and return it; None if there is none."""
         return self._take([Task(name="draft", act=Go(robot=0, place_m=place_m))])
 
     def recast(self, robot: Address, leaves: Iterable[Task]) -> bool:
-        """Give the part of *robot*, whose leaves are left, to a spare one; return whether there was one."""
+        """Give the part of *robot*, whose *leaves* are left, to a spare robot; return whether there was one."""
         spare = self._take(leaves)
         if spare is not None:
             self._roles[robot] = spare
@@ -84,13 +84,13 @@ class Casting:
 
 
 # ---------------------------------------------------------------- one deployment
-# One deployment under way: who is to end up where, and which place everybody has reached.
+# One deployment under way: where each robot is to end up, and which place it has reached.
 
 
 class Deploying:
-    """What the executive keeps of a :class:`Deployment` from its start to its end.
+    """The state of a :class:`Deployment` from its start to its end.
 
-    Its stages are made anew, under another number, as often as its robots or its strategy change.
+    Its stages are made again, under another number, whenever its robots or its strategy change.
     """
 
     def __init__(
@@ -109,30 +109,30 @@ class Deploying:
         if strategy is not None:
             self.switch(strategy)
         self._team = list(task.act.robots)
-        """Its robots and those that were drafted, living or lost."""
+        """Robots of the deployment and those that were drafted, living or lost."""
         self.posts = {robot: number for number, robot in enumerate(task.act.robots)}
-        """The number of the place at which each of its living robots is to end up."""
+        """Number of the place at which each living robot is to end up."""
         self.reached = dict.fromkeys(task.act.robots, NOWHERE)
-        """The number of the place that each robot has come to last."""
+        """Number of the place that each robot has come to last."""
         self.stands_m: dict[Address, Place] = {}
-        """Where those stand that have arrived, and were not sent on since."""
+        """Places of the robots that have arrived and were not sent on since."""
         self._number = self._rounds = 0
         self._goals: dict[str, int] = {}
-        """The number of the place that a task leads to."""
+        """Number of the place that a task leads to."""
 
     @property
     def leaping(self) -> bool:
-        """Whether robots that are deployed make room for others."""
+        """True if deployed robots make room for others."""
         return self.strategy == "leap_frog" and self.act.augmented
 
     @property
     def cast(self) -> tuple[Address, ...]:
-        """Whose each of the places was in the beginning; spare ones that were drafted stand in for the lost."""
+        """Robots in the order of the places as planned; drafted ones stand in for lost ones."""
         spares = iter([robot for robot in self.posts if robot not in self.act.robots])
         return tuple(robot if robot in self.posts else next(spares, robot) for robot in self.act.robots)
 
     def switch(self, strategy: Strategy) -> bool:
-        """Go on by another strategy, if this is by one; return whether that is so."""
+        """Go on by another strategy, if this deployment has stages; return whether it has."""
         staged = self.act.strategy not in UNSTAGED
         if staged:
             self.strategy = strategy
@@ -140,15 +140,15 @@ class Deploying:
 
     @property
     def fixed(self) -> bool:
-        """Whether nobody takes the place of one who is lost."""
+        """True if no robot takes the place of a lost one."""
         return self.act.strategy == "fixed"
 
     def post_m(self, robot: Address) -> Place:
-        """Return where a living robot of it is to end up."""
+        """Return the place at which a living robot is to end up."""
         return self.act.places_m[self.posts[robot]]
 
     def posted(self, robot: Address) -> bool:
-        """Return whether a robot has come to where it is to end up, and was not sent on since."""
+        """Return whether a robot has come to its place, and was not sent on since."""
         return robot in self.posts and not self._off(robot)
 
     def ahead_m(self, robot: Address) -> list[Place]:
@@ -158,11 +158,12 @@ class Deploying:
     # ------------------------------------------------------------ stages
 
     def tasks(self, casting: Casting) -> Sequence[Task]:
-        """Return the stages that are left for the robots that are left; for the first time, as they were planned."""
+        """Return the stages that are left for the robots that are left."""
         self._man(casting)
         stager = self._stager
         self._number += 1
         as_planned = self.posts == {robot: number for number, robot in enumerate(self.act.robots)}
+        # the first time the stages are those of the plan, with their names and constraints
         if self._number == 1 and self.strategy == self.act.strategy and as_planned:
             planned = expanded(self._task).subtasks
             self._note(planned)
@@ -172,13 +173,14 @@ class Deploying:
         return tasks
 
     def once_more(self, lost: Collection[Address]) -> list[Task]:
-        """Return what those have still to drive who are not at their places though all stages have ended.
+        """Return another stage for the robots that are not at their places though all stages have ended.
 
-        First to their own places, which were in others' way perhaps; then, if there are any, to other empty ones.
+        The first time they drive to their own places, then to other empty ones, if there are any.
         """
         away = [robot for robot in self.posts if self._off(robot) and robot not in lost]
         if not away or self._rounds == self._parameters.rounds:
             return []
+        # the first time their way to their own places may only have been blocked by robots under way
         if self._rounds:
             empty = sorted(set(range(len(self.act.places_m))) - set(self.posts.values()))
             self.posts |= dict(zip(away, empty, strict=False))
@@ -192,7 +194,7 @@ class Deploying:
         return Stager(self.act.places_m, self.strategy, self.act.augmented, self._crew, self._ways, self._parameters)
 
     def _man(self, casting: Casting) -> None:
-        """Give the places to the robots that are left, and to spare ones for as long as there are any."""
+        """Give the places to the robots that are left, and to spare robots while there are any."""
         if self.fixed:
             self._settle(casting)
             return
@@ -203,6 +205,7 @@ class Deploying:
             self.reached[spare] = NOWHERE
             living.append(spare)
         living = living[:size]
+        # robots keep their posts as long as they are the same; only direct drives are assigned by cost from the start
         if set(living) != set(self.posts) or (self.strategy == "direct" and self._number == 0):
             living.sort(key=lambda robot: self.posts.get(robot, size))
             self.posts = reassigned(
@@ -210,7 +213,7 @@ class Deploying:
             )
 
     def _settle(self, casting: Casting) -> None:
-        """Leave each its own place, but where a lost robot's body stands on that: it takes one that is open."""
+        """Leave each robot its own place; if a lost robot's body covers that, give it an open one."""
         self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
         for robot, post in self.posts.items():
             if casting.covered(robot, self.act.places_m[post]):
@@ -219,7 +222,8 @@ class Deploying:
                 self.posts[robot] = open_[0] if open_ else post
 
     def _passed(self) -> dict[Address, int]:
-        """Return the places that robots have reached; one that is not at its very post has come to that before it."""
+        """Return the places that robots have reached."""
+        # a robot that was near its post, but is not at it, counts as having reached the place before
         return {
             robot: min(self.reached[robot], post - 1)
             if self._off(robot) and self.reached[robot] == post
@@ -231,11 +235,11 @@ class Deploying:
         return self.stands_m.get(robot) != self.post_m(robot)
 
     def _note(self, tasks: Sequence[Task], exact: bool = True) -> None:
-        """Note where drives lead to; in stages that were made here their names say it, as places are augmented."""
+        """Note where drives lead to; *exact*: their places are those of the deployment."""
         for task in (inner for each in tasks for inner in each.walk()):
             if not isinstance(task.act, Go):
                 continue
-            if not exact:
+            if not exact:  # augmented places differ, but the names of our stages end in the place's number
                 self._goals[task.name] = int(task.name.rpartition("-")[2]) - 1
             elif task.act.place_m in self.act.places_m:
                 self._goals[task.name] = self.act.places_m.index(task.act.place_m)
@@ -247,13 +251,10 @@ class Deploying:
         self.stands_m.pop(robot, None)
 
     def arrived(self, name: str, robot: Address, place_m: Place, final: bool) -> None:
-        """Note that a robot has done a drive, to a place of this deployment or of one within it.
-
-        Who only passes, so that the drive was not *final*, has come as near as those let it that stand there.
-        """
+        """Note that a robot has done a drive, to a place of this deployment or of one within it."""
         if robot not in self.reached:
             return
-        if final:
+        if final:  # otherwise it only passes, and has come as near as the robots let it that stand there
             self.stands_m[robot] = place_m
         if name in self._goals:
             self.reached[robot] = self._goals[name]
@@ -265,7 +266,7 @@ class Deploying:
         return robot in self._team and robot not in self.posts and len(self.posts) < len(self.act.places_m)
 
     def verdict(self, lost: Collection[Address]) -> tuple[str, bool]:
-        """Return why it has failed now that its stages have ended (empty: it has not), and if for want of robots."""
+        """Return why the deployment has failed at its end (empty: it has not), and whether for want of robots."""
         if not self.posts or set(self.posts) <= set(lost):
             return "nobody is left to do it", True
         away = [robot for robot in self.posts if self._off(robot)]
@@ -292,11 +293,11 @@ class End(NamedTuple):
     why: str
     at: Time
     robot: Address | None
-    """Whose it was, if it was one robot's."""
+    """Robot that did it, if it was one robot's."""
 
 
 class Progress:
-    """A plan under way, in the time of its facts. It is the director of its task tree."""
+    """A plan under way, in the time of its facts; the director of its task tree."""
 
     def __init__(
         self,
@@ -312,18 +313,18 @@ class Progress:
         self._windows = Timetable(plan, start)
         self._strategy: Strategy | None = None
         self.casting = Casting(record, crew, length, parameters.draft)
-        """Who does what: to look at."""
+        """Which robot plays which part; not to be changed."""
         self._taken = 0
         self.deployments: dict[str, Deploying] = {}
-        """Those that have begun, by name."""
+        """Deployments that have begun, by name."""
         self.lost = self.casting.lost
         """Robots that are taken for lost."""
         self.heard: dict[tuple[str, Address], Ended] = {}
-        """What robots have reported, by the task's name and theirs."""
+        """Reports, by the task's name and the robot."""
         self.ends: list[End] = []
-        """Tasks in the order in which they ended, until somebody clears it."""
+        """Tasks in the order in which they ended; to be cleared by the executive."""
         self.time = start
-        """ns, of the last instant at which anything happened."""
+        """Last instant at which anything happened, ns."""
         self.tree = TaskTree(plan.root, self)
         self._settle()
         self._wake = self._next()
@@ -331,7 +332,7 @@ class Progress:
     # ------------------------------------------------------------ time and facts
 
     def run(self, facts: Sequence[Fact], now: Time) -> None:
-        """Go on to *now* with *facts*, all in their order; those that were taken before are known."""
+        """Run to *now* with all *facts* in their order; skip those that were taken before."""
         while (due := self._due(facts)) is not None and due <= now:
             self.time = max(due, self.time)
             while self._taken < len(facts) and facts[self._taken].at <= self.time:
@@ -345,7 +346,7 @@ class Progress:
         return self._wake if fact is None else fact if self._wake is None else min(fact, self._wake)
 
     def wake_at(self) -> Time | None:
-        """Return when something happens by itself."""
+        """Return when something happens without a fact; None if never."""
         return self._wake
 
     def _next(self) -> Time | None:
@@ -376,9 +377,10 @@ class Progress:
                     self.tree.terminate(wanted, self.time, "as was ordered")
 
     def _settle(self) -> None:
-        """Do all that follows at this instant."""
+        """Do everything that follows at this instant."""
+        # one end can start, end or break other tasks at the same instant
         while not self.tree.over:
-            self._conclude()  # before anything runs out of time at this instant
+            self._conclude()  # a report of this instant counts, even if time runs out now
             self.tree.advance(self.time)
             if self._conclude():
                 continue
@@ -388,14 +390,14 @@ class Progress:
                 return
 
     def _conclude(self) -> bool:
-        """End the leaves of which all is heard, those that are done before others; return whether there was one."""
+        """End the leaves that all their robots have reported, done ones first; return whether there was one."""
         found = False
         for leaf, report in self._reported():
             if report.result is Result.DONE:
                 self.tree.finish(leaf)
                 found = True
         for leaf, report in self._reported():
-            if leaf.over:  # one that failed before it in the list has ended it
+            if leaf.over:  # a failure before it in the list has ended it
                 continue
             found = True
             if report.result is Result.FAILED:
@@ -405,7 +407,7 @@ class Progress:
         return found
 
     def _reported(self) -> list[tuple[Node, Ended]]:
-        """Return the leaves of which all is heard, each with the report that counts."""
+        """Return the leaves that all their robots have reported, each with the report that counts."""
         found = list[tuple[Node, Ended]]()
         for leaf in self.tree.running():
             robots = () if leaf.reached else self.robots(leaf) or ()
@@ -416,6 +418,7 @@ class Progress:
 
     def _loosen(self) -> bool:
         """Give up a window for which everything would wait for ever; return whether there was one."""
+        # a robot at work, or a wait, still makes something happen
         if any(claims(leaf.task) and not leaf.reached for leaf in self.tree.running()):
             return False
         if self.tree.wake_at(self.time) is not None:
@@ -426,15 +429,15 @@ class Progress:
 
     @property
     def tries(self) -> int:
-        """Return how often a drive of a deployment is begun before it is passed over."""
+        """Number of times that a drive of a deployment is begun before it is passed over."""
         return self._tries
 
     def opens(self, node: Node, edge: Edge, now: Time) -> Time | None:
-        """Return when a task's windows let it start or end."""
+        """Return when a task's windows let it start or end; None if not known yet."""
         return self._windows.opens(node.task.name, edge, now)
 
     def robots(self, node: Node) -> frozenset[Address] | None:
-        """Return who does a leaf; None: those who could are lost."""
+        """Return the robots that do a leaf; None if all that could are lost."""
         living = frozenset(self.casting.role(robot) for robot in claims(node.task)) - self.lost
         return living if living or not claims(node.task) else None
 
@@ -447,12 +450,12 @@ class Progress:
         return deploying.tasks(self.casting)
 
     def once_more(self, node: Node) -> Sequence[Task]:
-        """Return what is still to be done for a deployment whose stages have ended."""
+        """Return the tasks that are still to be done for a deployment whose stages have ended."""
         deploying = self.deployments.get(node.task.name)
         return deploying.once_more(self.lost) if deploying else ()
 
     def verdict(self, node: Node) -> tuple[str, bool]:
-        """Return why a deployment whose stages have ended has failed, if it has."""
+        """Return why a deployment has failed at its end (empty: it has not), and whether for want of robots."""
         deploying = self.deployments.get(node.task.name)
         return deploying.verdict(self.lost) if deploying else ("", False)
 
@@ -465,7 +468,7 @@ class Progress:
                     deploying.left(robot)
 
     def ended(self, node: Node, now: Time) -> None:
-        """Note the end of a task, and where it has left its robot."""
+        """Note the end of a task, and the place of its robot."""
         self._windows.closed(node.task.name, now)
         robots = sorted(self.robots(node) or ()) if not node.children else ()
         self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
@@ -475,17 +478,19 @@ class Progress:
             for deploying in self.deployments.values():
                 deploying.arrived(node.task.name, robots[0], act.place_m, act.final)
 
-    # ------------------------------------------------------------ what is wanted
+    # ------------------------------------------------------------ what robots are to do
 
     def errands(self) -> dict[Address, tuple[str, Go | Photo | Explore]]:
-        """Return what every robot is to be at, with the task's name."""
+        """Return the task's name and the act of each robot that is to do something."""
         errands = dict[Address, tuple[str, Go | Photo | Explore]]()
         for leaf in self.tree.running():
             act = leaf.task.act
+            # a leaf that only waits for its window has nothing left to do
             if leaf.reached or not isinstance(act, Go | Photo | Explore):
                 continue
             robots = self.robots(leaf) or frozenset()
             for robot in sorted(robots):
+                # substitutes stand in for lost robots, also in the act
                 changed = {"robots": tuple(sorted(robots))} if isinstance(act, Explore) else {"robot": robot}
                 errands[robot] = leaf.name, act.model_copy(update=changed)
         return errands
@@ -493,7 +498,7 @@ class Progress:
     # ------------------------------------------------------------ robots that come and go
 
     def misses(self, robot: Address) -> bool:
-        """Return whether what *robot* was to do was left, as it was lost, and nobody has done it in its place."""
+        """Return whether a part of *robot* was left undone when it was lost, and no other robot has taken it over."""
         if any(deploying.misses(robot) for deploying in self.deployments.values()):
             return True
         left = any(node.lost and robot in claims(node.task) for node in self.tree.root.walk())
@@ -516,7 +521,7 @@ class Progress:
                 self._deploy_again(deploying, node)
 
     def _lose(self, robot: Address, place_m: Place | None) -> None:
-        """Give the posts and roles of a robot that fell silent, at a place, to others."""
+        """Give the posts and roles of a robot that fell silent to others; *place_m*: where it was last."""
         if robot in self.lost:
             return
         self.casting.lose(robot, place_m)
@@ -525,6 +530,7 @@ class Progress:
                 self._deploy_again(deploying, node)
         left = _leaves(self.tree.root)
         leaves = [leaf for leaf in left if robot in {self.casting.role(each) for each in claims(leaf.task)}]
+        # the other explorers go on without it
         alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
         if alone:
             self.casting.recast(robot, [leaf.task for leaf in alone])
@@ -536,7 +542,7 @@ class Progress:
 
 
 def _leaves(root: Node) -> list[Node]:
-    """Return the leaves that have not ended, those of deployments left out."""
+    """Return the leaves that have not ended, without those of deployments."""
     leaves = list[Node]()
     pending = [root]
     while pending:

@@ -1,8 +1,8 @@
-"""Who takes over from robots that have fallen silent: posts of a deployment, and roles in the rest of a plan.
+"""Recovery from the loss of robots: others get their posts in a deployment, and their roles in the rest of a plan.
 
-A deployment that has lost robots occupies as many places as it has robots left, the first ones in the play's order; who
-goes where costs least in all, by the routes from where the robots are known to have been last ("chooses the lowest-cost
-robot-to-destination assignment", paper 004, section 4). A wave keeps its order: who is ahead stays ahead.
+A deployment that has lost robots occupies as many places as it has robots left, the first ones in the play's order.
+The assignment is that of least cost in all, by the routes from where the robots were known to be last ("chooses the
+lowest-cost robot-to-destination assignment", paper 004, section 4). A wave keeps its order: a robot ahead stays ahead.
 """
 
 import math
@@ -17,16 +17,16 @@ from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.plan import Go, Photo, Place, Staging, Task
 
 Length: TypeAlias = Callable[[Address, Place, Place], float]
-"""m, of a robot's route; inf: there is none."""
+"""Returns the length of a robot's route, m; inf if there is none."""
 
-_NO_WAY_M: Final = 1e9
-"""Instead of infinity, which an assignment cannot add."""
-_ORDER_M: Final = 1e-6
-"""What a change of order by one place costs: of assignments that cost the same the most orderly is taken."""
+_NO_WAY_M: Final = 1e9  # an assignment cannot add infinities
+"""Cost of a route that does not exist."""
+_ORDER_M: Final = 1e-6  # decides among assignments of the same cost
+"""Cost of a change of order by one place."""
 
 
 def lengths(crew: Crew, ways: Ways) -> Length:
-    """Return a function that asks the map for a robot's route once for every pair of places."""
+    """Return a function that looks up a robot's route once for each pair of places."""
     known = dict[tuple[float, Place, Place], float]()
 
     def length(robot: Address, a: Place, b: Place) -> float:
@@ -48,10 +48,9 @@ def reassigned(
     length: Length,
     covered: Callable[[Address, Place], bool] = lambda robot, place_m: False,
 ) -> dict[Address, int]:
-    """Return which of the first places each of *robots* ends up at; they are given in the order of their old posts.
+    """Return which of the first places each of *robots* ends up at; the robots come in the order of their old posts.
 
-    Places that are *covered* by a lost robot's body, so that nobody can stand there, are the last to be occupied. Where
-    all drive at once and directly the squares of their ways are added: in a corridor nobody then has to pass another.
+    Places that are *covered* by a lost robot's body, so that no robot can stand there, are occupied last.
     """
     size = min(len(robots), len(places_m))
     open_first = sorted(
@@ -61,6 +60,7 @@ def reassigned(
     if strategy == "wave":
         order = sorted(range(len(robots)), key=lambda at: (reached[robots[at]], at))
         return {robots[at]: post for post, at in zip(posts, order, strict=False)}
+    # where all drive at once, squares of ways are added: then no robot has to pass another in a corridor
     power = 2.0 if strategy == "direct" else 1.0
     costs = np.array(
         [
@@ -80,9 +80,9 @@ def reassigned(
 def substitute(
     tasks: Iterable[Task], spares: Iterable[Address], stands_m: Mapping[Address, Place], crew: Crew, length: Length
 ) -> Address | None:
-    """Return the spare robot that can do *tasks*, leaves of a lost one in their order, and has the shortest way there.
+    """Return the spare robot that can do *tasks*, leaves of a lost one in order, and has the shortest way to them.
 
-    It has a camera if a picture is to be taken, and a way to every place; None: no spare has.
+    It has a camera if a picture is to be taken, and a way to every place; None if no spare robot has these.
     """
     acts = [task.act for task in tasks]
     pictures = any(isinstance(act, Photo) for act in acts)

@@ -1,16 +1,16 @@
-"""When tasks may start and end: the temporal constraints of a plan, while it is executed.
+"""The temporal constraints of a plan while it is executed: when tasks may start and end.
 
 The starts and ends of tasks are the nodes of a simple temporal network (Dechter, Meiri and Pearl 1991), in which what
 has happened is fixed and all else lies in the future. A constraint "from a to b after" is two edges; the hierarchy of
-tasks adds those that hold anyway. Two passes give what is still possible:
+tasks adds edges that always hold. Two passes give what is still possible:
 
 * the earliest an instant can be: an instant that waits for another's window is held back until then, so that a plan
   whose lengths are what it says is executed without violating it (the earliest times solve the network);
-* the latest: as soon as an instant's earliest exceeds its latest, a window is certain to break. It is named, and
+* the latest: as soon as an instant's earliest exceeds its latest, a window is certain to break. It is reported and
   dropped, so that the rest goes on.
 
-"Certain" is meant of a plan in which nothing fails from here on. A task that never starts has no instants: constraints
-on it are void. Times are nanoseconds, and exact.
+"Certain" means: if nothing fails from now on. A task that never starts has no instants, so constraints on it are void.
+Times are nanoseconds, and exact.
 """
 
 from collections.abc import Mapping
@@ -31,13 +31,13 @@ class Breach(NamedTuple):
     constraint: int
     """Index among the plan's constraints."""
     at: Time
-    """ns, when that became certain."""
+    """Time at which that became certain, ns."""
     why: str
-    """In words: who asked for it, between what."""
+    """The constraint in words, and who asked for it."""
 
 
 class _Bound(NamedTuple):
-    """*later* is at least *least* ns after *earlier*; of a constraint of the plan, or (None) of the hierarchy."""
+    """A lower bound: *later* is at least *least* ns after *earlier*; *constraint* is None for the hierarchy's own."""
 
     earlier: Point
     later: Point
@@ -46,7 +46,7 @@ class _Bound(NamedTuple):
 
 
 class Timetable:
-    """Which instants of a plan have happened, and what its constraints allow for the others."""
+    """The instants of a plan that have happened, and what its constraints allow for the others."""
 
     def __init__(self, plan: Plan, start: Time) -> None:
         self._constraints = plan.constraints
@@ -59,7 +59,7 @@ class Timetable:
         self._breaches: list[Breach] = []
         self._broken: set[int] = set()
         self._eased: set[tuple[int, bool]] = set()
-        """Instants that wait for each other, and may be at once: one goes first, when the other could be."""
+        """Bounds between instants that wait for each other and may be simultaneous: one of them goes first."""
 
     def _add(self, number: int, between: Between) -> None:
         earlier, later = _point(between.earlier), _point(between.later)
@@ -72,13 +72,13 @@ class Timetable:
     # ------------------------------------------------------------ what happens
 
     def happened(self, name: str, edge: Edge, at: Time) -> None:
-        """Fix an instant. One that happens again (a task that is done once more) keeps its first start."""
+        """Fix an instant; a task that is done again keeps its first start."""
         if self._open and (edge == "end" or (name, edge) not in self._happened):
             self._happened[name, edge] = at
             self._computed = None
 
     def closed(self, name: str, at: Time) -> None:
-        """Fix the end of a task; what was wanted of one that has never started is void."""
+        """Fix the end of a task; drop the constraints on one that has never started."""
         if (name, "start") in self._happened:
             self.happened(name, "end", at)
         else:
@@ -99,10 +99,10 @@ class Timetable:
     # ------------------------------------------------------------ what is allowed
 
     def opens(self, name: str, edge: Edge, now: Time) -> Time | None:
-        """Return when an instant may be; None: that depends on something that has not happened.
+        """Return when an instant may happen; None if that depends on something that has not happened.
 
-        It may be as soon as all that is to be before it has happened, so long ago; and if something is to be soon after
-        it, not before that can be.
+        It may happen when all instants before it have happened, for long enough; and if another is to follow soon after
+        it, not before that one can happen.
         """
         if not self._open:
             return now
@@ -135,9 +135,9 @@ class Timetable:
             self._give_up(broken, now)
 
     def loosen(self, name: str, edge: Edge, now: Time) -> bool:
-        """Let an instant be that waits for what waits for it in turn; return whether it does.
+        """Let an instant happen that waits for one that waits for it in turn; return whether it does.
 
-        If both may be at once, it goes first: whether the other follows will be seen. Otherwise a window is broken.
+        If both may be simultaneous, it goes first, and the other may follow. Otherwise a window is broken.
         """
         point = (name, edge)
         for key, bound in self._open.items():
@@ -159,10 +159,11 @@ class Timetable:
             self._breaches.append(Breach(number, now, _words(self._constraints[number])))
 
     def wake_at(self, now: Time) -> Time | None:
-        """Return when the next window is certain to break, if nothing happens."""
+        """Return when the next window is certain to break if nothing happens; None if none is."""
         if not self._open:
             return None
         _, _, latest = self._times(now)
+        # at the latest instant itself a window is still kept
         return min((at + 1 for point, at in latest.items() if point not in self._happened and at >= now), default=None)
 
     # ------------------------------------------------------------ the network
@@ -171,7 +172,7 @@ class Timetable:
         return [*self._structure, *self._open.values()]
 
     def _times(self, now: Time) -> tuple[dict[Point, Time], dict[Point, Time], dict[Point, Time]]:
-        """Return the earliest of all instants, the earliest with nothing new before *now*, and the latest of some."""
+        """Return the earliest of all instants, that with nothing new before *now*, and the latest of some."""
         if self._computed is None or self._computed[0] != now:
             bounds = self._bounds()
             self._computed = (
@@ -201,6 +202,7 @@ class Timetable:
         times = dict(self._happened)
         for _ in range(len(bounds) + 1):
             changed = False
+            # backwards, as latest instants follow from later ones: fewer rounds
             for earlier, later, least, _ in reversed(bounds):
                 if earlier in self._happened or later not in times:
                     continue
@@ -215,8 +217,8 @@ class Timetable:
     def _contradiction(self, now: Time) -> tuple[int, bool] | None:
         """Return the side of a constraint that closes a contradiction; None if there is none.
 
-        Bounds are followed from what has happened, or cannot be before now, to what has happened: the first that asks
-        for more than there was, or than any schedule has, is found with the way that led to it.
+        Bounds are followed from instants that have happened, or cannot happen before now, to instants that have
+        happened. The first bound that demands more than the time there was, or than any schedule has, closes it.
         """
         bounds = self._bounds()
         times = dict(self._happened)

@@ -1,15 +1,15 @@
 """Running task trees: serial and parallel tasks, time-outs, exception handlers, and subtrees that end by one command.
 
 After the Task Description Language (Simmons and Apfelbaum 1998; paper 004, section 5). A task waits, runs, and ends as
-done, failed or terminated; ``TABLE`` is all it can do. A tree is advanced from instant to instant, and depends on
-nothing but what it was told and when: so it can be run again with what has become known only later.
+done, failed or terminated; ``TABLE`` holds all its transitions. A tree is advanced from instant to instant, and depends
+only on its inputs and their times, so it can be run again with inputs that have become known later.
 
-* A task starts as its parent runs, its elder sibling (in a serial parent) has ended, its windows are open, and its
+* A task starts when its parent runs, its elder sibling (in a serial parent) has ended, its windows are open, and its
   robots have nothing else to do. A parent ends with its last subtask.
-* A task that fails passes on to its parent what its ``on_failure`` says: ``skip``, nothing; ``retry``, nothing for the
-  first time: it is done once more, as ``NAME~2``; ``fail``, the parent's failure, which terminates its other subtasks.
-* A task that was terminated counts as one that was done. One that failed for want of robots (*lost*) is passed over,
-  unless its parent has nothing else: then that failed for want of robots too.
+* Its ``on_failure`` says what the failure of a task means to its parent: ``skip``, nothing; ``retry``, nothing the
+  first time: the task is done again, as ``NAME~2``; ``fail``, the parent fails and terminates its other subtasks.
+* A task that was terminated counts as done. One that failed for want of robots (*lost*) is passed over, unless all
+  subtasks of its parent have: then the parent has failed for want of robots too.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ from protocols.deployment.tasks.plan import Deployment, Task, Wait, actors
 
 
 class State(StrEnum):
-    """Where a task is."""
+    """State of a task."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -33,7 +33,7 @@ class State(StrEnum):
 
 
 class Input(StrEnum):
-    """What happens to a task."""
+    """Input of a task."""
 
     BEGIN = "begin"
     FINISH = "finish"
@@ -62,11 +62,11 @@ TABLE: Final = {
     (State.TERMINATED, Input.TERMINATE): ("ignore", State.TERMINATED),
     (State.TERMINATED, Input.RENEW): ("renew", State.WAITING),
 }
-"""(state, input) -> (action, next state); what is not here is our own mistake."""
+"""(state, input) -> (action, next state); any other pair is our own misuse."""
 
 
 class Node:
-    """A task of the tree, and how it goes."""
+    """A task of the tree, and its state."""
 
     __slots__ = (
         "attempt",
@@ -89,43 +89,43 @@ class Node:
         self.children: list[Node] = []
         self.state = State.WAITING
         self.tries = tries
-        """How often it may be begun by what its parent makes of it; 0: as its ``on_failure`` says."""
+        """Number of times that it may be begun; 0: as its ``on_failure`` says."""
         self.attempt = 1
-        """How often it has been begun in all, or would have been."""
+        """Number of times that it has been begun in all, the present one included."""
         self.tried = 1
-        """How often since its parent began."""
+        """Number of times since its parent began."""
         self.began: Time | None = None
         self.ended: Time | None = None
         self.reached = False
-        """Done but for the window of its end, which is not open yet."""
+        """True if its work is done; its end may wait for a window."""
         self.lost = False
-        """Failed for want of robots."""
+        """True if it has failed for want of robots."""
         self.why = ""
 
     @property
     def name(self) -> str:
-        """What it is called in orders and reports: ``NAME``, ``NAME~2`` when done once more."""
+        """Name in orders and reports: ``NAME``, and ``NAME~2`` when it is done again."""
         return self.task.name if self.attempt == 1 else f"{self.task.name}~{self.attempt}"
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """True if it has ended."""
         return self.state in ENDED
 
     @property
     def passed(self) -> bool:
-        """Whether it has ended and lets the next one start."""
+        """True if it has ended and lets the next one start."""
         return self.over and not self.again
 
     @property
     def again(self) -> bool:
-        """Whether it has failed and is to be done once more."""
+        """True if it has failed and is to be done again."""
         most = self.tries or (2 if self.task.on_failure == "retry" else 1)
         return self.state is State.FAILED and not self.lost and self.tried < most
 
     @property
     def spoils(self) -> bool:
-        """Whether its failure is its parent's."""
+        """True if its failure is its parent's."""
         return self.state is State.FAILED and not (self.lost or self.tries or self.task.on_failure == "skip")
 
     def walk(self) -> Iterator["Node"]:
@@ -136,36 +136,36 @@ class Node:
 
 
 class Director(Protocol):
-    """What a tree asks about its tasks."""
+    """The questions that a tree asks about its tasks, and the changes that it reports."""
 
     @property
     def tries(self) -> int:
-        """Return how often a leaf of a deployment is begun before it is passed over."""
+        """Number of times that a leaf of a deployment is begun before it is passed over."""
 
     def opens(self, node: Node, edge: Edge, now: Time) -> Time | None:
-        """Return when *node* may start or end; None: not known yet."""
+        """Return when *node* may start or end; None if not known yet."""
 
     def robots(self, node: Node) -> frozenset[Address] | None:
-        """Return who is needed for a leaf; None if nobody can do it any more."""
+        """Return the robots that a leaf needs; None if no robot can do it any more."""
 
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
         """Return the subtasks of a deployment that begins."""
 
     def once_more(self, node: Node) -> Sequence[Task]:
-        """Return the subtasks that a task still needs that has reached its end; none: it ends."""
+        """Return the subtasks that a task which has reached its end still needs; if none, it ends."""
 
     def verdict(self, node: Node) -> tuple[str, bool]:
-        """Return why a task that has reached its end has failed (empty: it has not), and if for want of robots."""
+        """Return why a task has failed at its end (empty: it has not), and whether for want of robots."""
 
     def began(self, node: Node, now: Time) -> None:
         """Note that a task begins."""
 
     def ended(self, node: Node, now: Time) -> None:
-        """Note that a task has ended, and is not done once more; one that was dropped has never begun."""
+        """Note that a task has ended, and is not done again; one that was dropped has never begun."""
 
 
 class TaskTree:
-    """All tasks of a plan, from its start on. Times are those of the events, and never decrease."""
+    """All tasks of a plan, from its start on; times are those of the inputs, and never decrease."""
 
     def __init__(self, root: Task, director: Director) -> None:
         self._director = director
@@ -178,7 +178,7 @@ class TaskTree:
             "ignore": lambda node, now: None,
         }
         self.results: dict[str, Result] = {}
-        """How tasks have ended, those that have left the tree included."""
+        """Results of tasks that have ended, those that have left the tree included."""
         self.root = self._grow(root, None, 0)
 
     def _grow(self, task: Task, parent: Node | None, tries: int) -> Node:
@@ -190,11 +190,11 @@ class TaskTree:
 
     @property
     def over(self) -> bool:
-        """Whether the whole tree has ended."""
+        """True if the whole tree has ended."""
         return self.root.over
 
     def get(self, name: str) -> Node | None:
-        """Return the node of a task of the plan."""
+        """Return the node of a task by its name; None without one."""
         return self._nodes.get(name)
 
     def running(self) -> list[Node]:
@@ -214,7 +214,7 @@ class TaskTree:
         return {node.task.name: node.state.value for node in self.root.walk()}
 
     def wake_at(self, now: Time) -> Time | None:
-        """Return when something happens by itself: a wait or a time-out ends, a window opens."""
+        """Return when something happens without an input: a wait or a time-out ends, or a window opens."""
         return min((at for node in self.root.walk() if (at := self._due(node, now)) is not None), default=None)
 
     def _due(self, node: Node, now: Time) -> Time | None:
@@ -243,35 +243,36 @@ class TaskTree:
     # ------------------------------------------------------------ what happens
 
     def advance(self, now: Time) -> None:
-        """Do all that is due at *now*, until nothing more is."""
+        """Do everything that is due at *now*, until nothing more is."""
         while self._step(self.root, now):
             pass
 
     def finish(self, node: Node) -> None:
-        """Note that a leaf's work is done: it ends as the tree is advanced, or later, when its window opens."""
+        """Note that a leaf's work is done: it ends when the tree is advanced and its window is open."""
         node.reached = True
 
     def fail(self, node: Node, now: Time, why: str, lost: bool = False) -> None:
-        """End a task as failed; what its parent makes of that follows."""
+        """End a task as failed, with what that means to its parent."""
         node.lost, node.why = lost, why
         self._apply(node, Input.FAIL, now)
 
     def terminate(self, node: Node, now: Time, why: str) -> None:
-        """End a task and all below it, as somebody wants."""
+        """End a task and all below it by a command."""
         if not node.over:
             node.why = why
         self._apply(node, Input.TERMINATE, now)
 
     def renew(self, node: Node, now: Time) -> None:
-        """Begin a leaf once more, under another name: somebody else is to do it."""
+        """Begin a leaf again, under another name: another robot is to do it."""
         self._apply(node, Input.RENEW, now)
 
     def graft(self, node: Node, subtasks: Sequence[Task], now: Time) -> None:
-        """Put *subtasks* in place of those of *node*, whatever these were doing."""
+        """Replace the subtasks of *node* by *subtasks*, and terminate those that were under way."""
         kept = {each.name for task in subtasks for each in task.walk()}
         for child in node.children:
             for each in child.walk():
                 self._nodes.pop(each.task.name, None)
+                # a task that stays, under its name, has not ended
                 if not each.over and each.task.name not in kept:
                     self._apply(each, Input.TERMINATE, now)
         node.children = [self._grow(each, node, self._director.tries) for each in subtasks]
@@ -289,6 +290,7 @@ class TaskTree:
         deadline, waits = self._deadline(node), self._waits_until(node)
         if waits is not None and waits <= now:
             node.reached = True
+        # before the time-out: a task that is done at its deadline is done
         if self._reached(node) and self._open(node, "end", now):
             self._conclude(node, now)
             return True
@@ -307,7 +309,7 @@ class TaskTree:
         return node.reached or node.task.act is None or isinstance(node.task.act, Deployment)
 
     def _ready(self, node: Node) -> bool:
-        """Return whether a task may start but for its windows."""
+        """Return whether a task may start, its windows aside."""
         parent = node.parent
         if parent is None:
             return True
@@ -340,7 +342,7 @@ class TaskTree:
         return True
 
     def _conclude(self, node: Node, now: Time) -> None:
-        """End a task that has reached its end and lacks nothing more: done, unless its subtasks say otherwise."""
+        """End a task that has reached its end, unless it needs more subtasks."""
         more = self._director.once_more(node)
         if more:
             self.graft(node, more, now)
@@ -375,6 +377,7 @@ class TaskTree:
             if not child.over:
                 self.terminate(child, now, f"{node.task.name} has ended")
         if node.again:
+            # a renewal for another robot starts the count again, this one does not
             tried = node.tried
             self._apply(node, Input.RENEW, now)
             node.tried = tried + 1
@@ -388,5 +391,5 @@ class TaskTree:
 
 
 def claims(task: Task) -> frozenset[Address]:
-    """Return the robots that a leaf keeps busy: those of a deployment are kept by what is made of it."""
+    """Return the robots that a leaf keeps busy; none for a deployment, whose stages do that."""
     return frozenset() if isinstance(task.act, Deployment) else frozenset(actors(task.act))

@@ -1,7 +1,7 @@
-"""The known floor as the maps of cells on which robots localise: for each size of cells that a robot has, one.
+"""The known floor as the maps of cells on which robots localise: one for each size of cells that a robot has.
 
-"Some robots have different map representations" (paper 004, section 7). A cell is occupied that a wall passes, or
-nearly: whose centre is at most half a cell off it; so a wall between two rows of cells is in both.
+"Some robots have different map representations" (paper 004, section 7). A cell is occupied if its centre is at most
+half a cell off a wall; so a wall between two rows of cells is in both.
 """
 
 import math
@@ -14,10 +14,11 @@ from cosim.navigation.localization.likelihood import KnownMap, known_map
 from cosim.protocol import Surroundings
 
 _HAIR: float = 1e-9
+"""Tolerance for rounding, m."""
 
 
-class Charts:
-    """The maps of a run's floor; each is made when it is asked for first, and shared by all who have its cells."""
+class KnownMaps:
+    """The maps of a run's floor; each is made when it is asked for first, and shared by all robots with its cells."""
 
     def __init__(self, surroundings: Surroundings) -> None:
         self._grid = segment_grid(surroundings.walls_m)
@@ -34,7 +35,7 @@ class Charts:
 
     def _made(self, cell_m: float, radius_m: float) -> KnownMap:
         x_min, y_min, x_max, y_max = self._bounds_m
-        # one more all round, so that walls at the bounds have two sides
+        # one more cell all round, so that walls at the bounds have two sides
         origin_m = x_min - cell_m, y_min - cell_m
         nx, ny = (math.ceil(extent / cell_m - _HAIR) + 2 for extent in (x_max - x_min, y_max - y_min))
         xs, ys = origin_m[0] + (np.arange(nx) + 0.5) * cell_m, origin_m[1] + (np.arange(ny) + 0.5) * cell_m

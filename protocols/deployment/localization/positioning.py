@@ -1,10 +1,10 @@
-"""Where a robot takes itself to be: where it is told, or where Monte Carlo localisation on the known map has it.
+"""Where a robot takes itself to be: at the given pose, or at the estimate of Monte Carlo localisation on the known map.
 
-The team of paper 004 localises itself "using Markov localization" on its map; so does a robot here whose frame is an
-odometry that drifts (:mod:`cosim.navigation.localization`). It begins where it knows that it starts. What it senses is
-then told in the map's frame: its pose, whom it sees, and how far its beams go; all by one shift of frames, so that what
-it sees stays where it is seen from it. Corrections of the filter come little by little, but they are no motion: how
-robots move is not read off places in that frame (:class:`protocols.motion.frames.Located`).
+The team of paper 004 localises itself "using Markov localization" on its map. So does a robot here whose odometry
+drifts (:mod:`cosim.navigation.localization`), beginning at its known start. Observations are then converted to the
+map's frame: pose, robots in sight and ranges, all by one shift, so that they stay consistent. The filter's corrections
+are applied little by little. Still they are no motion, so how robots move is not derived from places in that frame
+(:class:`protocols.motion.frames.Located`).
 """
 
 import math
@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 
 from cosim.arrays import Floats
-from cosim.machine import Address, Event
+from cosim.machine import Event
 from cosim.navigation.localization.likelihood import KnownMap
 from cosim.navigation.localization.localizer import Localizer
 from cosim.navigation.localization.motion import Pose
@@ -24,12 +24,10 @@ from cosim.randomness import Draws
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.localization.parameters import PositioningParameters
 from protocols.deployment.localization.scan import Scan, Sensor
-from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import Setup
 from protocols.motion.frames import Located, Shift
 
 _TELL_S: Final = 1.0
-"""So often a robot notes in the trace where it takes itself to be."""
+"""Interval between records of the pose in the trace."""
 _X_M = {"unit": "m", "meaning": "where it is"}
 _Y_M = {"unit": "m", "meaning": "where it is"}
 _HEADING = {"unit": "rad", "meaning": "where it heads"}
@@ -53,21 +51,21 @@ Tell: TypeAlias = Callable[[Event], None]
 
 
 class Positioning(Protocol):
-    """What tells a robot where it is."""
+    """Locates a robot: converts its observations to the map's frame."""
 
     @property
     def shift(self) -> Shift:
-        """From the robot's own frame to that of the map, as it is taken to be now."""
+        """Present estimate of the shift from the robot's own frame to that of the map."""
 
     def resume(self, shift: Shift) -> None:
-        """Begin with a shift that was kept where a crash of the robot's computer does not reach."""
+        """Begin with a shift that was kept on the robot's disk before it booted again."""
 
     def locate(self, observation: Observation) -> Observation:
-        """Return *observation* as told in the map's frame; to be asked once a tick."""
+        """Return *observation* in the map's frame; to be called once a tick."""
 
 
-class Told:
-    """What a sensor has seen, in the map's frame: the view of an observation."""
+class ShiftedView:
+    """The view of an observation, in the map's frame."""
 
     def __init__(self, observation: Observation, scan: Scan, shift: Shift) -> None:
         self._observation, self._scan, self._shift = observation, scan, shift
@@ -77,30 +75,30 @@ class Told:
         return self._observation.sees([self._shift.back(x, y) for x, y in points_m])
 
     def ranges_m(self) -> Floats:
-        """Return how far beams go along the directions of the map's frame."""
+        """Return the ranges of beams along the directions of the map's frame."""
         return self._scan.along_m(self._shift.turned_rad)
 
 
 class Given:
-    """The pose is what the robot is told: the truth, or odometry if that errs."""
+    """Takes the pose as given: the truth, or odometry if that errs."""
 
     def __init__(self, sensor: Sensor, frame: Pose, stream: np.random.Generator | None = None) -> None:
-        """Take the robot's own *frame*, as its pose in that of the map, and what its sensor draws noise from."""
+        """Take the robot's own *frame*, as a pose in that of the map, and the *stream* of its sensor's noise."""
         self._sensor, self.shift, self._stream = sensor, Shift(*frame), stream
         self._plain = sensor.whole and self.shift == Shift()
 
     def resume(self, shift: Shift) -> None:
-        """Do nothing: what is given is known."""
+        """Do nothing: the frame is known."""
 
     def locate(self, observation: Observation) -> Observation:
-        """Return *observation* as it is, but for beams that the sensor has not got."""
+        """Return *observation* in the map's frame, with the beams that the sensor has."""
         if self._plain:
             return observation
         return shifted(observation, self.shift, _scan(observation, self._sensor, self._stream))
 
 
 class Localised:
-    """The pose is the estimate of a filter on the map, which begins where the robot starts."""
+    """Takes the pose from a filter on the map, which begins where the robot starts."""
 
     def __init__(
         self,
@@ -113,7 +111,7 @@ class Localised:
         stream: np.random.Generator,
         tell: Tell,
     ) -> None:
-        """Take the robot's own *frame* (its pose in the map's), and the radii of all bodies."""
+        """Take the robot's own *frame* (a pose in the map's), and the radii of all bodies."""
         own, self._stream = parameters, stream
         draws = Draws(int(stream.integers(2**62)), "mcl")
         self._localizer = Localizer(known, sensor.directions, draws, own.filter)
@@ -141,40 +139,22 @@ class Localised:
             if self._ticks % self._told_ticks == 0:
                 self._tell(Positioned(*self.shift.pose(odometry), found.spread_m, found.share))
         self._ticks += 1
-        return Located.told(shifted(observation, self.shift, scan), odometry)
+        return Located.of(shifted(observation, self.shift, scan), odometry)
 
     def _settle(self, odometry: Pose, found: Pose) -> None:
-        """Come nearer to the shift that makes the pose of odometry what was *found*."""
+        """Move the shift towards the one that takes the odometry's pose to the pose *found*."""
         x, y, heading = self.shift.pose(odometry)
         dx, dy, turn = found[0] - x, found[1] - y, math.remainder(found[2] - heading, math.tau)
+        # a jump would look like motion to the driver, so small corrections are spread over time
         part = 1.0 if math.hypot(dx, dy) > self._own.jump_m else self._settled
         self.shift = Shift.between(odometry, (x + part * dx, y + part * dy, heading + part * turn))
 
 
-def positioning_of(
-    parameters: Parameters, setup: Setup, me: Address, stream: np.random.Generator, tell: Tell
-) -> Positioning:
-    """Return what tells robot *me* where it is; it draws from *stream*, if at all."""
-    own, ring = parameters.positioning, parameters.sonar
-    body, frame = setup.crew.bodies[me], setup.frames[me]
-    sensor = Sensor(setup.beams)
-    if body.sensor == "sonar":
-        sensor = Sensor(setup.beams, max(1, round(setup.beams / ring.beams)), ring.range_m, ring.noise_m)
-    if own.kind == "given":
-        return Given(sensor, frame, stream)
-    known = setup.charts.known(setup.floors[me].parameters.cell_m, body.radius_m)
-    radii_m = tuple(each.radius_m for each in setup.crew.bodies)
-    # the filter expects no more than the robot's own sensor can see
-    reach = {"range_m": min(sensor.range_m, setup.scan_range_m)}
-    own = own.model_copy(update={"filter": own.filter.model_copy(update=reach)})
-    return Localised(own, known, sensor, frame, radii_m, setup.tick, stream, tell)
-
-
 def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observation:
-    """Return *observation*, and what is scanned, in another frame."""
+    """Return *observation*, with its *scan*, in another frame."""
     x_m, y_m, heading_rad = shift.pose(observation[:3])
     sightings = tuple(Sighting(other, *shift.point(x, y)) for other, x, y in observation.sightings)
-    view = None if scan is None else Told(observation, scan, shift)
+    view = None if scan is None else ShiftedView(observation, scan, shift)
     return observation._replace(x_m=x_m, y_m=y_m, heading_rad=heading_rad, sightings=sightings, view=view)
 
 
@@ -183,7 +163,7 @@ def _scan(observation: Observation, sensor: Sensor, stream: np.random.Generator 
 
 
 class _Readings:
-    """Ranges for a filter, which become an array only when it looks at them: most ticks it does not."""
+    """Ranges for a filter, computed only when it converts them to an array: at most ticks it does not."""
 
     def __init__(self, observation: Observation, scan: Scan, radii_m: tuple[float, ...]) -> None:
         self._observation, self._scan, self._radii_m = observation, scan, radii_m

@@ -1,11 +1,11 @@
-"""A scan, from the frame in which it is sensed to that of the map.
+"""Range scans, converted from the frame in which they are sensed to that of the map.
 
-Beam k of a scan looks along 2 pi k / n of the frame that odometry has; who drives on a map wants beam k along that
-direction of the map. Between two beams of the scan that meet the same wall, a straight one, the range follows from
-theirs, exactly; elsewhere it is that of the nearer beam.
+Beam k of a scan looks along 2 pi k / n in the frame of odometry; a driver wants beam k along that direction of the map.
+Between two beams that meet the same straight wall, the range follows exactly from theirs; elsewhere it is that of the
+nearer beam.
 
-A ring of sonars has every so manieth of these beams only, and may reach less far; its other beams read inf, when the
-scan is of n beams, or are left out.
+A ring of sonars has only every k-th of these beams, and may reach less far. Its other beams read inf in a scan of all n
+beams, or are left out.
 """
 
 import math
@@ -19,39 +19,39 @@ from cosim.navigation.schemas import beam_directions
 from cosim.observation import Sighting, View
 
 SAME_M: Final = 0.3
-"""Two neighbouring beams whose ranges differ by less have met the same wall."""
+"""Difference in range below which two neighbouring beams have met the same wall."""
 BODY_SLACK_M: Final = 0.1
-"""A beam that ends so near to the body of a robot in sight has met that robot."""
+"""Distance from the body of a robot in sight within which a beam that ends there has met that robot."""
 
 
 class Sensor(NamedTuple):
     """The range sensor of one robot."""
 
     beams: int
-    """Of the scanner."""
+    """Number of beams of the scanner."""
     every: int = 1
-    """Of these beams it has every so manieth."""
+    """Step between the beams that the sensor has, among those."""
     range_m: float = math.inf
-    """How far it reaches; a reading beyond that is none."""
+    """Range of the sensor; it reads nothing beyond."""
     noise_m: float = 0.0
-    """Standard deviation of the noise of its own."""
+    """Standard deviation of the sensor's own noise."""
 
     @property
     def directions(self) -> Floats:
-        """Unit vectors (m, 2) of the beams that it has, in the frame in which it scans."""
+        """Unit vectors (m, 2) of the sensor's beams, in the frame in which it scans."""
         return np.ascontiguousarray(beam_directions(self.beams)[:: self.every])
 
     @property
     def whole(self) -> bool:
-        """Whether it tells just what the scanner does."""
+        """True if it reads just what the scanner does."""
         return self.every == 1 and self.range_m == math.inf and self.noise_m == 0.0
 
 
 class Scan:
-    """What one robot's sensor reads at one tick; nothing is scanned before it is asked for, and nothing twice."""
+    """The readings of one robot's sensor at one tick, computed when they are asked for first."""
 
     def __init__(self, view: View, sensor: Sensor, stream: np.random.Generator | None) -> None:
-        """Take the *stream* that the noise is drawn from; without one there is none."""
+        """Take the *stream* that noise is drawn from; without one there is no noise."""
         self._view, self._sensor, self._stream = view, sensor, stream
         self._dense: Floats | None = None
 
@@ -66,7 +66,7 @@ class Scan:
         return self._dense
 
     def along_m(self, turned_rad: float) -> Floats:
-        """Return ranges (n,) along the directions of a map turned against the scan; inf for beams it has not got."""
+        """Return ranges (n,) along the directions of a map turned against the scan; inf for beams that are missing."""
         ranges = self.dense_m
         if turned_rad != 0.0:
             ranges = turned_ranges(ranges, turned_rad, SAME_M)
@@ -81,7 +81,7 @@ class Scan:
     ) -> Floats:
         """Return the ranges (m,) of the sensor's own beams as it senses them; NaN where one has met a robot in sight.
 
-        One of which only an edge shows may not be in sight, and is taken for a wall for that time.
+        A robot of which only an edge shows may not be in sight; it is then taken for a wall.
         """
         ranges = self.dense_m[:: self._sensor.every]
         if len(self.dense_m) != self._sensor.beams:  # a robot without a scanner

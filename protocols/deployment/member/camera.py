@@ -1,6 +1,6 @@
-"""A robot's camera: it turns to what is wanted, and a picture is how far walls and bodies are, column by column.
+"""A robot's camera: it turns to what is to be photographed; a picture is the range of walls and bodies in each column.
 
-The world renders no colours: a picture of distances is what a page can draw as a robot's view of a corridor.
+The world renders no colours, but from ranges a page can draw a robot's view of a corridor.
 """
 
 import math
@@ -14,12 +14,13 @@ from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.tasks.events import PictureTaken
 
 ALIGNED_RAD: Final = 0.02
-"""As near to a direction as this is in it."""
+"""Error of the heading up to which the camera faces a direction."""
 STILL_MPS: Final = 0.01
+"""Speed below which the robot stands still enough for a picture."""
 
 
 class Camera:
-    """One robot's camera, or its lack of one."""
+    """The camera of one robot, if it *works*; otherwise the robot has none."""
 
     def __init__(self, parameters: MemberParameters, works: bool) -> None:
         self.works = works
@@ -27,19 +28,19 @@ class Camera:
         self._turn_radps = parameters.look_radps
         self._patience = from_seconds(parameters.stuck_s)
         self._since: Time = 0
-        """When it began to turn."""
+        """Time at which the robot began to turn."""
         self._asked: list[tuple[Address, int]] = []
 
     def begin(self, now: Time) -> None:
-        """Begin to turn to what is to be photographed."""
+        """Note that the robot begins to turn to what is to be photographed."""
         self._since = now
 
     def stuck(self, now: Time) -> bool:
-        """Return whether it has turned for so long that something must hinder it, or pushes it about."""
-        return now - self._since > self._patience
+        """Return whether the robot has turned for too long."""
+        return now - self._since > self._patience  # other bodies may hold it, or push it about
 
     def turn(self, wanted_rad: float | None, observation: Observation) -> Drive | None:
-        """Return how to turn to a direction; None if it looks there, and stands, or if any direction will do."""
+        """Return how to turn to a direction; None if the robot faces it and stands, or if any direction will do."""
         if wanted_rad is None:
             return None
         error = math.remainder(wanted_rad - observation.heading_rad, math.tau)
@@ -52,11 +53,11 @@ class Camera:
         return PictureTaken(task, observation.x_m, observation.y_m, observation.heading_rad)
 
     def ask(self, asked_by: Address, request: int) -> None:
-        """Take a picture at the next tick for who asks."""
+        """Take a picture at the next tick for robot *asked_by*."""
         self._asked.append((asked_by, request))
 
     def pictures(self, me: Address, observation: Observation) -> list[tuple[Address, Picture]]:
-        """Drain the pictures that robot *me* was asked for, with who did."""
+        """Drain the pictures that robot *me* was asked for, each with the robot that asked."""
         asked, self._asked = self._asked, []
         return [(asked_by, self.picture(me, request, observation)) for asked_by, request in asked]
 

@@ -1,7 +1,8 @@
-"""One robot of a deployment: carries out what it is ordered, drives, steps aside, and reports how that ended.
+"""One robot of a deployment: it carries out its orders, drives, yields to others, and reports how orders ended.
 
-It obeys the order of the highest serial of the highest plan only, from whoever is host: a late letter of a host that
-was succeeded is not even shown to it, and a new host's serials begin anew (:meth:`Member.forget_serials`).
+It obeys only the order of the highest serial of the highest plan. Orders come from the present host: a late message of
+a host that was succeeded is not passed to it, and a new host may begin its serials again from a lower number
+(:meth:`Member.forget_serials`).
 """
 
 import math
@@ -14,10 +15,10 @@ from cosim.units import Time, from_seconds
 from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.mover import Mover
-from protocols.deployment.member.aside import Aloof, Asking
 from protocols.deployment.member.camera import Camera
 from protocols.deployment.member.others import Others
-from protocols.deployment.messages.messages import Aside
+from protocols.deployment.member.yielding import Yielding, YieldRequests
+from protocols.deployment.messages.messages import YieldRequest
 from protocols.deployment.messages.status import FAST_MPS
 from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.setup import Setup
@@ -28,18 +29,18 @@ from protocols.motion.floor import Floor
 from protocols.motion.progress import Approach
 
 # ---------------------------------------------------------------- crowd
-# When a robot that only passes a place has come to it: as near as the bodies let it that stand there already.
+# A robot that only passes a place has come to it when it is as near as the bodies that stand there already let it.
 #
 # In a group stage all robots drive to one place, in leap-frog each passes all places that are held (paper 004, Fig. 3).
-# Nobody but who is to end up there needs the very place; without this those who pass would push each other off it.
+# Only the robot that is to end up there needs the very place; without this, robots would push each other off it.
 
 
 NEARER_M: Final = 0.1
-"""Who has come nearer by so much gets on."""
+"""Decrease in distance that counts as progress."""
 
 
 class Crowd:
-    """Whether one robot stands in a crowd about the place that it is to pass."""
+    """The crowd about a place that one robot is to pass, and whether the robot stands in it."""
 
     def __init__(
         self, floor: Floor, radii_m: Sequence[float], radius_m: float, mover: Mover, patience_s: float
@@ -50,26 +51,27 @@ class Crowd:
         self._since: Time = 0
 
     def forget(self) -> None:
-        """Begin anew: there is another place to go to."""
+        """Begin again: the robot has another place to go to."""
         self._best_m = math.inf
 
     def near(self, order: Order | None, here: Place, others: Others) -> bool:
-        """Return whether it has come, but for the bodies that are nearer, to the place that it is ordered to pass."""
+        """Return whether only nearer bodies keep the robot from the place that it is ordered to pass."""
         go = None if order is None else order.errand
         return isinstance(go, Go) and not go.final and self._near(go.place_m, here, others)
 
     def _near(self, place_m: Place, here: Place, others: Others) -> bool:
-        """Return whether the bodies that are nearer to a place would reach from there to it, one behind the other."""
+        """Return whether the bodies that are nearer to a place, one behind the other, would reach to this robot."""
         off_m = math.dist(here, place_m)
         nearer = [robot for robot, place in others.places_m.items() if math.dist(place, place_m) < off_m]
         reach_m = self._radius_m + sum(2.0 * self._radii_m[robot] + 2.0 * NEARER_M for robot in nearer)
         if not nearer or off_m > reach_m:
             return False
+        # a place may be near through a wall, and far by the way
         way_m = self._floor.length_m(self._radius_m, here, place_m)
         return way_m is not None and way_m <= reach_m
 
     def come(self, go: Go, here: Place, others: Others, now: Time) -> bool:
-        """Return whether it has come to a place that it passes: near, and it comes no nearer."""
+        """Return whether the robot has come to a place that it passes: it is near, and comes no nearer."""
         if go.final:
             return False
         off_m = math.dist(here, go.place_m)
@@ -80,7 +82,7 @@ class Crowd:
 
 
 STILL_M: Final = 1e-6
-"""Who has moved less in a tick stands."""
+"""Movement per tick below which a robot counts as standing, m."""
 
 
 class Member:
@@ -108,60 +110,61 @@ class Member:
         self._note = note
         self._order: Order | None = None
         self._over = True
-        """Whether that order has ended."""
+        """True if that order has ended."""
         self._waits_since: Time | None = None
-        """Since when it waits for the robot that it is to set off behind."""
+        """Time since which it waits for the robot that it is to set off behind."""
         self._rests = True
-        """Whether it has not moved in the last tick."""
+        """True if it has not moved in the last tick."""
         self._approach = Approach(setup.floor, setup.crew.bodies[me].radius_m)
-        self._aloof = Aloof(parameters, mover)
+        self._yielding = Yielding(parameters, mover)
         radii_m = [body.radius_m for body in setup.crew.bodies]
-        self._asking = Asking(parameters, setup.floors[me], me, radii_m[me], mover)
+        self._yield_requests = YieldRequests(parameters, setup.floors[me], me, radii_m[me], mover)
         self._crowd = Crowd(setup.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
         self._reports: list[Report] = []
-        self._requests: list[tuple[Address, Aside]] = []
+        self._requested: list[tuple[Address, YieldRequest]] = []
 
     # ------------------------------------------------------------ what is asked of it
 
     @property
     def idle(self) -> bool:
-        """Whether it has nothing to do, but perhaps to wait or to make room: nobody makes way for such a one."""
-        return self._over or self._aloof.away or self._waits_since is not None
+        """True if the robot has nothing to do, or only to wait or to make room."""
+        # other robots do not make way for an idle one, but ask it to yield
+        return self._over or self._yielding.away or self._waits_since is not None
 
     @property
     def order(self) -> Order | None:
-        """The last order that it has obeyed."""
+        """Last order that the robot has obeyed."""
         return self._order
 
     @property
     def task(self) -> str:
-        """The name of the task that it is at; empty if none."""
+        """Name of its present task; empty if there is none."""
         return "" if self._over or self._order is None else self._order.task
 
     @property
     def goal_m(self) -> Place | None:
-        """Where it drives."""
+        """Place to which the robot drives; None if it does not."""
         return None if self._mover.state in ("idle", "arrived") else self._mover.goal_m
 
     @property
     def resting(self) -> bool:
-        """Whether it has nothing to do, and stands where it belongs."""
-        return self._over and not self._aloof.away and self._rests
+        """True if the robot has nothing to do, and stands where it belongs."""
+        return self._over and not self._yielding.away and self._rests
 
     def forget_serials(self) -> None:
-        """Obey whatever comes next: there is another host."""
+        """Obey any serial of this plan next: there is another host."""
         if self._order is not None:
             self._order = self._order.model_copy(update={"serial": 0})
 
     def obey(self, order: Order, now: Time) -> None:
-        """Carry out *order*, unless it is an older one, or the one that it has got already."""
+        """Carry out *order*, unless it is older than the present one, or the same."""
         last = self._order
         if order.robot != self.me or (last is not None and (order.plan, order.serial) < (last.plan, last.serial)):
             return
         if last is not None and order == last:
             return
         if last is not None and not self._over and (order.task, order.errand) == (last.task, last.errand):
-            self._order = order  # of another host: it is at that already
+            self._order = order  # another host has ordered again what the robot is at
             return
         self._end_silently()
         self._order, self._over = order, False
@@ -170,16 +173,16 @@ class Member:
         self._note(TaskStarted(order.plan, order.serial, order.task, order.errand.act, *self.here, *goal))
         self._begin(order, now)
 
-    def step_aside(self, request: Aside, now: Time) -> None:
-        """Make way for who asks, if there is nothing else to do."""
-        if request.robot == self.me or not (self._over or self._waits_since is not None) or self._aloof.away:
+    def yield_to(self, request: YieldRequest, now: Time) -> None:
+        """Make way for the robot that asks, unless this one has something to do."""
+        if request.robot == self.me or not (self._over or self._waits_since is not None) or self._yielding.away:
             return
         self._withdraw(request.robot, self.here, [request.from_m, *request.way_m], now)
 
     # ------------------------------------------------------------ every tick
 
     def step(self, observation: Observation, now: Time) -> Drive | None:
-        """Go on; return what to drive now if that is anything new."""
+        """Go on with the order; return how to drive from now on, if that has changed."""
         gone_m = math.dist(self.here, (observation.x_m, observation.y_m))
         self._rests = gone_m < STILL_M
         self._counters.way_m += gone_m
@@ -192,28 +195,29 @@ class Member:
         turning = self._photograph(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
-        if self._aloof.away or not (self._over or self._crowd.near(self._order, self.here, self.others)):
-            self._requests += self._asking.step(self.here, self.others, now)
-        self._aloof.step(self.here, self.others, now)
+        # in a crowd the others cannot make room, and need not: this robot only passes
+        if self._yielding.away or not (self._over or self._crowd.near(self._order, self.here, self.others)):
+            self._requested += self._yield_requests.step(self.here, self.others, now)
+        self._yielding.step(self.here, self.others, now)
         self._look_for_the_end(now)
         return drive
 
     @property
     def moves(self) -> bool:
-        """Whether it drives."""
+        """True if the robot drives."""
         return abs(self.speed_mps) > FAST_MPS
 
     def reports(self) -> list[Report]:
-        """Drain reports of orders that have ended."""
+        """Drain the reports of orders that have ended."""
         reports, self._reports = self._reports, []
         return reports
 
-    def requests(self) -> list[tuple[Address, Aside]]:
-        """Drain what is asked of others."""
-        requests, self._requests = self._requests, []
+    def requests(self) -> list[tuple[Address, YieldRequest]]:
+        """Drain the yield requests to other robots."""
+        requests, self._requested = self._requested, []
         return requests
 
-    # ------------------------------------------------------------ errands
+    # ------------------------------------------------------------ orders
 
     def _goal_m(self, order: Order) -> Place:
         errand = order.errand
@@ -244,12 +248,12 @@ class Member:
     def _go(self, go: Go, now: Time) -> None:
         self._waits_since = None
         self._approach.begin(go.place_m, now)
-        self._aloof.forget()
+        self._yielding.forget()
         self._crowd.forget()
         self._mover.go(go.place_m, go.via_m)
 
     def _set_off_behind(self, go: Go, now: Time) -> None:
-        """Set off once who is ahead has, and is far enough, by the way; or has nothing to do, or does not get on."""
+        """Set off behind another robot, once that is far enough ahead, by the way to the goal."""
         if self._waits_since is None or go.behind is None:
             return
         ahead = go.behind
@@ -258,13 +262,14 @@ class Member:
         its_m = floor.length_m(radius_m, self.others.place_m(ahead), go.place_m)
         waited = now - self._waits_since
         away = mine_m is None or its_m is None or (self.others.bound(ahead) and mine_m - its_m >= go.behind_m)
+        # nor wait for a robot that has nothing to do, or that does not get on
         idle = waited >= from_seconds(self._parameters.behind_s) and not self.others.busy(ahead)
         in_vain = waited >= from_seconds(self._parameters.behind_most_s) and not self.others.moves(ahead)
         if away or idle or in_vain:
             self._go(go, now)
 
     def _photograph(self, observation: Observation, now: Time) -> Drive | None:
-        """Turn to what is to be photographed, and take the picture; return how to turn, if that is to be done."""
+        """Turn to what is to be photographed, then take the picture; return how to drive; None if not ordered to."""
         if self._over or self._order is None or not isinstance(self._order.errand, Photo):
             return None
         turn = self.camera.turn(self._order.errand.heading_rad, observation)
@@ -279,7 +284,7 @@ class Member:
         return Drive(0.0, 0.0)
 
     def _note_drive(self) -> None:
-        """Report to the referee what drive it is at, and how fast it is."""
+        """Report to the referee which drive the robot is at, and how fast it is."""
         order, mover = self._order, self._mover
         if not self._over and order is not None and isinstance(order.errand, Go):
             speeds_mps = None if mover.twin is None else mover.twin.speeds_mps
@@ -288,7 +293,7 @@ class Member:
     def _withdraw(self, passing: Address, post_m: Place, way: list[Place], now: Time, ordered: bool = False) -> None:
         self._counters.asides += 1
         self._note(SteppedAside(passing, *self.here))
-        self._aloof.withdraw(passing, post_m, way, now, ordered)
+        self._yielding.make_way(passing, post_m, way, now, ordered)
 
     # ------------------------------------------------------------ ends
 
@@ -297,7 +302,7 @@ class Member:
         if self._over or order is None:
             return
         if isinstance(order.errand, Retreat):
-            if not self._aloof.away:
+            if not self._yielding.away:
                 self._end(Result.DONE, "", now)
         elif isinstance(order.errand, Go) and self._waits_since is None:
             self._look_for_arrival(order.errand, now)
@@ -327,6 +332,7 @@ class Member:
         )
 
     def _end_silently(self) -> None:
-        """Forget the order that it has; a later one has come, so nobody waits for its end."""
+        """Forget the present order without a report."""
+        # a later order has come, and the executive awaits only the end of that one
         self._waits_since = None
-        self._aloof.forget()
+        self._yielding.forget()

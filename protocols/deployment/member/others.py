@@ -1,4 +1,4 @@
-"""Where a robot takes the others to be: as it sees them at this tick, else as they have said in their last news."""
+"""Where a robot takes the others to be: as it sees them at this tick, or else by their last status broadcasts."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,48 +13,48 @@ from protocols.motion.traffic import Other
 
 
 class Others:
-    """What one robot knows of where the others are, and what they are at."""
+    """What one robot knows of the places and the tasks of the others."""
 
     def __init__(self, me: Address, bodies: Sequence[Body], starts_m: Sequence[Place]) -> None:
         self.news: dict[Address, tuple[News, Time]] = {}
-        """The last of each, and when it was heard."""
+        """Last status of each other robot, and when it was received."""
         self._bodies = bodies
         self._places = {robot: place for robot, place in enumerate(starts_m) if robot != me}
 
-    def tell(self, source: Address, news: News, now: Time) -> None:
-        """Take what *source* says of itself."""
+    def receive(self, source: Address, news: News, now: Time) -> None:
+        """Take a status that *source* has broadcast."""
         self.news[source] = news, now
         self._places[source] = news.x_m, news.y_m
 
     def look(self, observation: Observation, now: Time) -> list[Other]:
-        """Take what is seen at this tick; return all others of whom anything was seen or heard."""
+        """Take what is seen at this tick; return all robots that were seen or heard so far."""
         seen = {robot: (x_m, y_m) for robot, x_m, y_m in observation.sightings if robot in self._places}
-        self._places |= seen
+        self._places |= seen  # newer than any report
         return [self._other(robot, now) for robot in sorted(self.news.keys() | seen.keys())]
 
     def place_m(self, robot: Address) -> Place:
-        """Return where *robot* was seen or heard last; where it started if it never was."""
+        """Return the place at which *robot* was seen or reported itself last; its start if neither."""
         return self._places[robot]
 
     @property
     def places_m(self) -> Mapping[Address, Place]:
-        """Where each of the others was seen or heard last, or started."""
+        """Place of each other robot, as of :meth:`place_m`."""
         return self._places
 
     def moves(self, robot: Address) -> bool:
-        """Return whether *robot* drives, as far as its last news say."""
+        """Return whether *robot* drives, by its last status."""
         return robot in self.news and self.news[robot][0].moves
 
     def bound(self, robot: Address) -> bool:
-        """Return whether *robot* has set off to some place, as far as its last news say."""
+        """Return whether *robot* has set off to some place, by its last status."""
         return robot in self.news and self.news[robot][0].goal_m is not None
 
     def busy(self, robot: Address) -> bool:
-        """Return whether *robot* is at a task, if only to wait for its turn, as far as its last news say."""
+        """Return whether *robot* has a task, if only to wait for its turn, by its last status."""
         return robot in self.news and self.news[robot][0].task != ""
 
     def idle(self, robot: Address) -> bool:
-        """Return whether *robot* has nothing to do, as far as its last news say."""
+        """Return whether *robot* has nothing to do, by its last status."""
         return robot in self.news and self.news[robot][0].idle
 
     def _other(self, robot: Address, now: Time) -> Other:

@@ -1,6 +1,6 @@
-"""What robots write to each other: letters, which the transport carries reliably, as JSON of the models here.
+"""Messages between robots, which the transport delivers reliably, as JSON of the models here.
 
-JSON, since plans are nets of pydantic models already, with a schema; a letter is small beside the time a robot drives.
+Plans are nets of pydantic models with a schema already, and a message takes little time beside a drive: so JSON.
 """
 
 from collections.abc import Iterable
@@ -16,17 +16,17 @@ from protocols.deployment.tasks.orders import Errand, Halt, Order, Retreat
 from protocols.deployment.tasks.plan import Act, Go, Place, actors
 
 MOST_BYTES: Final = 1 << 20
-"""A longer letter is none."""
+"""Greatest size of a message in bytes."""
 COLUMNS: Final = 64
-"""A picture has so many columns at most."""
+"""Greatest number of columns in a picture."""
 
 Robot: TypeAlias = Count
 
 
 class Facts(Settings):
-    """What has happened to a plan, as far as the writer knows. Facts only ever become more, in whatever order.
+    """What has happened to a plan, as far as the sender knows.
 
-    So two robots that have told each other all that they know, know the same.
+    A set of facts only grows, so two robots that have exchanged all their facts know the same.
     """
 
     say: Literal["facts"] = "facts"
@@ -35,40 +35,40 @@ class Facts(Settings):
 
 
 class Told(Settings):
-    """A plan that is being executed, and what has happened to it: from the host, or for one that has forgotten it."""
+    """A plan that is executed, and what has happened to it: from the host, or for a robot that lacks it."""
 
     say: Literal["plan"] = "plan"
-    host: Robot = Field(description="who leads, as far as the writer knows")
+    host: Robot = Field(description="who leads, as far as the sender knows")
     record: Record
     calls: Count = Field(default=0, ge=0, description="how many of the scenario's calls have been dealt with")
 
 
 class Ordered(Settings):
-    """The host has a robot do something."""
+    """The host orders a robot to do something."""
 
     say: Literal["order"] = "order"
-    term: Count = Field(ge=0, description="of the host: each that takes over counts on")
+    term: Count = Field(ge=0, description="of the host: a new host takes the next one")
     order: Order
 
 
-class Aside(Settings):
+class YieldRequest(Settings):
     """A robot asks one that stands in its way to step aside."""
 
     say: Literal["aside"] = "aside"
-    robot: Robot = Field(description="who asks")
-    from_m: Place = Field(description="m, where that is")
+    robot: Robot = Field(description="the robot that asks")
+    from_m: Place = Field(description="m, where that robot is")
     way_m: tuple[Place, ...] = Field(max_length=64, description="m, the corners of its way from there")
 
 
 class Look(Settings):
-    """The host wants a picture of what a robot sees."""
+    """The host asks for a picture of what a robot sees."""
 
     say: Literal["look"] = "look"
     request: Count = Field(ge=0)
 
 
 class Picture(Settings):
-    """How far walls and bodies are in front of a robot, column by column from the left to the right."""
+    """Ranges of walls and bodies in front of a robot, column by column from the left to the right."""
 
     say: Literal["picture"] = "picture"
     request: Count = Field(ge=0)
@@ -81,32 +81,33 @@ class Picture(Settings):
     )
 
 
-Letter: TypeAlias = Annotated[Told | Facts | Ordered | Aside | Look | Picture, Field(discriminator="say")]
+Letter: TypeAlias = Annotated[Told | Facts | Ordered | YieldRequest | Look | Picture, Field(discriminator="say")]
 _LETTERS: Final[TypeAdapter[Letter]] = TypeAdapter(Letter)
 
 
-def encode(letter: Letter) -> bytes:
-    """Return *letter* as bytes; what is None is left out."""
-    return letter.model_dump_json(exclude_none=True).encode()
+def encode(message: Letter) -> bytes:
+    """Return a message as bytes; fields that are None are left out."""
+    return message.model_dump_json(exclude_none=True).encode()
 
 
 def decode(data: bytes, size: int) -> Letter:
-    """Return the letter that *data* is, to a team of *size*; raise WireError if it is none."""
+    """Return the message that *data* holds, to a team of *size*; raise WireError if it holds none."""
     if len(data) > MOST_BYTES:
         raise WireError(f"{len(data)} bytes, more than {MOST_BYTES}")
     try:
-        letter = _LETTERS.validate_json(data)
+        message = _LETTERS.validate_json(data)
     except ValidationError as error:
         raise WireError(f"{error.error_count()} faults in a letter") from error
-    strangers = [robot for robot in _robots(letter) if robot >= size]
+    # robots are used as indices from here on
+    strangers = [robot for robot in _robots(message) if robot >= size]
     if strangers:
         raise WireError(f"robot {strangers[0]} is not of the team")
-    return letter
+    return message
 
 
-def _robots(letter: Letter) -> list[Address]:
-    """Return the robots that *letter* names."""
-    match letter:
+def _robots(message: Letter) -> list[Address]:
+    """Return the robots that a message names."""
+    match message:
         case Told(host=host, record=record):
             acts = [robot for task in record.plan.root.walk() for robot in _mentioned(task.act)]
             return [host, *record.plan.robots, *acts, *record.serials, *_named(record.facts)]
@@ -114,7 +115,7 @@ def _robots(letter: Letter) -> list[Address]:
             return _named(facts)
         case Ordered(order=order):
             return [order.robot, *_mentioned(order.errand)]
-        case Aside(robot=robot) | Picture(robot=robot):
+        case YieldRequest(robot=robot) | Picture(robot=robot):
             return [robot]
     return []
 
@@ -124,7 +125,7 @@ def _named(facts: Iterable[Fact]) -> list[Address]:
 
 
 def _mentioned(act: Act | Errand | None) -> tuple[Address, ...]:
-    """Return the robots that *act* names: who is at it, and whom that one minds."""
+    """Return the robots that *act* names: the one that does it, and the one that it refers to."""
     match act:
         case Go(robot=robot, behind=int(behind)):
             return robot, behind

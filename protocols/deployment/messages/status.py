@@ -1,7 +1,7 @@
-"""What a robot says of itself to all every so often: news, of which only the latest counts, in one short frame.
+"""The status that a robot broadcasts periodically, in one short frame; only the latest one counts.
 
-Beside where it is (:class:`protocols.deployment.tasks.orders.Whereabouts`) it says whom it takes for the host, and what
-it knows of the plan: so that those who know less, or follow another, find out.
+Besides where it is (:class:`protocols.deployment.tasks.orders.Whereabouts`) a robot reports which robot it takes for
+the host, and how much of the plan it knows, so that robots which know less, or follow another host, find out.
 """
 
 import math
@@ -14,56 +14,56 @@ from protocols.deployment.tasks.orders import Whereabouts
 from protocols.deployment.tasks.plan import Place
 
 TOPIC: Final = 0
-"""Of all news."""
-TASK_BYTES: Final = 120
-"""Of a longer name the end is told, which says more than the beginning."""
+"""Topic of all statuses."""
+TASK_BYTES: Final = 120  # the end of a name says more than its beginning
+"""Greatest size of a task's name; of a longer one the end is sent."""
 NONE: Final = 0xFFFFFFFF
-"""In place of a serial: it has no order."""
+"""Stands for the serial of a robot without an order."""
 FAST_MPS: Final = 0.02
-"""Whoever is slower stands."""
+"""Speed up to which a robot counts as standing."""
 _HEAD: Final = Struct(">BHIBIIBffffff")
 MOST_BYTES: Final = _HEAD.size + TASK_BYTES
-"""The longest news."""
+"""Size of the longest status."""
 _IDLE: Final = 1
 _BOUND: Final = 2
 _OVER: Final = 4
 
 
 class News(NamedTuple):
-    """One robot's news."""
+    """The status of one robot."""
 
     host: Address
-    """Whom it follows."""
+    """Host that it follows."""
     term: int
-    """That host's."""
+    """Term of that host."""
     plan: int
     """Number of the plan that it knows; 0 if none."""
     calls: int
-    """How many of the scenario's calls have been dealt with, as far as it knows."""
+    """Number of the scenario's calls that have been dealt with, as far as it knows."""
     digest: int
-    """Of the facts that it knows."""
+    """Digest of the facts that it knows."""
     serial: int | None
-    """Of the order that it has; None without one."""
+    """Serial of the order that it has; None without one."""
     idle: bool
-    """Whether it has nothing to do."""
+    """True if it has nothing to do."""
     x_m: float
     y_m: float
     heading_rad: float
     speed_mps: float
     goal_m: Place | None
-    """Where it is going; None: nowhere."""
+    """Place to which it drives; None: nowhere."""
     task: str
-    """What it is at; empty: nothing."""
+    """Its present task; empty: none."""
     over: bool = False
-    """Whether the plan has been played to its end, as its author says as host, or has heard that a host says."""
+    """True if the plan has been played to its end, as the sender knows as host, or from a host."""
 
     @property
     def moves(self) -> bool:
-        """Whether it drives."""
+        """True if it drives."""
         return abs(self.speed_mps) > FAST_MPS
 
     def whereabouts(self, robot: Address) -> Whereabouts:
-        """Return what they tell an executive, if *robot* is their author."""
+        """Return the part for an executive, if *robot* is the sender."""
         return Whereabouts(
             robot=robot,
             x_m=self.x_m,
@@ -76,7 +76,7 @@ class News(NamedTuple):
 
 
 def encode(news: News) -> bytes:
-    """Return *news* as bytes."""
+    """Return a status as bytes."""
     serial = NONE if news.serial is None else min(news.serial, NONE - 1)
     flags = _IDLE * news.idle | _BOUND * (news.goal_m is not None) | _OVER * news.over
     goal_m = news.goal_m or (0.0, 0.0)
@@ -86,7 +86,7 @@ def encode(news: News) -> bytes:
 
 
 def decode(data: bytes, size: int) -> News:
-    """Return the news that *data* are, in a team of *size*; raise WireError if they are none."""
+    """Return the status that *data* holds, in a team of *size*; raise WireError if it holds none."""
     if not _HEAD.size <= len(data) <= MOST_BYTES:
         raise WireError(f"{len(data)} bytes are no news")
     host, term, plan, calls, digest, serial, flags, *numbers = _HEAD.unpack_from(data)

@@ -1,7 +1,7 @@
-"""The plays that a scenario has the host call, without an operator, and the changes of strategy.
+"""The plays that a scenario has the host call without an operator, and the changes of strategy.
 
-Whoever is host does what is due and was not done: which that is it knows by the plan, and by what was said to happen to
-it. So a call whose plan nobody has been told is made again.
+Any host does what is due and was not done before. It knows that by the plan and its facts; so a call whose plan has
+reached no other robot before its host died is made again.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from protocols.deployment.team.host import Host
 
 
 class Calls:
-    """What is left of them for one robot, if it is host; times count from its start, if that was not a later one."""
+    """The scenario's calls and switches that are left to one robot, if it is host."""
 
     def __init__(
         self,
@@ -33,27 +33,28 @@ class Calls:
         self._calls = [(from_seconds(each.at_s), each.call) for each in parameters.calls]
         self._switches = [(from_seconds(each.at_s), each.strategy) for each in parameters.switches]
         self.start = start
-        """From when times count."""
+        """Time from which the times of calls count; that of its first start if the robot has booted again."""
         self._planning = planning
         self._host = host
         self._note = note
         self._counters = counters
+        # a robot that has booted again listens first: another may lead by now
         self._ready = start + from_seconds(parameters.listen_s)
         self._dealt = 0
         self._switched = 0
 
     @property
     def dealt(self) -> int:
-        """How many calls have been dealt with, as far as is known here."""
+        """Number of calls that have been dealt with, as far as is known here."""
         return max(self._dealt, self._host.calls)
 
     @property
     def over(self) -> bool:
-        """Whether there were calls, and all have been dealt with."""
+        """True if there were calls, and all have been dealt with."""
         return bool(self._calls) and self.dealt >= len(self._calls)
 
     def tick(self, now: Time) -> None:
-        """Call what is due, if this robot is host, and nothing is being played."""
+        """Make the call that is due, if this robot is host, and nothing is being played."""
         host = self._host
         if not host.leads or now < self._ready:
             return
@@ -64,10 +65,10 @@ class Calls:
             self._call(at, now)
 
     def _switch(self, now: Time) -> None:
-        """Say the last change that is due, unless it was said, or another since, or the play began later."""
+        """Make the last switch that is due, unless it was made before, or another since, or the play began later."""
         play, due = self._host.play, self._switched
         if play is None and self._host.busy:
-            return  # it will be told what is being played
+            return  # the plan that is being played will arrive
         while due < len(self._switches) and now >= self.start + self._switches[due][0]:
             due += 1
         if due > self._switched:

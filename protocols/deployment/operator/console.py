@@ -1,13 +1,13 @@
-"""The console at the host: what an operator asks is answered, and what happens is told, over the host's cable.
+"""The console at the host: it answers an operator's requests and reports what happens, over the host's cable.
 
 "After each task completes (or if it fails), the executive sends a status message back to the planner and GUI. It also
 monitors, and periodically transmits, the position and status of each robot" (paper 004, section 5); and the page can
-ask for the map, for routes and for pictures. Every message is a JSON object: answers carry the request's number, news
-none. Nothing is said before anybody has asked for anything, so runs without an operator are the same as ever.
+ask for the map, for routes and for pictures. Every message is a JSON object; answers carry the request's number,
+reports carry none. Nothing is sent before the first request, so runs without an operator stay the same.
 
-A call that lacks parameters is answered with ``say: error``, why in words, and ``missing``, their names. Of a plan
-``expected_s`` is null if nobody knows how long it takes; ``windows`` say how long at least. Positions are rows: robot,
-x, y, heading, task, whether it moves (null: it is taken for lost, nobody knows), s since it was heard, its goal.
+A call that lacks parameters is answered with ``say: error``, why in words, and ``missing``, their names. The
+``expected_s`` of a plan is null if it is not known; its ``windows`` still give lower bounds. Positions are rows: robot,
+x, y, heading, task, whether it moves (null: it is taken for lost), s since it was heard, its goal.
 """
 
 import json
@@ -35,65 +35,64 @@ from protocols.deployment.team.host import Host
 from protocols.wire import BadBytes
 
 # ---------------------------------------------------------------- messages
-# What an operator asks of the host's console, as JSON, one object a message; and how an answer is written.
+# Requests to the host's console and its answers, as JSON, one object a message.
 #
-# Requests: plays, call (and execute it, or not: to be tailored), execute, switch, terminate, map, route, picture,
-# state.
+# Requests: plays, call (and execute it, or not, to tailor it), execute, switch, terminate, map, route, picture, state.
 
 
 MOST_BYTES: Final = 1 << 18
-"""A longer message is none."""
+"""Greatest size of a request in bytes."""
 
 
 class Request(Settings):
-    """What all requests have."""
+    """A request of the operator."""
 
-    request: Int64 = Field(description="a number that the answer repeats")
+    request: Int64 = Field(description="number that the answer repeats")
 
 
 class Plays(Request):
-    """Which plays there are."""
+    """Ask for the tree of plays."""
 
     say: Literal["plays"]
 
 
 class Calling(Request):
-    """A play is called: a plan is made of it, and executed if wanted."""
+    """Call a play: make a plan of it, and execute that if wanted."""
 
     say: Literal["call"]
     call: Call
-    execute: bool = Field(default=False, description="whether the plan is executed at once, or waits to be tailored")
+    execute: bool = Field(default=False, description="true to execute the plan at once, false to tailor it first")
 
 
 class Execute(Request):
-    """A plan that was made is executed."""
+    """Execute a plan that was made."""
 
     say: Literal["execute"]
     plan: Count = Field(ge=0)
 
 
 class Switch(Request):
-    """What is left of the play is done by another strategy."""
+    """Switch the rest of the play to another strategy."""
 
     say: Literal["switch"]
     strategy: Strategy
 
 
 class Terminate(Request):
-    """A task, and all below it, ends."""
+    """Terminate a task and all below it."""
 
     say: Literal["terminate"]
     task: str = Field(default="", description="its name; empty: the whole plan")
 
 
 class Map(Request):
-    """The floor: walls, extent, base, places with names, the team."""
+    """Ask for the floor: walls, extent, base, named places, and the team."""
 
     say: Literal["map"]
 
 
 class Route(Request):
-    """The way of a robot to a place."""
+    """Ask for the way of a robot to a place."""
 
     say: Literal["route"]
     robot: Annotated[Count, Field(ge=0)]
@@ -101,14 +100,14 @@ class Route(Request):
 
 
 class Show(Request):
-    """What a robot's camera sees."""
+    """Ask for a picture of a robot's camera."""
 
     say: Literal["picture"]
     robot: Annotated[Count, Field(ge=0)]
 
 
 class State(Request):
-    """What is being played, and how all its tasks stand."""
+    """Ask for the plan that is being played, and the states of its tasks."""
 
     say: Literal["state"]
 
@@ -120,7 +119,7 @@ _REQUESTS: Final[TypeAdapter[Asked]] = TypeAdapter(Asked)
 
 
 def read(data: bytes) -> Asked:
-    """Return the request that *data* is; raise WireError that says in one line what is wrong with it."""
+    """Return the request that *data* holds; raise WireError that says in one line what is wrong."""
     if len(data) > MOST_BYTES:
         raise WireError(f"{len(data)} bytes, more than {MOST_BYTES}")
     try:
@@ -147,15 +146,15 @@ def write(**what: Any) -> bytes:
 
 
 POSITIONS: Final = S // 2
-"""From one telling of positions to the next."""
+"""Interval between reports of positions."""
 PATIENCE: Final = 10 * S
-"""So long a picture is waited for."""
+"""Time after which a picture that has not come is given up."""
 KEPT: Final = 32
-"""So many plans are kept for being executed."""
+"""Number of plans that are kept for execution."""
 
 
 class Console:
-    """One robot's console; that of the host is of use."""
+    """The console of one robot; only the host's makes and executes plans."""
 
     def __init__(
         self,
@@ -168,7 +167,7 @@ class Console:
         note: Callable[[Event], None],
     ) -> None:
         self.attended = False
-        """Whether an operator has ever said anything."""
+        """True if an operator has ever sent anything."""
         self._planning = planning
         self._setup = setup
         self._host = host
@@ -178,22 +177,22 @@ class Console:
         self._out: list[bytes] = []
         self._plans: dict[int, Plan] = {}
         self._number = 0
-        """The greatest number of a plan that was made here."""
+        """Greatest number of a plan that was made here."""
         self._states: dict[str, str] = {}
         self._pictures: dict[int, tuple[int, Address, Time]] = {}
-        """Number in the letter -> the operator's request, whose picture, since when it is waited for."""
+        """Number in the message -> the operator's request, the robot, and the time of the request."""
         self._looks = 0
         self._told: Time | None = None
 
     def drain(self) -> list[bytes]:
-        """Return what is to be said to the operator, once."""
+        """Drain the messages to the operator."""
         out, self._out = self._out, []
         return out
 
     # ------------------------------------------------------------ requests
 
     def request(self, data: bytes, now: Time) -> None:
-        """Take what the operator says; what is no request is answered with what is wrong with it."""
+        """Take a request of the operator, and answer it; if it is invalid, with what is wrong."""
         self.attended = True
         try:
             asked = read(data)
@@ -261,6 +260,7 @@ class Console:
         }
 
     def _execute(self, plan: Plan, now: Time) -> dict[str, Any]:
+        # another plan has begun since this one was made; only a higher number replaces it
         if plan.number <= self._host.newest:
             self._number = max(self._number, self._host.newest) + 1
             plan = plan.model_copy(update={"number": self._number})
@@ -341,33 +341,33 @@ class Console:
         shown = picture.model_dump(mode="json", exclude={"say", "request"})
         self._out.append(write(answer=waiting[0], say="picture", **shown))
 
-    # ------------------------------------------------------------ news
+    # ------------------------------------------------------------ reports
 
-    def tell(self, now: Time) -> None:
-        """Tell what has happened, and every so often where the robots are."""
+    def report(self, now: Time) -> None:
+        """Report what has happened, and periodically where the robots are."""
         host, dispatch = self._host, self._host.dispatch
         if self.attended:
-            self._tell_tasks()
+            self._report_tasks()
             self._out += [write(say="breach", plan=host.number, why=why) for why in dispatch.breaches]
             self._out += [write(say="ended", plan=number, result=result) for number, result in dispatch.ends]
-            self._tell_pictures(now)
+            self._report_pictures(now)
             if self._told is None or not 0 <= now - self._told < POSITIONS:
                 self._told = now
-                self._tell_positions(now)
+                self._report_positions(now)
         dispatch.breaches.clear()
         dispatch.ends.clear()
 
-    def _tell_pictures(self, now: Time) -> None:
-        """Tell of those that do not come."""
+    def _report_pictures(self, now: Time) -> None:
+        """Report pictures that have not come in time."""
         for number, (request, robot, since) in list(self._pictures.items()):
             if now - since > PATIENCE:
                 del self._pictures[number]
                 self._out.append(write(answer=request, say="error", why=f"robot {robot} does not answer"))
 
-    def _tell_tasks(self) -> None:
-        """Tell of tasks that have begun, parents first, then of those that have ended, parents last.
+    def _report_tasks(self) -> None:
+        """Report tasks that have begun, parents first, then those that have ended, parents last.
 
-        Those that are no task any more, since others have taken their place, have ended before all else.
+        Tasks that are in the tree no longer, since others have replaced them, come before all others.
         """
         play = self._host.play
         if play is None or play.executive is None or not self._host.leads:
@@ -388,7 +388,7 @@ class Console:
             self._out.append(write(say="task", plan=play.number, task=task, state=state, robot=robot, why=why))
         self._states = states
 
-    def _tell_positions(self, now: Time) -> None:
+    def _report_positions(self, now: Time) -> None:
         own = self._member
         goal = own.goal_m
         rows: list[list[Any]] = [

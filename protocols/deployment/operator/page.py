@@ -1,4 +1,4 @@
-"""The page on which a person calls plays: the files in ``static``, which know what a deployment's consoles say."""
+"""The page on which a person calls plays: the files in ``static``, which speak the language of the console."""
 
 from pathlib import Path
 from typing import Final

@@ -1,4 +1,4 @@
-"""What planner and console share: a call is planned for the robots that live, from where they are."""
+"""Planning of calls for the robots that are alive, from where they are; console and timed calls share it."""
 
 from collections.abc import Callable, Mapping
 
@@ -15,7 +15,7 @@ from protocols.deployment.tasks.plan import Place, Plan
 
 
 class Planning:
-    """The planner, as the host asks it."""
+    """The planner with what the host knows of the team."""
 
     def __init__(
         self,
@@ -26,7 +26,7 @@ class Planning:
         silent: Callable[[Address, Time], bool],
         heard: Callable[[Address], Time],
     ) -> None:
-        """Take what the host knows: *silent*, whether another is taken for lost; *heard*, when it was heard last."""
+        """Take what the host knows: *silent*, whether a robot is taken for lost; *heard*, when it was heard last."""
         homes_m = dict(enumerate(setup.starts_m))
         places = setup.named_m, homes_m
         asked = setup.playbook, setup.crew, setup.floor, parameters.planner
@@ -41,7 +41,7 @@ class Planning:
         self._heard = heard
 
     def starts_m(self, now: Time) -> dict[Address, Place]:
-        """Return where the robots are that live, as far as is known."""
+        """Return the known places of the robots that are alive."""
         own = self._member
         starts = {own.me: own.here}
         for robot in range(self._setup.size):
@@ -50,7 +50,7 @@ class Planning:
         return dict(sorted(starts.items()))
 
     def plan(self, call: Call, number: int, now: Time) -> Plan | Refusal:
-        """Return a plan of that number for *call*, or why there is none; raise UserError for a call that is wrong."""
+        """Return a plan for *call* with that number, or a refusal; raise UserError for a call that is wrong."""
         starts_m = self.starts_m(now)
         lost = [robot for robot in range(self._setup.size) if robot not in starts_m]
         unheard_s = {robot: to_seconds(now - self._heard(robot)) for robot in lost}
@@ -58,15 +58,16 @@ class Planning:
         return explorable(found, self._setup.ground, self._setup.crew)
 
     def expected_s(self, plan: Plan, now: Time) -> float:
-        """Return when *plan* would be expected to have ended, s after it began; infinite if nothing can be said."""
+        """Return the expected end of *plan*, s after its begin; infinite if it is not known."""
         return self._planner.expected_s(plan, self.starts_m(now))
 
     def _explored_s(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place]) -> float:
-        """Return how long exploring takes at least; 0 if others may have seen more already than is known here."""
+        """Return the least time of exploring, s; 0 if it is not known."""
+        # once exploring has begun, others may have seen more than is known here
         return 0.0 if self._exploring.begun else self._outlook.least_s(explorers, places_m)
 
     def windows_s(self, plan: Plan, now: Time) -> dict[str, list[float | None]]:
-        """Return of each task of *plan* its earliest and latest start and end, s after it begins; None: no limit."""
+        """Return the earliest and latest start and end of each task of *plan*, s after its begin; None: no limit."""
         windows: dict[str, list[float | None]] = {}
         for instant, span_s in self._planner.windows_s(plan, self.starts_m(now)).items():
             at = 0 if instant.edge == "start" else 2

@@ -2,15 +2,15 @@
 
 Group: "The robot that is supposed to end up at that location is sent directly to the location specified in the
 deployList. The other robots are deployed along a line between that location and the next goal location, separated by a
-fixed distance." Who goes farthest stands farthest along that line: then no robot has to pass another, and "each robot
-monitors the position of the next robot in the deployList and does not start moving until that robot is a given distance
-ahead of it" can be kept from the beginning. A place on the line that is not free, or is on the other side of a wall,
-slides along the way to the next goal, and on towards those after it.
+fixed distance." The robot that goes farthest stands farthest along that line. Then no robot has to pass another, and
+"each robot monitors the position of the next robot in the deployList and does not start moving until that robot is a
+given distance ahead of it" can be kept from the beginning. A place on the line that is not free, or is on the other
+side of a wall, slides along the way to the next goal, and on towards the goals after it.
 
 Leap-frog: "the already-deployed robots monitor the position of the moving robot. When it starts approaching, the robots
 move away (roughly perpendicular to the route of the moving robot), wait until the robot has passed, then move back into
-position." A robot is in the way while what is left of the other's way passes its post so closely that the bodies would
-not have room: by that, who has passed is known from the way alone.
+position." A robot is in the way while the rest of the other's way passes its post so closely that the bodies would not
+have room. So whether the other has passed is known from its way alone.
 """
 
 import math
@@ -27,40 +27,47 @@ from protocols.deployment.tasks.crew import Ways
 from protocols.deployment.tasks.plan import Place
 
 # ---------------------------------------------------------------- parameters
-# What the executive's augmentations and its re-planning can be told.
+# What a scenario can say about the executive's augmentations and its re-planning.
 
 
 class ExecutiveParameters(Settings):
-    """Distances of the augmentations, which the paper leaves open (paper 004, section 5), and what losses mean."""
+    """Distances of the augmentations, which the paper leaves open (paper 004, section 5), and responses to losses."""
 
     spacing_m: Metres = Field(default=1.2, gt=0, description="m, between the robots of a group stage along their line")
     behind_m: Metres = Field(
         default=1.5, ge=0, description="m, how far the robot ahead is before the next one sets off"
     )
-    near_m: Metres = Field(default=4.0, gt=0, description="m, nearer than this a passing robot makes others step aside")
+    near_m: Metres = Field(
+        default=4.0, gt=0, description="m, distance within which a passing robot makes others step aside"
+    )
     aside_m: Metres = Field(
         default=0.5,
         ge=0,
-        description="m, that a passing robot's way must keep from a deployed one's body beside its own",
+        description="m, gap to a passing robot's body below which a deployed robot steps aside",
     )
-    gap_m: Metres = Field(default=0.2, ge=0, description="m, least room between the bodies of robots that stand")
+    gap_m: Metres = Field(default=0.2, ge=0, description="m, least gap between the bodies of robots that stand")
     detour: Gain = Field(
         default=1.5,
         ge=1,
-        description="a place is on the line to the next goal if its way is no longer than so many times",
+        description="greatest way to a place on the line to the next goal, in straight distances",
     )
-    tries: Count = Field(default=2, ge=1, description="of a drive within a deployment, before its robot is left behind")
+    tries: Count = Field(
+        default=2, ge=1, description="attempts at a drive within a deployment before its robot is left behind"
+    )
     rounds: Count = Field(
-        default=2, ge=0, description="how often those who have not come to their places are sent again in the end"
+        default=2,
+        ge=0,
+        description="number of times that robots which are not at their places are sent there again at the end",
     )
-    draft: bool = Field(default=True, description="whether robots that are not in the plan take over for lost ones")
+    draft: bool = Field(default=True, description="true if robots that are not in the plan take over from lost ones")
 
 
 _SLIDES: Final = 4
-"""So many places are tried within one spacing along the way."""
+"""Number of places that are tried within one spacing along the way."""
 _RINGS: Final = 6
+"""Number of circles about a place on which others are tried where there is no room along the way."""
 _AROUND: Final = 16
-"""Where there is no room along the way: places on so many circles about the place, so many on each."""
+"""Number of places that are tried on each of them."""
 
 
 class Standing(NamedTuple):
@@ -75,8 +82,8 @@ def in_line(
 ) -> dict[Address, Place]:
     """Return where *robots* stand, the nearest to ``goals_m[0]`` first, on the line to the goals after it.
 
-    *holder_m* is the radius of whoever stands at ``goals_m[0]`` itself. If there is no room at all, a robot gets that
-    place too.
+    *holder_m* is the radius of the robot at ``goals_m[0]`` itself. A robot for which there is no room gets that place
+    too.
     """
     places = dict[Address, Place]()
     taken = [(goals_m[0], holder_m)]
@@ -128,7 +135,7 @@ def _fits(
     ways: Ways,
     parameters: ExecutiveParameters,
 ) -> bool:
-    """Return whether a disc can stand at *spot* beside those that stand already, and come there from the place."""
+    """Return whether a disc has room at *spot* beside those that stand already, and can come there from the place."""
     room = all(math.dist(spot, other) >= radius_m + other_m + parameters.gap_m for other, other_m in taken)
     if not room or not ways.free(radius_m, spot):
         return False
@@ -137,7 +144,7 @@ def _fits(
 
 
 def in_the_way(way: Sequence[Place], passing_m: float, post_m: Place, standing_m: float, aside_m: float) -> bool:
-    """Return whether a robot at its post stands too near to what is left of another's way; lengths in m, radii."""
+    """Return whether a robot at its post stands too near to the rest of another's *way*; *_m* are radii and a gap."""
     return off_m(post_m, way) < passing_m + standing_m + aside_m
 
 
@@ -149,7 +156,7 @@ def _between(a: Place, b: Place, share: float) -> Place:
 
 
 def along(way: Sequence[Place], away_m: float) -> Place:
-    """Return the point of a way that is so far along it; its end if it is shorter."""
+    """Return the point *away_m* along a way; its end if it is shorter."""
     for a, b in pairwise(way):
         length_m = math.dist(a, b)
         if away_m < length_m:

@@ -1,4 +1,4 @@
-"""The parameters of a play and what they stand for in one call of it."""
+"""The parameters of a play and their values in one call of it."""
 
 import difflib
 import math
@@ -32,16 +32,16 @@ _PLACE: Final[TypeAdapter[Place | str]] = TypeAdapter(PlaceName)
 
 
 class MissingParametersError(UserError):
-    """A call does not tell all that its play wants to know."""
+    """A call lacks parameters that its play needs."""
 
     def __init__(self, text: str, names: Sequence[str] = ()) -> None:
-        """Take the line that the user sees, and the names of the parameters that have no value."""
+        """Take the line that the user sees, and the names of the parameters without a value."""
         super().__init__(text)
         self.names = tuple(names)
 
 
 class Site(NamedTuple):
-    """Where plays take place."""
+    """The floor on which plays take place."""
 
     ways: Ways
     base_m: Place
@@ -50,40 +50,40 @@ class Site(NamedTuple):
     radius_m: float
     """Radius of the largest body."""
     moved_m: Mapping[Place, Place] = MappingProxyType({})
-    """Places, and other places that are taken instead of them."""
+    """Places, and the places that are taken instead of them."""
     apart_m: float = math.inf
-    """Robots that gather stand at most so far apart."""
+    """Greatest distance between robots that gather."""
 
 
 @dataclass(frozen=True)
 class Role:
-    """What one robot is to do in a play, before it is known which."""
+    """The part of one robot in a play, before the robot is chosen."""
 
     name: str
-    """The parameter, with a number if it stands for several robots; below it the play that asks for it."""
+    """Name of the parameter, with a number if that stands for several robots, below the path of its play."""
     needs: tuple[Needs, ...]
     fixed: Address | None = None
-    """The robot that the call has named."""
+    """Robot that the call has named."""
 
 
 @dataclass
 class Binding:
-    """What the parameters of one play stand for, by their names."""
+    """The values of the parameters of one play, by their names."""
 
     source: str
-    """The play's path, for errors."""
+    """Path of the play, for errors."""
     site: Site
     places: dict[str, tuple[Place, ...]] = field(default_factory=dict)
     roles: dict[str, tuple[str, ...]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     strategies: dict[str, Strategy] = field(default_factory=dict)
     missing: dict[str, tuple[str, str]] = field(default_factory=dict)
-    """Parameters without a value, which is to blame, and what was expected of it: an error once a task needs one."""
+    """Parameters without a value: which one to name, and what was expected of it. An error once a task needs one."""
 
     # ------------------------------------------------------------ looking up
 
     def places_of(self, names: Place | str | Sequence[Place | str]) -> tuple[Place, ...]:
-        """Return the places that *names* stand for, in their order; raise UserError for a name that is no place."""
+        """Return the places that *names* stand for, in order; raise UserError for a name that is no place."""
         return tuple(self.site.moved_m.get(place, place) for place in self._places(names))
 
     def _places(self, names: Place | str | Sequence[Place | str]) -> tuple[Place, ...]:
@@ -102,7 +102,7 @@ class Binding:
         return places[0]
 
     def roles_of(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return the roles that *names* stand for, in their order."""
+        """Return the roles that *names* stand for, in order."""
         found = list[str]()
         for name in names:
             found += self.roles[name] if name in self.roles else self._fail(name, self.roles, "a robot or robots")
@@ -130,7 +130,7 @@ class Binding:
         return known[name] if name in known else self._fail(name, known, "a strategy")
 
     def want(self, names: Collection[str]) -> None:
-        """Raise MissingParametersError if any of *names* is a parameter without a value; of all such at once."""
+        """Raise MissingParametersError, for all of them at once, if any of *names* are parameters without a value."""
         lacking = {
             blamed: expected
             for name, (blamed, expected) in self.missing.items()
@@ -146,7 +146,7 @@ class Binding:
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence that names what *name* may have been meant to be."""
+    """Return the end of a sentence with the known name that *name* may have been meant to be."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1)
     if close:
@@ -158,17 +158,17 @@ def near(name: str, known: Iterable[str]) -> str:
 
 
 class Binder:
-    """Binds the parameters of plays and notes the roles that they ask for."""
+    """Binds the parameters of plays and collects the roles that they ask for."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
         self.roles: dict[str, Role] = {}
-        """In the order of their first mention."""
+        """Roles in the order of their first mention."""
 
     def bind(self, play: Play, source: str, given: Mapping[str, Any], outer: Binding | None, prefix: str) -> Binding:
-        """Return *play*'s parameters with the values *given*: of the *outer* play's, or a call's if that is None.
+        """Return *play*'s parameters with the values *given* by the *outer* play, or by a call if that is None.
 
-        Raise UserError for a value that is none of its parameter's kind. *prefix* stands before new roles' names.
+        Raise UserError for a value that is not of its parameter's kind. *prefix* stands before the names of new roles.
         """
         for name in given:
             if name not in play.parameters:
@@ -222,7 +222,7 @@ class Binder:
         outer: Binding | None,
         prefix: str,
     ) -> None:
-        """Bind robots: to roles of the outer play, or to new ones."""
+        """Bind robots to roles of the outer play, or to new ones."""
         single = isinstance(parameter, RobotParameter)
         names = [value] if isinstance(value, str) else value
         if isinstance(names, list | tuple) and names and all(isinstance(each, str) for each in names):
@@ -246,14 +246,14 @@ class Binder:
         bound.roles[name] = roles
 
     def need(self, role: str, needs: Needs) -> None:
-        """Note what *role* needs besides."""
+        """Add to the needs of *role*."""
         known = self.roles[role]
         if needs not in known.needs:
             self.roles[role] = Role(role, (*known.needs, needs), known.fixed)
 
 
 def _addresses(value: Any, single: bool) -> list[Address]:
-    """Return the robots that a call names; nothing if it does not."""
+    """Return the robots that a call names; an empty list if it names none."""
     if single:
         value = [] if value is None else [value]
     if not isinstance(value, list | tuple):
@@ -266,7 +266,7 @@ def _addresses(value: Any, single: bool) -> list[Address]:
 def _count(
     bound: Binding, parameter: RobotParameter | RobotsParameter, value: Any, fixed: Sequence[Address]
 ) -> int | None:
-    """Return how many robots a parameter stands for; None if that is not known."""
+    """Return the number of robots that a parameter stands for; None if it is not known."""
     if isinstance(parameter, RobotParameter):
         return 1
     if value is None:

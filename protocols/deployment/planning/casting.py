@@ -1,7 +1,7 @@
-"""From a play to the tasks of a plan: its net, with parameters looked up and robots cast.
+"""From a play to the tasks of a plan: its net, with parameters bound and robots cast.
 
-A play is cast twice: first with its roles numbered, so that the planner sees what each is to do; then with the robots
-that it has chosen for them.
+A play is cast twice: first with numbers for its roles, so that the planner sees what each role does; then with the
+robots that the planner has chosen for them.
 """
 
 import math
@@ -35,27 +35,27 @@ from protocols.deployment.tasks.constraints import Constraint, between, quantiti
 from protocols.deployment.tasks.plan import Act, Between, Deployment, Explore, Go, Photo, Place, Task, Wait, actors
 
 LEAST_S: Final = 0.1
-"""No time-out is shorter."""
+"""Lower bound of time-outs."""
 _OF_ROBOT: Final = "robot-"
-"""Before a robot's address: what its drive is called, where several robots drive."""
+"""Prefix of a robot's address in the label of its drive, where several robots drive."""
 
 
 @dataclass
 class Casting:
-    """What a play has become."""
+    """The tasks of a play, and what was found on the way."""
 
     root: Task
     roles: dict[str, Role] = field(default_factory=dict)
-    """Those that its tasks mention."""
+    """Roles that its tasks mention."""
     numbers: dict[Address, str] = field(default_factory=dict)
-    """Who plays which role, or the number that stands for it."""
+    """Role of each robot, or of the number that stands for it."""
     between: list[Between] = field(default_factory=list)
     faults: list[tuple[str, float | None]] = field(default_factory=list)
-    """Robots that cannot gather, and how far apart (m) they could."""
+    """Gatherings that have no room, in words, and the distance (m) at which they would have."""
     unused: tuple[str, ...] = ()
-    """Labels that lead from the root further down, into what is not expanded yet."""
+    """Labels that lead from the root down to tasks that are not expanded yet."""
     binding: Binding | None = None
-    """What the parameters of the play stand for."""
+    """Values of the play's parameters."""
 
 
 def cast(
@@ -69,8 +69,8 @@ def cast(
 ) -> Casting:
     """Return the play at *path*, or the task of it that the labels *inner* lead to, as tasks; raise UserError.
 
-    *robots*: who plays each role; None: each role is played by its own number, in the order of their first mention,
-    and everybody is at home at the base.
+    *robots*: the robot of each role; None: each role is played by its own number, in the order of first mention, and
+    the home of every robot is the base.
     """
     play = playbook.play(path)
     caster = _Caster(playbook, site, robots, homes_m or {})
@@ -95,14 +95,14 @@ class _Caster:
         self._robots, self._homes_m = robots, homes_m
 
     def address(self, role: str) -> Address:
-        """Return who plays *role*."""
+        """Return the robot that plays *role*."""
         return list(self.binder.roles).index(role) if self._robots is None else self._robots.get(role, -1)
 
     def _addresses(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
         return tuple(self.address(role) for role in binding.roles_of(names))
 
     def _each_once(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
-        """Return who does what each does once, even if several *names* mean the same robot."""
+        """Return the robots that *names* stand for, each once."""
         return tuple(dict.fromkeys(self._addresses(binding, names)))
 
     # ------------------------------------------------------------ nets
@@ -110,7 +110,7 @@ class _Caster:
     def net(
         self, name: str, net: Play | NetStep, binding: Binding, inner: tuple[str, ...]
     ) -> tuple[Task, tuple[str, ...]]:
-        """Return the task of a net; or, if there are *inner* labels, the task that they lead to, and those left."""
+        """Return the task of a net; or the task to which *inner* labels lead, with the labels that are left."""
         steps = dict(zip(labels(net.tasks), net.tasks, strict=True))
         if not inner:
             binding.want(named_in(net))
@@ -136,7 +136,7 @@ class _Caster:
     def step(
         self, name: str, label: str, step: Step, binding: Binding, inner: tuple[str, ...] = ()
     ) -> tuple[Task, tuple[str, ...]]:
-        """Return the task of a *step*; or the task that *inner* labels lead to, and those left."""
+        """Return the task of a *step*; or the task to which *inner* labels lead, with the labels that are left."""
         if not (inner and isinstance(step, NetStep)):
             binding.want(named_in(step))
         match step:
@@ -161,7 +161,7 @@ class _Caster:
         ), left
 
     def _picked(self, name: str, goes: Sequence[Task], inner: tuple[str, ...]) -> tuple[Task, tuple[str, ...]]:
-        """Return moves at once; what *inner* names of them is picked once it is known who makes which."""
+        """Return parallel moves, and the *inner* labels: they are picked once the robots of the moves are known."""
         return self._task(name, "parallel", goes), inner
 
     # ------------------------------------------------------------ acts
@@ -236,12 +236,12 @@ def _go(parent: str, act: Go) -> Task:
 
 
 def of_robot(name: str) -> bool:
-    """Return whether the drive of that name is called by the robot that makes it."""
+    """Return whether the drive of that name is labelled by its robot."""
     return name.rpartition("/")[2].startswith(_OF_ROBOT)
 
 
 def picked(task: Task, inner: Sequence[str]) -> Task:
-    """Return the task that the labels *inner* lead to, below *task*; raise UserError."""
+    """Return the task below *task* to which the labels *inner* lead; raise UserError if there is none."""
     for label in inner:
         below = {each.name.rpartition("/")[2]: each for each in task.subtasks}
         if label not in below:

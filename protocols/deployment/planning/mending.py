@@ -1,4 +1,4 @@
-"""What would mend a play that is infeasible: changes of the call, each tried before it is offered."""
+"""Mends of an infeasible play: changes of the call, each of which is tried before it is offered."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,38 +14,38 @@ from protocols.deployment.tasks.crew import Body
 from protocols.deployment.tasks.plan import Between, Place, Task
 
 STEP: Time = S // 10
-"""Relaxed times are told in tenths of seconds."""
+"""Resolution of relaxed times."""
 
 
 MOST_MISSING: Final = 8
-"""Nobody is told to find more robots than so many."""
+"""Greatest number of additional robots that a mend proposes."""
 
 
 class Change(NamedTuple):
-    """A change of a call, or of who is there."""
+    """A change of a call, or of the team."""
 
     bodies: tuple[Body, ...] = ()
-    """More robots, at the base."""
-    everybody: bool = False
-    """Robots may take part that the call has left out."""
+    """Additional robots, at the base."""
+    everyone: bool = False
+    """True if robots that the call has left out may take part."""
     uncast: bool = False
-    """The planner chooses who plays which role, whatever the call says."""
+    """True if the planner chooses the robots of all roles, whatever the call says."""
     spans_s: tuple[tuple[str, float, float | None], ...] = ()
-    """Constraints by their ``why``, time-outs by their task's name, and their new limits."""
+    """New limits of constraints, by their ``why``, and of time-outs, by their task's name."""
     dropped: tuple[str, ...] = ()
-    """Constraints by their ``why`` that are left out."""
+    """Constraints that are left out, by their ``why``."""
     moved_m: tuple[tuple[Place, Place], ...] = ()
-    """Places, and other places instead of them."""
+    """Places, and the places that are taken instead of them."""
     before: tuple[tuple[str, str], ...] = ()
-    """Tasks, and tasks that are to start after their end."""
+    """Pairs of tasks, of which the second is to start after the end of the first."""
     apart_m: float | None = None
-    """Robots that gather stand at most so far apart."""
+    """Greatest distance between robots that gather; None: as the play says."""
 
     def with_(self, other: "Change") -> "Change":
         """Return both changes."""
         return Change(
             self.bodies + other.bodies,
-            self.everybody or other.everybody,
+            self.everyone or other.everyone,
             self.uncast or other.uncast,
             self.spans_s + other.spans_s,
             self.dropped + other.dropped,
@@ -62,7 +62,7 @@ class Mend(NamedTuple):
     change: Change
 
 
-class Stuck(NamedTuple):
+class Infeasible(NamedTuple):
     """Why there is no plan, and what might mend it."""
 
     conflicts: tuple[str, ...]
@@ -78,10 +78,10 @@ def short_of_robots(
     template: Body,
     left_out: Sequence[Address],
     unheard_s: Mapping[Address, float],
-) -> Stuck:
-    """Return what is told of roles that have too few robots; *template*: the smallest robot of the team.
+) -> Infeasible:
+    """Return why roles have too few robots, with mends; *template*: the smallest robot of the team.
 
-    *unheard_s*: who could have come, but has not been heard for so long.
+    *unheard_s*: robots that could take part, but have not been heard for the given time.
     """
     count, fit = len(shortage.roles), len(shortage.robots)
     needs = sorted({wanted(roles[name].needs) for name in shortage.roles})
@@ -92,15 +92,15 @@ def short_of_robots(
     conflicts += [f"robot {robot} has not been heard for {lost_s:.0f} s" for robot, lost_s in unheard_s.items()]
     mends = []
     if left_out:
-        mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everybody=True)))
+        mends.append(Mend(f"robots {', '.join(map(str, left_out))} may take part", Change(everyone=True)))
     if any(role.fixed is not None for role in roles.values()):
         mends.append(Mend("the planner chooses the robots for all roles", Change(uncast=True)))
     if len(shortage.lacking) > MOST_MISSING:
-        return Stuck((*conflicts, *shortage.reasons), tuple(mends))
+        return Infeasible((*conflicts, *shortage.reasons), tuple(mends))
     bodies = tuple(_fitting(roles[name], template) for name in shortage.lacking)
     lacking = Counter(wanted(roles[name].needs) for name in shortage.lacking)
     mends.append(Mend(" and ".join(_more(what, number) for what, number in lacking.items()), Change(bodies=bodies)))
-    return Stuck((*conflicts, *shortage.reasons), tuple(mends))
+    return Infeasible((*conflicts, *shortage.reasons), tuple(mends))
 
 
 def _more(what: str, count: int) -> str:
@@ -108,7 +108,7 @@ def _more(what: str, count: int) -> str:
 
 
 def _fitting(role: Role, template: Body) -> Body:
-    """Return the smallest robot of the team with what *role* needs."""
+    """Return *template* with what *role* needs."""
     for need in role.needs:
         if need.camera:
             template = template._replace(camera=True)
@@ -122,10 +122,12 @@ def _fitting(role: Role, template: Body) -> Body:
 # ---------------------------------------------------------------- too little time
 
 
-def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]) -> Stuck:
-    """Return what is told of a temporal conflict: what was asked for, then durations; the plan's shape is understood.
+def out_of_time(
+    network: Network, asked: Sequence[tuple[Bound, Between]], timed: Sequence[tuple[Bound, Task]]
+) -> Infeasible:
+    """Return the constraints of a temporal conflict: those that were asked for, then durations.
 
-    *asked*: the bounds of the plan's constraints; *timed*: those of time-outs.
+    *asked*: bounds of the plan's constraints; *timed*: those of time-outs. Bounds of the plan's shape are not named.
     """
     conflict = network.conflict
     soft = {bound for bound, _ in (*asked, *timed)}
@@ -145,17 +147,18 @@ def out_of_time(network: Network, asked: Sequence[tuple[Bound, Between]], timed:
     ]
     first = [bound for bound, _ in (*asked, *timed) if bound in conflict]
     lasting = [bound for bound in conflict if bound not in soft and (bound.least or bound.most is not None)]
-    return Stuck(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
+    return Infeasible(tuple(dict.fromkeys(bound.name for bound in (*first, *lasting))), tuple(mends))
 
 
-def in_a_circle(constraints: Sequence[Between]) -> Stuck:
-    """Return what is told of constraints by which a task waits for its own end."""
+def in_a_circle(constraints: Sequence[Between]) -> Infeasible:
+    """Return the conflict of *constraints* by which a task waits for its own end."""
     without = (Mend(f"without: {each.why}", Change(dropped=(each.why,))) for each in constraints)
-    return Stuck(tuple(each.why for each in constraints), tuple(without))
+    return Infeasible(tuple(each.why for each in constraints), tuple(without))
 
 
 def _relaxing(between: Between, least_s: float, most_s: float | None) -> Mend:
-    """Return that a constraint has other limits; or is left out, if nothing would be left of what it says."""
+    """Return the mend that gives a constraint other limits, or leaves it out."""
+    # with a negative lower limit nothing would be left of "after"
     if least_s < 0 <= between.at_least_s:
         return Mend(f"without: {between.why}", Change(dropped=(between.why,)))
     text = f"{_who(between)}{sentence(between.earlier, between.later, least_s, most_s)}"
@@ -168,7 +171,7 @@ def _who(between: Between) -> str:
 
 
 def _relaxed(network: Network, hard: Sequence[Bound], bound: Bound) -> Iterator[tuple[float, float | None]]:
-    """Yield the limits (s) next to those of *bound* that all others leave, or at least the *hard* ones; or nothing."""
+    """Yield the limits (s), nearest to those of *bound*, that all other bounds allow, or at least the *hard* ones."""
     others = Network(each for each in network.bounds if each != bound)
     if not others.consistent:  # there are more conflicts, which other changes must mend
         others = Network(hard)

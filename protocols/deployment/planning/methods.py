@@ -1,15 +1,15 @@
-"""How a deployment is made of moves: the three strategies of Fig. 3, for the planner and the executive alike.
+"""The moves of a deployment: the three strategies of Fig. 3, for the planner and the executive alike.
 
 All three have "the same basic form: for N stages, move some group of n robots to some set of m locations" (paper 004,
 section 5), and all leave ``robots[i]`` at ``places_m[i]``. With k = N - 1, and counting from 0:
 
-* group: at stage i the robots i..k drive to place i at once, so that N, N-1, ..., 1 robots move;
-* wave: at stage i the robots k-i..k drive to the places 0..i at once, so that 1, 2, ..., N robots move;
-* leap-frog: at stage i robot i drives to the places 0..i one after the other, so that always one robot moves.
+* group: at stage i the robots i..k drive to place i in parallel, so that N, N-1, ..., 1 robots move;
+* wave: at stage i the robots k-i..k drive to the places 0..i in parallel, so that 1, 2, ..., N robots move;
+* leap-frog: at stage i robot i drives to the places 0..i one after the other, so that one robot moves at a time.
 
-Our own *direct* and *fixed* are one stage: robot i drives to place i.
+Our own *direct* and *fixed* have one stage: robot i drives to place i.
 
-Nothing here keeps robots out of each other's way: that is the executive's augmentation.
+Nothing here keeps robots out of each other's way; the executive's augmentation does.
 """
 
 from collections.abc import Iterable, Iterator
@@ -25,14 +25,14 @@ class Move(NamedTuple):
     robot: Address
     place_m: Place
     final: bool
-    """Whether the robot ends up there."""
+    """True if the robot ends up there."""
 
 
 # ---------------------------------------------------------------- strategies
 
 
 def stages(deployment: Deployment) -> list[list[Move]]:
-    """Return the moves of each stage (Fig. 3): at once for group and wave, one after the other for leap-frog."""
+    """Return the moves of each stage (Fig. 3): parallel for group and wave, one after the other for leap-frog."""
     size = len(deployment.robots)
     if deployment.strategy in UNSTAGED:
         return [[Move(*pair, final=True) for pair in zip(deployment.robots, deployment.places_m, strict=True)]]
@@ -59,10 +59,10 @@ def _leap_frog(stage: int, size: int) -> Iterator[tuple[int, int]]:
 
 
 def expanded(task: Task) -> Task:
-    """Return *task* with the stages of its deployment as subtasks; any other task, or one that has some, as it is.
+    """Return *task* with the stages of its deployment as subtasks; leave other tasks, and expanded ones, as they are.
 
-    Stages follow each other. They are called ``stage-1``, ``stage-2``, ...; moves ``robot-R``, or, of a robot that
-    makes several in its stage, ``robot-R-leg-1`` and so on.
+    Stages follow each other, with the labels ``stage-1``, ``stage-2``, ...; moves have the label ``robot-R``, or, if a
+    robot makes several in its stage, ``robot-R-leg-1`` and so on.
     """
     if not isinstance(task.act, Deployment) or task.subtasks:
         return task
@@ -88,7 +88,7 @@ def _go(parent: str, label: str, move: Move) -> Task:
 
 
 def expanded_to(task: Task, depth: int | None = None) -> Task:
-    """Return *task* with the deployments in it expanded that stand at most *depth* levels below it; None: all."""
+    """Return *task* with the deployments at most *depth* levels below it expanded; None: all."""
     inner = None if depth is None else depth - 1
     if depth is not None and depth < 0:
         return task

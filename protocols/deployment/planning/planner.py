@@ -1,9 +1,9 @@
-"""The planner: a call of a play becomes a plan, or is refused at once with the reasons and what would mend it.
+"""The planner: it makes a plan of a call of a play, or refuses it at once, with the reasons and possible mends.
 
 After MACBeth (paper 004, section 4): hierarchical task nets with constraint reasoning. A play is cast with roles, roles
 get robots at the least route cost among those that can play them, the tasks get durations from their routes, and the
 temporal network of the whole decides. "If the user attempts to specify an infeasible plan, conflicts and
-inconsistencies should be flagged as soon as possible". A mend that is offered has been tried: with it there is a plan.
+inconsistencies should be flagged as soon as possible". Every mend that is offered has been tried and gives a plan.
 """
 
 import math
@@ -22,7 +22,7 @@ from cosim.units import to_seconds
 from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.binding import Role, Site, near
 from protocols.deployment.planning.casting import Casting, cast, of_robot, picked
-from protocols.deployment.planning.mending import Change, Mend, Stuck, in_a_circle, out_of_time, short_of_robots
+from protocols.deployment.planning.mending import Change, Infeasible, Mend, in_a_circle, out_of_time, short_of_robots
 from protocols.deployment.planning.methods import expanded, expanded_to
 from protocols.deployment.planning.play import MOST_ROBOTS
 from protocols.deployment.planning.playbook import Playbook
@@ -30,10 +30,10 @@ from protocols.deployment.planning.roles import Shortage, assigned
 from protocols.deployment.planning.routes import (
     Routes,
     barred,
+    by_departure,
     crowded,
     departures,
     errands,
-    in_line,
     missing_ways,
     prices,
 )
@@ -75,18 +75,18 @@ from protocols.deployment.tasks.plan import (
 )
 
 # ---------------------------------------------------------------- tailoring
-# Plans are tailored: what a call adds to a play before it is executed (paper 004, section 4).
+# Tailoring: what a call changes in a play before it is executed (paper 004, section 4).
 
 
 def rewritten(task: Task, change: Callable[[Task], Task]) -> Task:
-    """Return *task* with *change* made to it and to all below it, the lowest first."""
+    """Return *task* with *change* applied to it and to all tasks below it, the lowest first."""
     if task.subtasks:
         task = task.model_copy(update={"subtasks": tuple(rewritten(each, change) for each in task.subtasks)})
     return change(task)
 
 
 def deployed_by(root: Task, strategy: Strategy | None, augmented: bool | None) -> Task:
-    """Return *root* with all deployments by that strategy, and augmented or not; None: as they are."""
+    """Return *root* with another strategy, and with or without augmentation, of all deployments; None: unchanged."""
     update: dict[str, object] = {} if strategy is None else {"strategy": strategy}
     update |= {} if augmented is None else {"augmented": augmented}
 
@@ -108,7 +108,7 @@ def timed_out(root: Task, time_outs_s: Mapping[str, float]) -> Task:
 
 
 def revealed(root: Task, names: Collection[str]) -> Task:
-    """Return *root* with those deployments expanded that have tasks of these *names*; raise UserError for no task."""
+    """Return *root* with the deployments expanded that have tasks of *names*; raise UserError for a name of no task."""
 
     def change(task: Task) -> Task:
         return expanded(task) if any(name.startswith(f"{task.name}/") for name in names) else task
@@ -122,7 +122,7 @@ def revealed(root: Task, names: Collection[str]) -> Task:
 
 
 def led(root: Task, via_m: Mapping[str, tuple[Place, ...]]) -> Task:
-    """Return *root* with waypoints for drives, by the tasks' names; raise UserError for what is no drive."""
+    """Return *root* with waypoints of drives, by the tasks' names; raise UserError for a task that is no drive."""
 
     def change(task: Task) -> Task:
         if task.name not in via_m:
@@ -135,38 +135,38 @@ def led(root: Task, via_m: Mapping[str, tuple[Place, ...]]) -> Task:
 
 
 CALLER: Final = "the call"
-"""Who asks for the constraints that a call adds."""
+"""Author of the constraints that a call adds."""
 AND: Final = "; and "
-"""Between changes that only mend a play together."""
+"""Separator of changes that only mend a play together."""
 MOST_TRIALS: Final = 24
-"""So many changes are tried to mend a play,"""
+"""Greatest number of changes that are tried to mend a play."""
 MOST_CHANGES: Final = 3
-"""at most so many of them at once."""
+"""Greatest number of changes that are tried together."""
 
 
 class PlannerParameters(Settings):
-    """How the planner plans."""
+    """Parameters of the planner."""
 
-    cost: Literal["length", "time"] = Field(default="length", description="of routes, when roles are assigned")
+    cost: Literal["length", "time"] = Field(default="length", description="cost of routes, by which roles are assigned")
     expand: Literal["none", "all"] | Count = Field(
-        default="none", description="which deployments the planner expands itself: levels below the play, or all"
+        default="none", description="deployments that the planner expands: down to a level below the play, or all"
     )
     timing: TimingParameters = TimingParameters()
 
 
 class Call(Settings):
-    """A play is called; tailored, if there is more in it than its path and its parameters."""
+    """A call of a play; it is tailored if it says more than the play's path and its parameters."""
 
-    play: str = Field(description="path in the tree: of a play, of a folder (the quickest in it), of a task of a play")
+    play: str = Field(description="path in the tree of a play, a folder (the quickest in it), or a task of a play")
     parameters: dict[str, JsonValue] = Field(default_factory=dict, description="of the play")
-    places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter of that name")
-    robots: tuple[Count, ...] | None = Field(default=None, description="who may take part; None: all")
-    roles: dict[str, Count] = Field(default_factory=dict, description="who plays a role; the planner chooses others")
+    places: tuple[PlaceName, ...] | None = Field(default=None, description="short for the parameter places")
+    robots: tuple[Count, ...] | None = Field(default=None, description="robots that may take part; None: all")
+    roles: dict[str, Count] = Field(default_factory=dict, description="robot of a role; the planner chooses the others")
     constraints: tuple[Constraint, ...] = Field(
-        default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play's"
+        default=(), max_length=MOST_ROBOTS, description="on tasks by their labels below the play"
     )
     via: dict[str, tuple[PlaceName, ...]] = Field(
-        default_factory=dict, max_length=MOST_ROBOTS, description="waypoints of drives, by labels"
+        default_factory=dict, max_length=MOST_ROBOTS, description="waypoints of drives, by their labels"
     )
     strategy: Strategy | None = Field(default=None, description="of all deployments, instead of the play's own")
     augmented: bool | None = Field(default=None, description="of all deployments, instead of the play's own")
@@ -174,11 +174,11 @@ class Call(Settings):
 
 
 class Refusal(Settings):
-    """A play that was called is infeasible."""
+    """The refusal of a call that is infeasible."""
 
     play: str
     conflicts: tuple[str, ...] = Field(min_length=1, description="constraints that cannot all be met, in words")
-    mend: tuple[str, ...] = Field(default=(), description="changes; with any one of them there would be a plan")
+    mend: tuple[str, ...] = Field(default=(), description="changes, in words; each of them alone gives a plan")
 
 
 class Planner:
@@ -197,9 +197,9 @@ class Planner:
     ) -> None:
         """Take what does not change from call to call.
 
-        *places_m*: places that the floor names; *homes_m*: where each robot stands at base (default: the base's place);
-        *executing*: what the executive augments stages with, for one that is called alone; *exploring*: how long that
-        takes at least, if anybody knows.
+        *places_m*: places that the floor names; *homes_m*: place of each robot at base (default: the base's place);
+        *executing*: the executive's augmentations, for a stage that is called alone; *exploring*: the least time of
+        exploring, if it is known.
         """
         self.playbook, self.crew, self.ways = playbook, crew, ways
         self.parameters = parameters or PlannerParameters()
@@ -215,10 +215,10 @@ class Planner:
         number: int = 0,
         unheard_s: Mapping[Address, float] = MappingProxyType({}),
     ) -> Plan | Refusal:
-        """Return the plan of a *call*, with that *number*; or why there is none.
+        """Return the plan of a *call*, with that *number*, or its refusal.
 
-        *starts_m*: where the robots are that can take part; *unheard_s*: for how long others have not been heard. Raise
-        UserError for a call that means nothing.
+        *starts_m*: places of the robots that can take part; *unheard_s*: time since the others were heard last. Raise
+        UserError for a call that is wrong.
         """
         path, inner = self.playbook.find(call.play)
         found, refusals, errors = list[Plan](), list[Refusal](), list[UserError]()
@@ -233,13 +233,14 @@ class Planner:
             else:
                 refusals.append(outcome)
         if len(found) > 1:
+            # plays that explore have no expected end: among them the least time decides
             return min(found, key=lambda plan: (self.expected_s(plan, starts_m), self._least_s(plan, starts_m)))
         if found or refusals:
             return found[0] if found else refusals[0]
         raise errors[0]
 
     def expected_s(self, plan: Plan, starts_m: Mapping[Address, Place]) -> float:
-        """Return when a plan is expected to have ended, s after it began; infinite if nothing can be said."""
+        """Return the expected end of a plan, s after its begin; infinite if it is not known."""
         root = expanded_to(plan.root)
         return expected_s(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
 
@@ -250,7 +251,7 @@ class Planner:
     def windows_s(
         self, plan: Plan, starts_m: Mapping[Address, Place]
     ) -> dict[Instant, tuple[float | None, float | None]]:
-        """Return the earliest and latest times of all starts and ends of a plan, s after it began; None: no limit."""
+        """Return the earliest and latest times of all starts and ends of a plan, s after its begin; None: no limit."""
         root = expanded_to(plan.root)
         network = network_of(root, self._spans_of(root, plan.constraints, starts_m), plan.constraints)
         if not network.consistent:
@@ -277,7 +278,7 @@ class Planner:
         bodies: Sequence[Body],
         routes: Routes,
     ) -> dict[str, Span]:
-        """Return how long *leaves*, in their order, take; but those of which nobody knows."""
+        """Return the durations of *leaves*, in the order of their starts, as far as they are known."""
         legs, explored_s = legs_of(leaves, starts_m), self._explored_s(leaves, graph, starts_m, bodies)
         spans: dict[str, Span] = {}
         for leaf in leaves:
@@ -300,7 +301,7 @@ class Planner:
         starts_m: Mapping[Address, Place],
         bodies: Sequence[Body],
     ) -> dict[str, float]:
-        """Return how long explorations take at least; but those of which that is not known."""
+        """Return the least durations of explorations, as far as they are known."""
         if self._exploring is None or len(starts_m) < len(bodies):
             return {}  # robots that are lost may have seen more than the others know, and may come back
         first = first_exploration(leaves, graph, starts_m)
@@ -310,18 +311,18 @@ class Planner:
         return {leaf.name: self._exploring({robot: bodies[robot] for robot in actors(leaf.act)}, places_m)}
 
     def site(self, routes: Routes, change: Change) -> Site:
-        """Return where a play is to take place."""
+        """Return the site of a play after a *change*."""
         radius_m = max((body.radius_m for body in self.crew.bodies), default=0.0)
         apart_m = math.inf if change.apart_m is None else change.apart_m
         return Site(routes, self.crew.base_m, self._places_m, radius_m, dict(change.moved_m), apart_m)
 
     def home_m(self, robot: Address) -> Place:
-        """Return where a robot stands at base."""
+        """Return the place of a robot at base."""
         return self._homes_m.get(robot, self.crew.base_m)
 
 
 def network_of(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> Network:
-    """Return the temporal network of a whole plan: its shape, its durations, then what is asked of it."""
+    """Return the temporal network of a whole plan: its shape, its durations, then its constraints and time-outs."""
     network = Network(structure(root))
     network.extend(lasting(root, spans))
     network.extend(ending(root))
@@ -350,7 +351,7 @@ class _Calling:
         self.trials = 0
 
     def outcome(self) -> Plan | Refusal:
-        """Return the plan, or the reasons and the changes that would do."""
+        """Return the plan, or a refusal with the reasons and mends."""
         found = self._attempt(Change())
         if isinstance(found, Plan):
             return found
@@ -358,10 +359,10 @@ class _Calling:
         different = {frozenset(text.split(AND)): text for text in reversed(mend)}
         return Refusal(play=self.call.play, conflicts=found.conflicts, mend=tuple(reversed(different.values())))
 
-    def _mends(self, stuck: Stuck, before: Change, most: int) -> list[str]:
-        """Return the changes with which there is a plan: single ones, or else what they lead to."""
-        texts, further = list[str](), list[tuple[Mend, Change, Stuck]]()
-        for mend in stuck.mends:
+    def _mends(self, infeasible: Infeasible, before: Change, most: int) -> list[str]:
+        """Return the changes that give a plan: single ones, or else combinations."""
+        texts, further = list[str](), list[tuple[Mend, Change, Infeasible]]()
+        for mend in infeasible.mends:
             if self.trials == MOST_TRIALS:
                 break
             self.trials += 1
@@ -377,8 +378,8 @@ class _Calling:
 
     # ------------------------------------------------------------ one attempt
 
-    def _attempt(self, change: Change) -> Plan | Stuck:
-        """Return the plan of the call after a *change*; or why there is none."""
+    def _attempt(self, change: Change) -> Plan | Infeasible:
+        """Return the plan of the call after a *change*, or why there is none."""
         call, planner = self.call, self.planner
         crew = planner.crew._replace(bodies=planner.crew.bodies + change.bodies)
         starts_m = self.starts_m | dict.fromkeys(crew.robots[len(planner.crew.bodies) :], crew.base_m)
@@ -387,24 +388,24 @@ class _Calling:
         casting = cast(planner.playbook, self.path, self.inner, given, site)
         if casting.faults:
             texts = tuple(text for text, _ in casting.faults)
-            return Stuck(texts, _closer([apart_m for _, apart_m in casting.faults]))
+            return Infeasible(texts, _closer([apart_m for _, apart_m in casting.faults]))
         robots = self._robots(casting, crew, starts_m, change)
-        if isinstance(robots, Stuck):
+        if isinstance(robots, Infeasible):
             return robots
         homes_m = {robot: planner.home_m(robot) for robot in crew.robots}
         casting = cast(planner.playbook, self.path, self.inner, given, site, robots, homes_m)
         root, constraints = self._tailored(casting, change, crew)
-        stuck = self._hindered(root, constraints, crew, starts_m)
-        if stuck is not None:
-            return stuck
+        infeasible = self._hindered(root, constraints, crew, starts_m)
+        if infeasible is not None:
+            return infeasible
         used = sorted({robot for task in root.walk() for robot in actors(task.act)})
         play = "/".join((self.path, *self.inner))
         return Plan(number=self.number, play=play, robots=tuple(used), root=root, constraints=tuple(constraints))
 
     def _robots(
         self, casting: Casting, crew: Crew, starts_m: Mapping[Address, Place], change: Change
-    ) -> dict[str, Address] | Stuck:
-        """Return who plays which role."""
+    ) -> dict[str, Address] | Infeasible:
+        """Return the robot of each role, or why there is none."""
         bodies = {robot: crew.bodies[robot] for robot in sorted(starts_m) if self._invites(robot, change)}
         roles = self._roles(casting, change)
         template = min(crew.bodies, key=lambda body: body.radius_m, default=Body())
@@ -412,31 +413,31 @@ class _Calling:
         unheard_s = {robot: lost_s for robot, lost_s in self.unheard_s.items() if self._invites(robot, change)}
         cost = self.planner.parameters.cost
         able = assigned(list(roles.values()), list(bodies), prices(roles, {}, bodies, starts_m, self.routes, cost))
-        if isinstance(able, Shortage):  # told before anything is spent on routes
+        if isinstance(able, Shortage):  # reported before any time is spent on routes
             return short_of_robots(able, roles, template, left_out, unheard_s)
         root = expanded_to(deployed_by(casting.root, self.call.strategy, self.call.augmented))
-        if not casting.unused:  # of drives that are named by their robots nothing is known yet
+        if not casting.unused:  # the robots after which drives are named are not known yet
             root = led(root, {name: at for name, at in self._via_m(root, casting).items() if not of_robot(name)})
         leaves = in_order(root, precedence(root, casting.between))
         by_number = errands(leaves)
         places_m = {casting.numbers[robot]: places for robot, places in by_number.items()}
-        stuck = self._barred(places_m, crew, starts_m)
-        if stuck is not None:
-            return stuck
+        infeasible = self._barred(places_m, crew, starts_m)
+        if infeasible is not None:
+            return infeasible
         costs = prices(roles, places_m, bodies, starts_m, self.routes, cost)
         ranks = departures(leaves, crew.base_m, min(body.radius_m for body in crew.bodies), self.routes)
         by_role = {casting.numbers[robot]: rank for robot, rank in ranks.items()}
         firsts_m = {name: places[0] for name, places in places_m.items()}
-        costs = in_line(costs, by_role, firsts_m, starts_m, bodies, self.routes)
+        costs = by_departure(costs, by_role, firsts_m, starts_m, bodies, self.routes)
         found = assigned(list(roles.values()), list(bodies), costs)
         if isinstance(found, Shortage):
             return short_of_robots(found, roles, template, left_out, unheard_s)
         return found
 
     def _invites(self, robot: Address, change: Change) -> bool:
-        """Return whether a robot may take part, as far as the call goes."""
+        """Return whether the call lets a robot take part."""
         invited = self.call.robots
-        return invited is None or change.everybody or robot in invited or robot >= len(self.planner.crew.bodies)
+        return invited is None or change.everyone or robot in invited or robot >= len(self.planner.crew.bodies)
 
     def _roles(self, casting: Casting, change: Change) -> dict[str, Role]:
         roles = casting.roles
@@ -452,8 +453,8 @@ class _Calling:
 
     def _barred(
         self, places_m: Mapping[str, Sequence[Place]], crew: Crew, starts_m: Mapping[Address, Place]
-    ) -> Stuck | None:
-        """Return what is told of places that nobody in the team can stand at or get to; None if there are none."""
+    ) -> Infeasible | None:
+        """Return the conflict of places that no robot of the team can get to; None if there are none."""
         bodies = [crew.bodies[robot] for robot in sorted(starts_m)]
         places = [place for each in places_m.values() for place in each]
         if not bodies:
@@ -464,14 +465,14 @@ class _Calling:
         texts = tuple(f"no robot can get to ({place[0]:g}, {place[1]:g})" for place, _ in found)
         moved = [(place, instead) for place, instead in found if instead is not None]
         if len(moved) < len(found):
-            return Stuck(texts)
+            return Infeasible(texts)
         words = [f"({to[0]:g}, {to[1]:g}) instead of ({place[0]:g}, {place[1]:g})" for place, to in moved]
-        return Stuck(texts, (Mend(" and ".join(words), Change(moved_m=tuple(moved))),))
+        return Infeasible(texts, (Mend(" and ".join(words), Change(moved_m=tuple(moved))),))
 
     # ------------------------------------------------------------ tailoring
 
     def _tailored(self, casting: Casting, change: Change, crew: Crew) -> tuple[Task, list[Between]]:
-        """Return the tasks as the call wants them, and all constraints on them."""
+        """Return the tasks as tailored by the call, and all constraints on them."""
         call, binding = self.call, casting.binding
         assert binding is not None
         root = deployed_by(casting.root, call.strategy, call.augmented)
@@ -492,13 +493,13 @@ class _Calling:
         return timed_out(root, {name: most for name, (_, most) in spans_s.items() if most is not None}), constraints
 
     def _via_m(self, root: Task, casting: Casting) -> dict[str, tuple[Place, ...]]:
-        """Return the waypoints that the call wants, by the names of drives below *root*."""
+        """Return the waypoints of the call, by the names of drives below *root*."""
         assert casting.binding is not None
         via = {f"{root.name}/{name}" if name else root.name: at for name, at in self.call.via.items()}
         return {name: casting.binding.places_of(at) for name, at in via.items()}
 
     def _picked(self, whole: Task, labels: Sequence[str], crew: Crew) -> Task:
-        """Return what *labels* lead to in a deployment; a stage of it stands in line as if it was not called alone."""
+        """Return the task to which *labels* lead; augment a stage of a deployment as if it were not called alone."""
         root = picked(whole, labels)
         goes = [task.act for task in root.subtasks if isinstance(task.act, Go)]
         if not isinstance(whole.act, Deployment) or not goes:
@@ -513,7 +514,7 @@ class _Calling:
 
     def _hindered(
         self, root: Task, constraints: Sequence[Between], crew: Crew, starts_m: Mapping[Address, Place]
-    ) -> Stuck | None:
+    ) -> Infeasible | None:
         """Return why a plan cannot be carried out; None if it can."""
         whole = expanded_to(root)
         graph = precedence(whole, constraints)
@@ -530,15 +531,15 @@ class _Calling:
             texts = tuple(f"robot {robot} is wanted by {a} and by {b} at once" for robot, a, b in clashes)
             orders = [(Change(before=((a, b),)), f"{b} after {a}") for _, a, b in clashes[:2]]
             orders += [(Change(before=((b, a),)), f"{a} after {b}") for _, a, b in clashes[:2]]
-            return Stuck(texts, tuple(Mend(text, change) for change, text in orders))
+            return Infeasible(texts, tuple(Mend(text, change) for change, text in orders))
         legs = list(legs_of(leaves, starts_m).values())
         no_way = tuple(missing_ways(legs, crew.bodies, self.routes))
         overlaps = tuple(crowded(leaves, crew.bodies))
-        return Stuck(no_way + overlaps) if no_way or overlaps else None
+        return Infeasible(no_way + overlaps) if no_way or overlaps else None
 
 
 def _closer(distances_m: Sequence[float | None]) -> tuple[Mend, ...]:
-    """Return that robots gather closer to each other, if there is a way for them at all."""
+    """Return the mend that robots gather closer to each other; none where there is no way at all."""
     known_m = [each for each in distances_m if each is not None]
     if len(known_m) < len(distances_m):
         return ()

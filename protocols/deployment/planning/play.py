@@ -1,9 +1,9 @@
 """Plays as people write them: hierarchical task networks in YAML (paper 004, section 4).
 
 "The playbook interface provides easy access to a set of pre-defined mission profiles", each parameterised by robots and
-places. A play is a net of tasks, done one after the other or at once, under temporal constraints; or it holds other
-plays, so that plays form a tree. This is the model of what is written; :mod:`protocols.deployment.planning.playbook`
-holds the tree and checks names, :mod:`protocols.deployment.planning.casting` makes tasks of it::
+places. A play is a net of tasks, done one after the other or in parallel, under temporal constraints; or it holds other
+plays, so that plays form a tree. This module is the model of the YAML; :mod:`protocols.deployment.planning.playbook`
+holds the tree and checks names, and :mod:`protocols.deployment.planning.casting` makes tasks of a play::
 
     about: Two robots to two places, the one with a camera takes a picture of the second.
     parameters:
@@ -31,18 +31,18 @@ Order: TypeAlias = Literal["serial", "parallel"]
 LABEL: Final = r"^[a-z0-9][a-z0-9_-]*$"
 Label: TypeAlias = Annotated[str, Field(pattern=LABEL)]
 Names: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
-"""Parameters that are robots or a robot each."""
-MOST_ROBOTS: Final = 256
-"""Addresses are single bytes: more robots are never asked for, nor more places."""
+"""Names of parameters that stand for one or several robots each."""
+MOST_ROBOTS: Final = 256  # addresses are single bytes
+"""Greatest number of robots, and of places, that a play can name."""
 
 
 class Needs(Settings):
     """What a robot must have for its role."""
 
     camera: bool = False
-    sensor: Literal["laser", "sonar"] | None = Field(default=None, description="None: whichever")
+    sensor: Literal["laser", "sonar"] | None = Field(default=None, description="None: either")
     passage_m: Metres | None = Field(
-        default=None, gt=0, description="m, the narrowest passage that it must get through"
+        default=None, gt=0, description="m, width of the narrowest passage that it must get through"
     )
 
 
@@ -50,7 +50,7 @@ class Needs(Settings):
 
 
 class RobotParameter(Settings):
-    """A single robot; the planner chooses which, unless it is told."""
+    """A single robot; the planner chooses it unless the call names it."""
 
     kind: Literal["robot"] = "robot"
     about: str = ""
@@ -63,9 +63,9 @@ class RobotsParameter(Settings):
     kind: Literal["robots"] = "robots"
     about: str = ""
     needs: Needs = Needs()
-    as_many_as: str | None = Field(default=None, description="the parameter with as many places")
+    as_many_as: str | None = Field(default=None, description="parameter that has as many places")
     default: int | None = Field(
-        default=None, ge=1, le=MOST_ROBOTS, description="how many; None, and no as_many_as: must be told"
+        default=None, ge=1, le=MOST_ROBOTS, description="number of robots; None without as_many_as: the call must say"
     )
 
 
@@ -115,10 +115,10 @@ Parameter: TypeAlias = Annotated[
 class _Step(Settings):
     label: Label | None = Field(default=None, description="None: its kind, numbered if there are several")
     time_out_s: Quantity | None = Field(
-        default=None, description="s; fails if it has not ended so long after its start"
+        default=None, description="s, time after its start at which it fails if it has not ended"
     )
     on_failure: Literal["fail", "skip", "retry"] = "fail"
-    ends_with: str | None = Field(default=None, description="task of the same net with whose end it is terminated")
+    ends_with: str | None = Field(default=None, description="task of the same net whose end terminates it")
 
 
 class GoStep(_Step):
@@ -153,7 +153,7 @@ class ExploreStep(_Step):
 
 
 class DeployStep(_Step):
-    """Robots deploy to as many places, by one of the strategies of Fig. 3."""
+    """Robots deploy to as many places by one of the strategies of Fig. 3."""
 
     kind: Literal["deploy"] = "deploy"
     strategy: Strategy | str = "group"
@@ -166,9 +166,9 @@ class DeployStep(_Step):
 
 
 class GatherStep(_Step):
-    """Robots drive at once to one place, as in one stage of a group deployment: the first named will stand in front.
+    """Robots drive in parallel to one place, as in a stage of a group deployment; the first named stands in front.
 
-    They end up along the way from there to another place (the first, of several), which is where they go next.
+    They end up along the way from there to another place (the first, of several), to which they go next.
     """
 
     kind: Literal["gather"] = "gather"
@@ -176,7 +176,7 @@ class GatherStep(_Step):
     at: PlaceName
     towards: PlaceName
     apart_m: Quantity = 1.5
-    staggered: bool = Field(default=True, description="each sets off when the one in front is so far from it")
+    staggered: bool = Field(default=True, description="true if each sets off when the one in front is apart_m away")
 
 
 class ReturnStep(_Step):
@@ -191,11 +191,13 @@ class PlayStep(_Step):
 
     kind: Literal["play"] = "play"
     play: str
-    given: dict[str, JsonValue] = Field(default_factory=dict, description="its parameters: of this play, or values")
+    given: dict[str, JsonValue] = Field(
+        default_factory=dict, description="its parameters: values, or parameters of this play"
+    )
 
 
 class NetStep(_Step):
-    """Tasks one after the other, or at once."""
+    """Tasks one after the other, or in parallel."""
 
     kind: Literal["net"] = "net"
     order: Order = "serial"
@@ -210,7 +212,7 @@ Step: TypeAlias = Annotated[
 
 
 class Play(Settings):
-    """A net of tasks with parameters; or a folder of plays. Called as such, a folder means whichever is quickest."""
+    """A net of tasks with parameters, or a folder of plays; a call of a folder means the quickest play in it."""
 
     about: str = ""
     plays: dict[Label, "Play"] = Field(default_factory=dict, description="of a folder")
@@ -221,7 +223,7 @@ class Play(Settings):
 
 
 def labels(tasks: Sequence[Step]) -> list[str]:
-    """Return what *tasks* are called: their labels, or their kinds, numbered from 1 if there are several of a kind."""
+    """Return the labels of *tasks*: their own, or their kinds, numbered from 1 if there are several of a kind."""
     unnamed = [task.kind for task in tasks if task.label is None]
     names, counts = list[str](), dict[str, int]()
     for task in tasks:

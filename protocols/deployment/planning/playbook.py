@@ -1,8 +1,8 @@
 """The tree of plays: read from files, checked as a whole, searched by path.
 
 A library is a folder of YAML files, each a play or a folder of plays
-(:class:`protocols.deployment.planning.play.Play`), named by its file; or one such file that is a folder. An error names
-the file, the place in it, the value, what was expected.
+(:class:`protocols.deployment.planning.play.Play`), named by its file; or it is one such file that is a folder. An error
+names the file, the place in it, the value, and what was expected.
 """
 
 import os
@@ -31,16 +31,16 @@ from protocols.deployment.planning.play import (
 from protocols.deployment.tasks.constraints import BASE, Constraint, named_by, quantities_of
 
 BUILT_IN: Final = Path(__file__).parent / "plays"
-"""The folder of our own plays."""
+"""Folder of our own plays."""
 
 Reader: TypeAlias = Callable[[Path], Play]
 """Reads and validates one file; raises UserError."""
 Fault: TypeAlias = tuple[str, str]
-"""A place in a play, and what is wrong with it."""
+"""A place in a play, and what is wrong there."""
 
 
 class Playbook:
-    """All plays by their paths, such as ``deploy/leap-frog``; of two at one path the later counts."""
+    """All plays by their paths, such as ``deploy/leap-frog``; of two plays at one path the later counts."""
 
     def __init__(self, root: Play, sources: Mapping[str, str] | None = None) -> None:
         """Take a folder of plays; *sources*: the file of each play directly in it. Raise UserError for a wrong one."""
@@ -72,7 +72,7 @@ class Playbook:
     # ------------------------------------------------------------ searching
 
     def find(self, path: str) -> tuple[str, tuple[str, ...]]:
-        """Return the path of the play or folder that *path* begins with, and the labels of its tasks that follow.
+        """Return the path of the play or folder with which *path* begins, and the labels of its tasks that follow.
 
         Raise UserError if there is none.
         """
@@ -96,7 +96,7 @@ class Playbook:
         ]
 
     def tree(self) -> list[dict[str, Any]]:
-        """Return the tree as JSON for people to choose from: plays, what they want to know, and their tasks."""
+        """Return the tree as JSON, for people to choose from: plays, their parameters and their tasks."""
         return [_branch(name, name, play) for name, play in self.root.plays.items()]
 
     # ------------------------------------------------------------ checking
@@ -160,7 +160,7 @@ class Playbook:
             yield from self._inner_faults(step, within)
 
     def _inner_faults(self, step: PlayStep, within: tuple[str, ...]) -> Iterator[Fault]:
-        """Yield what is wrong with a task that is another play; *within*: the plays that it is a task of."""
+        """Yield the faults of a task that is another play; *within*: the plays of which it is a task."""
         inner = self._plays.get(step.play)
         if inner is None or not inner.tasks:
             plays = [path for path, play in self._plays.items() if play.tasks]
@@ -217,7 +217,7 @@ def named_in(net: Play | NetStep | Step) -> set[str]:
 
 
 def _robots_in(step: Step) -> list[tuple[str, str]]:
-    """Return the names of robots in *step*, and where they stand."""
+    """Return the names of robots in *step*, each with its place in the file."""
     if isinstance(step, GoStep | PhotoStep):
         return [("robot", step.robot)]
     if isinstance(step, NetStep | PlayStep | WaitStep):

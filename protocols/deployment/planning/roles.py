@@ -1,8 +1,8 @@
-"""Who plays which role: the assignment of least route cost among the robots that can (paper 004, section 4).
+"""The assignment of robots to roles: that of least route cost among the robots that can (paper 004, section 4).
 
 MACBeth "fills in these missing details by querying the route planner for routes for each robot to each destination, and
-then chooses the lowest-cost robot-to-destination assignment". If there is none, some roles have fewer robots between
-them than they are (Hall's theorem); they are named, with the reason for each robot that cannot.
+then chooses the lowest-cost robot-to-destination assignment". If there is none, some k roles have fewer than k robots
+between them (Hall's theorem); these are named, with the reason for each robot that cannot play them.
 """
 
 import math
@@ -19,7 +19,7 @@ from protocols.deployment.planning.play import Needs
 from protocols.deployment.tasks.crew import Body
 
 Prices: TypeAlias = Mapping[tuple[str, Address], float | str]
-"""What it costs that a robot plays a role; or why it cannot."""
+"""Cost of each robot in each role, or the reason why it cannot play that."""
 
 
 class Shortage(NamedTuple):
@@ -27,11 +27,11 @@ class Shortage(NamedTuple):
 
     roles: tuple[str, ...]
     robots: tuple[Address, ...]
-    """All who can play any of these."""
+    """All robots that can play any of these."""
     lacking: tuple[str, ...]
-    """Those of them that remain without a robot, as few as can be."""
+    """Roles among these that remain without a robot, as few as possible."""
     reasons: tuple[str, ...]
-    """Why the other robots cannot, each reason once."""
+    """Reasons why the other robots cannot, each once."""
 
 
 def unfit(needs: Sequence[Needs], robot: Address, body: Body) -> str | None:
@@ -47,7 +47,7 @@ def unfit(needs: Sequence[Needs], robot: Address, body: Body) -> str | None:
 
 
 def wanted(needs: Sequence[Needs]) -> str:
-    """Return a robot that fits *needs*, in words."""
+    """Return a description of a robot that fits *needs*."""
     what = ["a robot"]
     if any(need.camera for need in needs):
         what.append("with a camera")
@@ -59,12 +59,13 @@ def wanted(needs: Sequence[Needs]) -> str:
 
 
 def assigned(roles: Sequence[Role], robots: Sequence[Address], prices: Prices) -> dict[str, Address] | Shortage:
-    """Return who plays each role so that the sum of *prices* is least; or the roles that have too few robots.
+    """Return the robot of each role so that the sum of *prices* is least; or the roles that have too few robots.
 
-    Of several such assignments always the same one is returned.
+    Among several such assignments always the same one is returned.
     """
     costs = np.array([[_price(prices[role.name, robot]) for robot in robots] for role in roles])
     costs = costs.reshape(len(roles), len(robots))
+    # first, as the assignment raises an error where there is none of finite cost
     shortage = _shortage(roles, robots, prices)
     if shortage is not None:
         return shortage
@@ -77,7 +78,7 @@ def _price(price: float | str) -> float:
 
 
 def _shortage(roles: Sequence[Role], robots: Sequence[Address], prices: Prices) -> Shortage | None:
-    """Return the roles without a robot, and those whose robots could play them instead; None if all have robots."""
+    """Return the roles without a robot, with those whose robots could play them instead; None if all have robots."""
     able = {role.name: [robot for robot in robots if not isinstance(prices[role.name, robot], str)] for role in roles}
     graph: nx.Graph[str | Address] = nx.Graph()
     graph.add_nodes_from(able)
@@ -86,6 +87,7 @@ def _shortage(roles: Sequence[Role], robots: Sequence[Address], prices: Prices) 
     lacking = [name for name in able if name not in matching]
     if not lacking:
         return None
+    # roles on alternating paths from the unmatched ones compete for the same robots (Hall's theorem)
     short, ahead = dict.fromkeys(lacking), list(lacking)
     while ahead:
         for robot in able[ahead.pop()]:

@@ -1,4 +1,4 @@
-"""Routes for the planner: lengths asked once, what a role costs a robot, and places that nobody can stand at."""
+"""Routes for the planner: lengths, the costs of roles, and places at which no robot can stand."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,15 +14,15 @@ from protocols.deployment.tasks.crew import Body, Ways
 from protocols.deployment.tasks.plan import Go, Place, Task
 
 RINGS_M: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0)
-"""So far away a place is looked for instead of one that nobody can stand at,"""
+"""Distances at which a place is sought instead of one at which no robot can stand."""
 DIRECTIONS: Final = 12
-"""in so many directions."""
+"""Number of directions in which it is sought."""
 NEARLY: Final = 1e-3
-"""Assignments whose costs differ by less, as a share, are decided by who stands in front."""
+"""Share by which costs may differ for the order of departure to decide an assignment."""
 
 
 class Routes:
-    """The ways of one call: each length is asked of the navigation layer once."""
+    """The ways of one call; each length is computed once."""
 
     def __init__(self, ways: Ways) -> None:
         self.ways = ways
@@ -61,7 +61,7 @@ class Routes:
 
 
 def errands(leaves: Sequence[Task]) -> dict[Address, list[Place]]:
-    """Return the places that each robot drives to, in their order; *leaves* in the order in which they can start."""
+    """Return the places that each robot drives to, in order; *leaves* in the order in which they can start."""
     places: dict[Address, list[Place]] = {}
     for leaf in leaves:
         if isinstance(leaf.act, Go):
@@ -79,7 +79,7 @@ def prices(
 ) -> Prices:
     """Return the route cost (m or s) of each robot in each role, or why it cannot play it.
 
-    *places_m*: where each role drives to, in order; *bodies*: the robots that are asked.
+    *places_m*: the places to which each role drives, in order; *bodies*: the robots that may play roles.
     """
     found: dict[tuple[str, Address], float | str] = {}
     for name, role in roles.items():
@@ -112,9 +112,9 @@ def _price(
 
 
 def departures(leaves: Sequence[Task], base_m: Place, radius_m: float, routes: Routes) -> dict[Address, int]:
-    """Return who sets out first (0), next (1), and so on; *leaves* in the order in which they can start.
+    """Return the rank of each robot in the order of departure, from 0; *leaves* in the order in which they can start.
 
-    Of those that set out together, whoever goes farther goes ahead.
+    Of robots that set out together, the one that goes farther goes ahead.
     """
     stages = list(dict.fromkeys(leaf.name.rpartition("/")[0] for leaf in leaves))
     first: dict[Address, tuple[int, Place]] = {}
@@ -133,7 +133,7 @@ def departures(leaves: Sequence[Task], base_m: Place, radius_m: float, routes: R
     return {robot: rank for rank, robot in enumerate(sorted(first, key=key))}
 
 
-def in_line(
+def by_departure(
     prices: Prices,
     ranks: Mapping[str, int],
     first_m: Mapping[str, Place],
@@ -141,11 +141,12 @@ def in_line(
     bodies: Mapping[Address, Body],
     routes: Routes,
 ) -> Prices:
-    """Return *prices* of which nearly equal ones favour that the robots in front set out first.
+    """Return *prices* changed a little, so that of nearly equal assignments robots in front set out first.
 
-    In a corridor the sum of the ways is the same whoever goes to which place, but not who has to pass whom. *ranks*:
-    when each role sets out; *first_m*: where to. A price changes by less than ``NEARLY`` of the way to that place.
+    *ranks*: the order in which roles set out; *first_m*: their first places. A price changes by less than ``NEARLY`` of
+    the way to that place.
     """
+    # in a corridor the sum of the ways is the same for all assignments, but in some of them robots have to pass others
     found = dict(prices)
     for (role, robot), price in prices.items():
         if not isinstance(price, str) and role in ranks:
@@ -158,7 +159,7 @@ def in_line(
 def barred(
     places_m: Sequence[Place], bodies: Sequence[Body], base_m: Place, starts_m: Sequence[Place], routes: Routes
 ) -> Iterator[tuple[Place, Place | None]]:
-    """Yield the places that none of *bodies* can stand at or get to, each with the nearest found that all can."""
+    """Yield the places that none of *bodies* can get to, each with the nearest one found that all can get to."""
     for place in dict.fromkeys(places_m):
         if any(_reached(place, body, (start,), routes) for body in bodies for start in starts_m):
             continue
@@ -168,8 +169,8 @@ def barred(
             for angle in (2.0 * math.pi * step / DIRECTIONS for step in range(DIRECTIONS))
         )
         rounded = ((round(x, 2), round(y, 2)) for x, y in around)
-        everybody = (base_m, *starts_m)
-        yield place, next((at for at in rounded if all(_reached(at, body, everybody, routes) for body in bodies)), None)
+        everyone = (base_m, *starts_m)
+        yield place, next((at for at in rounded if all(_reached(at, body, everyone, routes) for body in bodies)), None)
 
 
 def _reached(place: Place, body: Body, starts_m: Sequence[Place], routes: Routes) -> bool:
@@ -177,7 +178,7 @@ def _reached(place: Place, body: Body, starts_m: Sequence[Place], routes: Routes
 
 
 def crowded(leaves: Sequence[Task], bodies: Sequence[Body]) -> Iterator[str]:
-    """Yield which robots are to end up where another does; *leaves* in the order in which they can start."""
+    """Yield the pairs of robots whose last places overlap, in words; *leaves* in the order in which they can start."""
     last = {leaf.act.robot: leaf.act for leaf in leaves if isinstance(leaf.act, Go)}
     for a, b in combinations(sorted(robot for robot, go in last.items() if go.final), 2):
         a_m, b_m = last[a].place_m, last[b].place_m
@@ -186,7 +187,7 @@ def crowded(leaves: Sequence[Task], bodies: Sequence[Body]) -> Iterator[str]:
 
 
 def missing_ways(legs: Sequence[Leg], bodies: Sequence[Body], routes: Routes) -> Iterator[str]:
-    """Yield why drives cannot be driven by the robots that were chosen for them."""
+    """Yield the reasons why robots cannot make the drives for which they were chosen."""
     for leg in legs:
         length_m = routes.leg_m(leg.places_m, bodies[leg.robot].radius_m)
         if isinstance(length_m, str):

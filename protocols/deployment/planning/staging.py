@@ -1,9 +1,9 @@
-"""What is left of a deployment that is under way: the stages of Fig. 3, from wherever its robots have come to.
+"""The rest of a deployment that is under way: the stages of Fig. 3, from wherever its robots have come to.
 
 A robot has *reached* a place of the deployment (by its number, -1: none yet) and is to end up at another, its *post*.
 With nothing reached and robot i's post i these are the stages of :func:`protocols.deployment.planning.methods.stages`
-(but that a leap-frog deployment has a stage for each leap); with robots on their way, lost, found, or under another
-strategy than before, they are its natural continuation: nobody goes back, unless to its post.
+(except that a leap-frog deployment has a stage for each leap). With robots on their way, lost, found, or under another
+strategy than before, the stages continue from there: no robot goes back, unless to its post.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from protocols.deployment.tasks.plan import UNSTAGED, Go, Place, Staging, Task
 Posts: TypeAlias = Mapping[Address, int]
 
 NOWHERE: Final = -1
-"""Instead of the number of a place: a robot has not reached any."""
+"""Stands for the number of a place: a robot has not reached any."""
 
 
 class StageLeg(NamedTuple):
@@ -28,7 +28,7 @@ class StageLeg(NamedTuple):
 
 
 def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[StageLeg]]:
-    """Return the legs of the stages that are left: at once for group and wave, one after the other for leap-frog."""
+    """Return the legs of the stages that are left: parallel for group and wave, one after the other for leap-frog."""
     if strategy in UNSTAGED:
         away = [StageLeg(robot, post) for robot, post in posts.items() if reached[robot] != post]
         return [away] if away else []
@@ -37,10 +37,8 @@ def remaining(strategy: Staging, posts: Posts, reached: Posts) -> list[list[Stag
 
 
 def _group(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
-    """Yield the stages in which all whose posts lie farther go on together.
-
-    Who stands at a place already goes along as others come there: it may stand where one of them is to end up.
-    """
+    """Yield the stages in which all robots whose posts lie farther go on together."""
+    # a robot that stands at a place already takes part when others come there: it may stand at the post of one of them
     back = [StageLeg(robot, post) for robot, post in posts.items() if reached[robot] > post]
     for place in sorted(posts.values()):
         legs = [StageLeg(robot, place) for robot, post in posts.items() if reached[robot] <= place <= post]
@@ -51,10 +49,10 @@ def _group(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
 
 
 def _wave(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
-    """Yield the stages in which every robot moves on by a place, as soon as that is left.
+    """Yield the stages in which every robot moves on by one place, as soon as that is left.
 
-    Where nobody can (one stands at its post in the others' way, as after a leap-frog deployment), all whose posts are
-    empty drive there directly.
+    Where no robot can move on (one stands at its post in the others' way, as after a leap-frog deployment), all robots
+    with empty posts drive there directly.
     """
     stands = dict(reached)
     order = sorted(posts, key=lambda robot: -posts[robot])
@@ -85,7 +83,7 @@ def _direct(posts: Posts, stands: Posts) -> list[StageLeg]:
 
 
 def _leap_frog(posts: Posts, reached: Posts) -> Iterator[list[StageLeg]]:
-    """Yield a stage for each robot that is not at its post: over all places before it, one after the other."""
+    """Yield a stage for each robot that is not at its post: over all places before the post, one after the other."""
     for robot, post in sorted(posts.items(), key=lambda item: item[1]):
         if reached[robot] > post:
             yield [StageLeg(robot, post)]
@@ -111,7 +109,7 @@ class Stager(NamedTuple):
         ]
 
     def directly(self, name: str, posts: Posts, robots: Sequence[Address]) -> Task:
-        """Return a last stage in which *robots* drive to their posts, whatever lies between."""
+        """Return a last stage in which *robots* drive straight to their posts."""
         return self._replace(augmented=False)._stage(
             f"{name}/stage-1", "stage-1", [StageLeg(robot, posts[robot]) for robot in robots], posts
         )
@@ -130,9 +128,9 @@ class Stager(NamedTuple):
         )
 
     def staged(self, goes: Sequence[Go]) -> list[Go]:
-        """Return the drives of one stage, in the order of the robots' posts, as they are ordered (section 5).
+        """Return the drives of one stage, augmented (section 5); *goes*: in the order of the robots' posts.
 
-        Only a group stage needs to be augmented: places along the line to the next goal, staggered starts.
+        Only a group stage is changed: it gets places along the line to the next goal, and staggered starts.
         """
         if not self.augmented or self.strategy != "group" or goes[0].place_m not in self.places_m:
             return list(goes)

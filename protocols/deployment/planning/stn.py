@@ -1,4 +1,4 @@
-"""Simple temporal networks: whether instants can be so far from each other as a plan demands, and if not, why not.
+"""Simple temporal networks: whether a plan's temporal constraints have a solution, and if not, why not.
 
 Theory: Dechter, Meiri and Pearl (1991). *least* <= t_j - t_i <= *most* is an edge i -> j of weight *most* and an edge
 j -> i of weight *-least* of a graph; there is a schedule if and only if the graph has no negative cycle. Then, with d
@@ -7,7 +7,7 @@ the lengths of shortest paths, -d(i, origin) is the earliest instant of i, and d
 The constraints of one simple negative cycle are a minimal conflict: without any one of them, what is left of the cycle
 is a path, and constraints along a path can be met one after the other.
 
-Instants are integers (ns) like all time here, so that no sum of rounded seconds makes a conflict.
+Instants are integers (ns), so that no sum of rounded seconds makes a conflict.
 """
 
 from collections import deque
@@ -19,10 +19,10 @@ import networkx as nx
 from cosim.units import Time
 
 Point: TypeAlias = tuple[str, str]
-"""The name of a task, and "start" or "end"."""
+"""Name of a task, and "start" or "end"."""
 
 BEGINNING: Final[Point] = ("", "start")
-"""The instant that windows count from."""
+"""Instant from which windows are counted."""
 
 
 class Bound(NamedTuple):
@@ -36,13 +36,13 @@ class Bound(NamedTuple):
 
     @property
     def empty(self) -> bool:
-        """Whether it contradicts itself."""
+        """True if it contradicts itself."""
         own = self.earlier == self.later and (self.least > 0 or (self.most is not None and self.most < 0))
         return own or (self.most is not None and self.most < self.least)
 
 
 class _Edge(NamedTuple):
-    """t_head - t_tail <= weight, because of *bound*."""
+    """An edge t_head - t_tail <= weight, because of *bound*."""
 
     tail: Point
     head: Point
@@ -61,7 +61,7 @@ def _edges(bound: Bound) -> list[_Edge]:
 
 
 def graph_of(bounds: Iterable[Bound]) -> "nx.DiGraph[Point]":
-    """Return the distance graph: of several edges between two points the tightest, with its ``bound``."""
+    """Return the distance graph; of several edges between two points it has the tightest, with its ``bound``."""
     graph: nx.DiGraph[Point] = nx.DiGraph()
     graph.add_node(BEGINNING)
     for edge in (edge for bound in bounds for edge in _edges(bound)):
@@ -81,22 +81,22 @@ def _lengths(graph: "nx.DiGraph[Point]", source: Point) -> dict[Point, Time]:
 
 
 class Network:
-    """A network that grows: a schedule is kept, and mended with every bound, until one makes that impossible."""
+    """A network that grows: a schedule is kept and repaired with every bound, until one makes that impossible."""
 
     def __init__(self, bounds: Iterable[Bound] = ()) -> None:
         self.bounds: list[Bound] = []
-        """All that were added."""
+        """All bounds that were added."""
         self.conflict: tuple[Bound, ...] = ()
-        """A minimal conflict, once there is one: the bounds of a negative cycle."""
+        """Minimal conflict, once there is one: the bounds of a negative cycle."""
         self._times: dict[Point, Time] = {BEGINNING: 0}
-        """A schedule."""
+        """Schedule that satisfies all bounds before the first conflict."""
         self._outgoing: dict[Point, dict[Point, _Edge]] = {}
-        """The tightest edges."""
+        """Tightest edges, by tail and head."""
         self.extend(bounds)
 
     @property
     def consistent(self) -> bool:
-        """Whether there is a schedule."""
+        """True if there is a schedule."""
         return not self.conflict
 
     def extend(self, bounds: Iterable[Bound]) -> bool:
@@ -139,13 +139,13 @@ class Network:
             queue.extend(self._outgoing.get(edge.head, {}).values())
 
     def windows(self) -> dict[Point, tuple[Time | None, Time | None]]:
-        """Return the earliest and the latest instant of each point, ns; None: there is no such limit."""
+        """Return the earliest and the latest instant of each point, ns; None without such a limit."""
         graph = graph_of(self.bounds)
         before, after = _lengths(graph.reverse(copy=False), BEGINNING), _lengths(graph, BEGINNING)
         return {point: (-before[point] if point in before else None, after.get(point)) for point in graph}
 
     def least(self, earlier: Point, later: Point) -> Time | None:
-        """Return how far *later* must be from *earlier* at least, by all bounds together; None: no matter how far."""
+        """Return the least time from *earlier* to *later* by all bounds together; None without a limit."""
         graph = graph_of(self.bounds)
         if earlier not in graph or later not in graph:
             return None
@@ -153,7 +153,7 @@ class Network:
         return -away[earlier] if earlier in away else None
 
     def most(self, earlier: Point, later: Point) -> Time | None:
-        """Return how far *later* can be from *earlier* at most; None: any distance."""
+        """Return the greatest time from *earlier* to *later* by all bounds together; None without a limit."""
         least = self.least(later, earlier)
         return None if least is None else -least
 

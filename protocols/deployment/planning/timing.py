@@ -1,12 +1,12 @@
-"""How long tasks take, and the temporal network of a whole plan.
+"""Durations of tasks, and the temporal network of a whole plan.
 
 A drive takes at least the time of its way at full speed (with least_share: ways on a grid of cells are up to 8 % too
-long), and at most a multiple of the time that is expected. Between these the world decides. A task contains its
-subtasks; in a serial one they follow each other. A task that may be cut short (it ends with another, or its time-out is
-skipped) has no least duration. Everything that bounds instants has a name in words: conflicts are told by them.
+long), and at most a multiple of the expected time. A task contains its subtasks; in a serial one they follow each
+other. A task that may be cut short (it ends with another, or its time-out is skipped) has no least duration. Every
+bound has a name in words, by which conflicts are reported.
 
-Exploring takes at least the time in which the floor can have been seen, as far as that is known, and nobody knows how
-much longer; nor where the robots are then, so how long their next drives take.
+Exploring takes at least the time in which the floor can have been seen, if that is known; there is no upper bound.
+Where the robots are afterwards is not known either, nor, therefore, how long their next drives take.
 """
 
 import math
@@ -30,39 +30,39 @@ class TimingParameters(Settings):
     """What the planner assumes of durations."""
 
     least_share: float = Field(
-        default=0.9, gt=0, le=1, description="a drive takes at least this share of its time at full speed"
+        default=0.9, gt=0, le=1, description="least time of a drive as a share of its time at full speed"
     )
-    turns_s: Seconds = Field(default=5.0, ge=0, description="s, expected for the turns of a drive")
-    slack: Gain = Field(default=4.0, ge=1, description="a drive takes at most so many times what is expected")
-    photo_s: Seconds = Field(default=5.0, ge=0, description="s, a picture takes at most")
+    turns_s: Seconds = Field(default=5.0, ge=0, description="s, time expected for the turns of a drive")
+    slack: Gain = Field(default=4.0, ge=1, description="greatest time of a drive as a multiple of the expected time")
+    photo_s: Seconds = Field(default=5.0, ge=0, description="s, greatest time of a picture")
 
 
 LeastExploring: TypeAlias = Callable[[Mapping[Address, Body], Mapping[Address, Place]], float]
-"""Returns the time (s) that robots take to explore at least, by where all robots are then; 0 if nothing is known."""
+"""Returns the least time (s) in which robots explore, by the places of all robots then; 0 if nothing is known."""
 
 
 class Span(NamedTuple):
-    """How long a task takes; in words, for conflicts."""
+    """The duration of a task, and its name in conflicts."""
 
     least_s: float
     expected_s: float
-    """Infinite if nobody knows."""
+    """Infinite if it is not known."""
     most_s: float | None
     name: str
 
 
 class Leg(NamedTuple):
-    """A drive as the planner sees it: who, from where, over which places, to where."""
+    """A drive as the planner sees it: the robot, and the places from its start to its end."""
 
     task: str
     robot: Address
     places_m: tuple[Place, ...]
     from_known: bool = True
-    """False if the robot has been exploring: it set out from the first place then, but comes from anywhere."""
+    """True if the first place is the start; after exploring it is where the robot set out to explore."""
 
 
 def drive_s(length_m: float, body: Body) -> float:
-    """Return the shortest time of a straight drive from rest to rest, under the limits of speed and acceleration."""
+    """Return the shortest time of a straight drive from rest to rest, within the limits of speed and acceleration."""
     speed, acceleration = body.speed_mps, body.acceleration_mps2
     if length_m < speed * speed / acceleration:
         return 2.0 * math.sqrt(length_m / acceleration)
@@ -70,7 +70,7 @@ def drive_s(length_m: float, body: Body) -> float:
 
 
 def driving(leg: Leg, length_m: float, body: Body, parameters: TimingParameters) -> Span:
-    """Return how long a drive of *length_m* takes."""
+    """Return the duration of a drive of *length_m*."""
     if not leg.from_known:
         return Span(0.0, math.inf, None, f"{leg.task}: robot {leg.robot} comes from wherever it has explored")
     free_s = drive_s(length_m, body)
@@ -83,12 +83,12 @@ def driving(leg: Leg, length_m: float, body: Body, parameters: TimingParameters)
 
 
 def exploring(task: Task, least_s: float) -> Span:
-    """Return how long it takes to explore, of which it is only known that it takes *least_s* at least."""
+    """Return the duration of exploring, of which only the lower bound *least_s* is known."""
     return Span(least_s, math.inf, None, f"{task.name}: exploring takes at least {least_s:.1f} s")
 
 
 def standing(task: Task, parameters: TimingParameters) -> Span | None:
-    """Return how long a task takes for which robots stay where they are; None for any other, and for no act."""
+    """Return the duration of a task for which robots stay where they are; None for any other task."""
     match task.act:
         case Wait(seconds=seconds):
             return Span(seconds, seconds, seconds, f"{task.name}: lasts {in_seconds(seconds)} s")
@@ -103,7 +103,7 @@ def standing(task: Task, parameters: TimingParameters) -> Span | None:
 
 
 def precedence(root: Task, constraints: Sequence[Between]) -> "nx.DiGraph[Point]":
-    """Return which instants are not earlier than which, by the plan's shape and its constraints."""
+    """Return the graph of which instants are not earlier than which, by the plan's shape and its constraints."""
     graph: nx.DiGraph[Point] = nx.DiGraph()
     for bound in structure(root):
         graph.add_edge(bound.earlier, bound.later)
@@ -114,10 +114,8 @@ def precedence(root: Task, constraints: Sequence[Between]) -> "nx.DiGraph[Point]
 
 
 def in_order(root: Task, graph: "nx.DiGraph[Point]") -> list[Task]:
-    """Return the leaves in an order in which they can start; that of the plan where *graph* leaves it open.
-
-    Instants of which none is earlier than the other, as when two tasks start together, are one in that order.
-    """
+    """Return the leaves in an order in which they can start; where *graph* leaves it open, in the plan's order."""
+    # instants that must be simultaneous, as when two tasks start together, form a cycle: condense them into one
     number = {(task.name, "start"): at for at, task in enumerate(root.walk())}
     number |= {(name, "end"): at for (name, _), at in list(number.items())}
     moments = nx.condensation(graph)
@@ -132,10 +130,8 @@ def in_order(root: Task, graph: "nx.DiGraph[Point]") -> list[Task]:
 
 
 def circle(root: Task, graph: "nx.DiGraph[Point]", constraints: Sequence[Between]) -> list[Between]:
-    """Return the *constraints* of a circle, by which a task would have to end before it starts; none if there is none.
-
-    The temporal network allows that to what may take no time; but it would wait for its own end for ever.
-    """
+    """Return the *constraints* of a circle, by which a task would have to end before it starts; or none."""
+    # the temporal network allows such a task if it may take no time, but it would wait for its own end for ever
     for leaf in () if nx.is_directed_acyclic_graph(graph) else root.walk():
         if leaf.leaf and nx.has_path(graph, (leaf.name, "end"), (leaf.name, "start")):
             steps = set(pairwise(nx.shortest_path(graph, (leaf.name, "end"), (leaf.name, "start"))))
@@ -147,7 +143,7 @@ def circle(root: Task, graph: "nx.DiGraph[Point]", constraints: Sequence[Between
 def wanted_at_once(
     leaves: Sequence[Task], graph: "nx.DiGraph[Point]", robots_of: Callable[[Task], tuple[Address, ...]]
 ) -> list[tuple[Address, str, str]]:
-    """Return robots that have two tasks of which none precedes the other; *leaves* in their order."""
+    """Return robots with two tasks of which none precedes the other; *leaves* in the order of their starts."""
     tasks: dict[Address, list[str]] = {}
     for leaf in leaves:
         for robot in robots_of(leaf):
@@ -161,9 +157,9 @@ def wanted_at_once(
 
 
 def legs_of(leaves: Sequence[Task], starts_m: Mapping[Address, Place]) -> dict[str, Leg]:
-    """Return the drives among *leaves*, which are in their order, by their tasks' names.
+    """Return the drives among *leaves*, in the order of their starts, by their tasks' names.
 
-    A drive begins where the robot's last one ended; after exploring, where it set out.
+    A drive begins where the robot's last one ended; after exploring, where the robot set out to explore.
     """
     at, legs, strayed = dict(starts_m), dict[str, Leg](), set[Address]()
     for leaf in leaves:
@@ -181,9 +177,9 @@ def legs_of(leaves: Sequence[Task], starts_m: Mapping[Address, Place]) -> dict[s
 def first_exploration(
     leaves: Sequence[Task], graph: "nx.DiGraph[Point]", starts_m: Mapping[Address, Place]
 ) -> tuple[Task, dict[Address, Place]] | None:
-    """Return the first exploration among *leaves*, which are in their order, and where all robots are as it begins.
+    """Return the first exploration among *leaves*, in the order of their starts, and the places of all robots then.
 
-    None if there is none, or if robots may be under way, or explore elsewhere, at the same time: they see, too.
+    None if there is none, or if other robots may be under way or explore at the same time: they see the floor too.
     """
     at = dict(starts_m)
     for leaf in leaves:
@@ -204,7 +200,7 @@ def _apart(graph: "nx.DiGraph[Point]", a: Task, b: Task) -> bool:
 
 
 def structure(root: Task) -> Iterator[Bound]:
-    """Yield what the shape of a plan says: nothing ends before it starts, parts lie within the whole, series follow."""
+    """Yield the bounds of a plan's shape: starts before ends, subtasks within their task, serial ones in order."""
     yield Bound(f"{root.name} is the plan", BEGINNING, (root.name, "start"))
     for task in root.walk():
         yield Bound(f"{task.name} ends after it starts", (task.name, "start"), (task.name, "end"))
@@ -217,7 +213,7 @@ def structure(root: Task) -> Iterator[Bound]:
 
 
 def lasting(root: Task, spans: Mapping[str, Span]) -> Iterator[Bound]:
-    """Yield how long leaves take; those that may be cut short have no least duration."""
+    """Yield the durations of leaves; those that may be cut short have no least duration."""
     short = _cut_short(root)
     for name, span in spans.items():
         least = 0 if name in short else from_seconds(span.least_s)
@@ -226,7 +222,7 @@ def lasting(root: Task, spans: Mapping[str, Span]) -> Iterator[Bound]:
 
 
 def expected_s(root: Task, spans: Mapping[str, Span], constraints: Sequence[Between]) -> float:
-    """Return when a plan is expected to have ended, s, if everything begins as soon as it may; infinite if unknown."""
+    """Return the expected end of a plan, s, if everything begins as soon as it may; infinite if unknown."""
     short = _cut_short(root)
     ended = {inner.name for task in root.walk() if task.ends_with is not None for inner in task.walk()}
     if any(math.isinf(span.expected_s) for name, span in spans.items() if name not in ended):
@@ -246,14 +242,14 @@ def expected_s(root: Task, spans: Mapping[str, Span], constraints: Sequence[Betw
 
 
 def ending(root: Task) -> Iterator[Bound]:
-    """Yield that tasks end no later than those that terminate them."""
+    """Yield the bounds by which tasks end no later than those that terminate them."""
     for task in root.walk():
         if task.ends_with is not None:
             yield Bound(f"{task.name} ends with {task.ends_with}", (task.name, "end"), (task.ends_with, "end"))
 
 
 def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
-    """Yield the time-outs, each with its task, which ends by then in any case."""
+    """Yield the time-outs as bounds, each with its task."""
     for task in root.walk():
         if task.time_out_s is not None:
             name = f"{task.name}: times out after {in_seconds(task.time_out_s)} s"
@@ -261,7 +257,7 @@ def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
 
 
 def asked(constraint: Between) -> Bound:
-    """Return a plan's constraint as a bound, named by who asked for it."""
+    """Return a plan's constraint as a bound, whose name says who asked for it."""
     most = None if constraint.at_most_s is None else from_seconds(constraint.at_most_s)
     name = constraint.why or sentence(constraint.earlier, constraint.later, constraint.at_least_s, constraint.at_most_s)
     return Bound(name, *_step(constraint), from_seconds(constraint.at_least_s), most)
@@ -284,7 +280,7 @@ def _fatal(task: Task, fatal: bool = True) -> Iterator[tuple[Task, bool]]:
 
 
 def _cut_short(root: Task) -> set[str]:
-    """Return the tasks that may end before they are done, without the plan failing."""
+    """Return the tasks that may end before they are done without a failure of the plan."""
     cut = [
         task
         for task, fatal in _fatal(root)

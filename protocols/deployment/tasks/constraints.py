@@ -1,8 +1,8 @@
-"""Temporal constraints as people say them, in a play or when they tailor one, and as a plan has them.
+"""Temporal constraints as people write them, in a play or when they tailor one, and as they stand in a plan.
 
 Paper 004, section 5: a task "can be constrained to precede another, ... to start 10 seconds after another, or to
-terminate whenever another task completes"; the last is ``ends_with`` of a task. Tasks are named by their labels, below
-the play's: ``leap/stage-2``; the empty name is the play itself.
+terminate whenever another task completes"; the last is ``ends_with`` of a task. Tasks are named by their labels below
+the play, as in ``leap/stage-2``; the empty name is the play itself.
 """
 
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias
@@ -13,7 +13,7 @@ from cosim.settings import Bounded, Settings, error_at
 from protocols.deployment.tasks.plan import MOST, Between, Instant, Place
 
 BASE: Final = "base"
-"""The place where robots return to."""
+"""Name of the place to which robots return."""
 
 
 def _finite(value: Any) -> bool:
@@ -35,7 +35,7 @@ def _number(value: Any) -> Any:
 
 
 PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
-"""A place in metres; or its name: of a parameter, of a place on the floor, or ``base``."""
+"""A place in metres, or a name: of a parameter, of a place on the floor, or ``base``."""
 Number: TypeAlias = Annotated[float, Bounded(-MOST, MOST)]
 Quantity: TypeAlias = Annotated[Number | str, BeforeValidator(_number)]
 """A number, or the name of a parameter."""
@@ -43,7 +43,7 @@ Edge: TypeAlias = Literal["start", "end"]
 
 
 class Before(Settings):
-    """One task ends before another starts: with all its subtasks, before any of the other's."""
+    """One task, with all its subtasks, ends before another starts."""
 
     kind: Literal["before"] = "before"
     first: str
@@ -52,7 +52,7 @@ class Before(Settings):
 
 
 class After(Settings):
-    """An edge of a task comes so long after an edge of another."""
+    """The start or end of a task comes a given time after the start or end of another."""
 
     kind: Literal["after"] = "after"
     task: str
@@ -71,7 +71,7 @@ class After(Settings):
 
 
 class Within(Settings):
-    """A task takes no longer."""
+    """A task takes no longer than a given time."""
 
     kind: Literal["within"] = "within"
     task: str = ""
@@ -79,7 +79,7 @@ class Within(Settings):
 
 
 class Deadline(Settings):
-    """A task has ended so long after the plan begins."""
+    """A task has ended a given time after the plan begins."""
 
     kind: Literal["deadline"] = "deadline"
     task: str = ""
@@ -101,7 +101,7 @@ def named_by(constraint: Constraint) -> dict[str, str]:
 
 
 def quantities_of(constraint: Constraint) -> dict[str, Quantity]:
-    """Return the quantities of *constraint* by their fields, but those that are not given."""
+    """Return the quantities of *constraint* that are given, by their fields."""
     match constraint:
         case Before(at_least_s=least):
             return {"at_least_s": least}
@@ -112,9 +112,9 @@ def quantities_of(constraint: Constraint) -> dict[str, Quantity]:
 
 
 def between(constraint: Constraint, prefix: str, quantities: dict[str, float], who: str) -> Between:
-    """Return *constraint* as a plan has it.
+    """Return *constraint* as it stands in a plan.
 
-    *prefix*: name of the task that its names are relative to; *quantities*: its numbers, looked up; *who* asks for it.
+    *prefix*: name of the task to which its names are relative; *quantities*: its numbers, looked up; *who*: the author.
     """
 
     def at(task: str, edge: Edge) -> Instant:
@@ -147,7 +147,7 @@ def sentence(earlier: Instant, later: Instant, least_s: float, most_s: float | N
 
 
 def in_seconds(number: float) -> str:
-    """Return *number* as a person may repeat it: none of its tenths is lost, however great it is."""
+    """Return *number* so that a person can enter it again: its tenths are kept, however great it is."""
     return f"{number:.12g}"
 
 

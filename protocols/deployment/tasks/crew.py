@@ -1,4 +1,4 @@
-"""Who is there: the robots' bodies and what they can do, and where base is, as planner and executive know them."""
+"""The team as planner and executive know it: the robots' bodies and abilities, and the place of base."""
 
 from typing import Literal, NamedTuple, Protocol
 
@@ -21,7 +21,7 @@ class Crew(NamedTuple):
 
     bodies: tuple[Body, ...]
     base_m: Place = (0.0, 0.0)
-    """m, where robots start from and return to."""
+    """Place from which robots start and to which they return, m."""
 
     @property
     def robots(self) -> range:
@@ -38,7 +38,7 @@ class Crew(NamedTuple):
 
 
 # ---------------------------------------------------------------- ways
-# What planner and executive ask of the known map.
+# The questions that planner and executive ask about the known map.
 
 
 class Ways(Protocol):

@@ -147,9 +147,9 @@ class PlanBegun(Unrecorded):
 
     number: int
     robots: tuple[Address, ...]
-    """All that the plan makes use of."""
+    """All robots that the plan uses."""
     places_m: tuple[Place, ...]
-    """Where robots are to be in the end."""
+    """Places where robots are to be in the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,17 +157,17 @@ class Driving(Unrecorded):
     """A robot is at an order to drive (a ``Go``), at one tick."""
 
     task: str
-    """The order's task."""
+    """Task of the order."""
     waits: bool
     """True if it waits for its turn, as the order says (a staggered start)."""
     under_way: bool
     """True if it drives, or would if it could."""
     speeds_mps: tuple[float, float] | None
-    """How fast it goes, and would go without the others (:mod:`protocols.deployment.driving.twin`); None if unknown."""
+    """Its speed, and that without the others (:mod:`protocols.deployment.driving.twin`), m/s; None if unknown."""
 
 
 EVENTS = (
     *(PlanTaken, PlanRefused, PlanEnded, Ordered, TaskStarted, TaskEnded, SteppedAside, PictureTaken),
     *(RobotLost, RobotFound, HostChanged, Breached, BadBytes),
 )
-"""All of them, for the protocol's specification."""
+"""All recorded events, for the protocol's specification."""

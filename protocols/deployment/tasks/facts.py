@@ -1,7 +1,7 @@
-"""What an executive knows of the world: facts, each with the instant at which it became true.
+"""Facts about a plan under way, each with the instant at which it became true.
 
-What has happened to a plan is a function of the set of its facts: not of the order in which they were heard, nor of how
-often. So robots that have heard the same agree, and whoever takes over from a dead host goes on where it was.
+What has happened to a plan is a function of the set of its facts, whatever the order in which they were received, and
+however often. So robots that have received the same facts agree, and a successor of a dead host goes on where it was.
 """
 
 from bisect import insort
@@ -18,7 +18,7 @@ from protocols.deployment.tasks.plan import Place, Plan, Strategy
 
 
 class _Rank(IntEnum):
-    """The order of facts of one instant."""
+    """Order of facts of one instant."""
 
     REPORT = 0
     FOUND = 1
@@ -28,7 +28,7 @@ class _Rank(IntEnum):
 
 
 class Ended(Settings):
-    """A robot has ended what it was ordered."""
+    """A robot has ended an order."""
 
     fact: Literal["ended"] = "ended"
     task: str
@@ -44,7 +44,8 @@ class Ended(Settings):
 
     @property
     def surer(self) -> tuple[bool, bool, Time]:
-        """Of two reports about one order the smaller one counts: what was done was done."""
+        """Rank among reports about one order, of which the smallest counts."""
+        # what was done stays done, whatever another report says
         return self.result is not Result.DONE, self.result is not Result.FAILED, self.at
 
 
@@ -54,7 +55,7 @@ class Heard(Settings):
     fact: Literal["heard"] = "heard"
     robot: Count = Field(ge=0)
     again: bool
-    place_m: Place | None = Field(default=None, description="m, where one that fell silent was last known to be")
+    place_m: Place | None = Field(default=None, description="m, last known place of a robot that fell silent")
     at: Int64
 
     @property
@@ -93,17 +94,17 @@ Fact: TypeAlias = Annotated[Ended | Heard | Switched | Terminated, Field(discrim
 
 
 def order(fact: Fact) -> tuple[Time, int, str]:
-    """Return where a fact stands among all others."""
+    """Return the key by which facts are ordered."""
     return fact.at, fact.rank, fact.model_dump_json()
 
 
 def ended(report: Report) -> Ended:
-    """Return what a robot's report says."""
+    """Return a robot's report as a fact."""
     return Ended(task=report.task, robot=report.robot, result=report.result, why=report.why, at=report.at)
 
 
 class Record(Settings):
-    """All that it takes to go on with a plan: what a host tells the others, so that one of them can succeed it."""
+    """Everything that is needed to go on with a plan; a host sends it to all, so that any of them can succeed it."""
 
     plan: Plan
     start: Int64
@@ -113,25 +114,25 @@ class Record(Settings):
 
 
 class Book:
-    """A set of facts, kept in their order."""
+    """A set of facts, in their order."""
 
     def __init__(self) -> None:
         self.facts: list[Fact] = []
         self._ends: dict[tuple[str, Address], Ended] = {}
 
     def lost(self, robot: Address) -> bool:
-        """Return whether a robot is lost, by the last fact about it."""
+        """Return whether a robot is lost, by the last fact about that."""
         return any(not fact.again for fact in self._heard(robot)[-1:])
 
     def _heard(self, robot: Address) -> list[Heard]:
         return [fact for fact in self.facts if isinstance(fact, Heard) and fact.robot == robot]
 
     def knows_of(self, fact: Fact) -> bool:
-        """Return whether there is another report about what *fact* reports."""
+        """Return whether there is a report already about what *fact* reports."""
         return isinstance(fact, Ended) and (fact.task, fact.robot) in self._ends
 
     def keep(self, fact: Fact) -> bool:
-        """Keep a fact; return whether it says anything new. Of two reports about one order the surer one is kept."""
+        """Add a fact; return whether it is new. Of two reports about one order the surer one is kept."""
         if isinstance(fact, Ended):
             known = self._ends.get((fact.task, fact.robot))
             if known is not None:

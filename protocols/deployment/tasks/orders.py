@@ -1,4 +1,4 @@
-"""What an executive says to robots, and what they say to it: one file for both sides."""
+"""Orders of an executive to robots, and their reports and statuses for it."""
 
 from enum import StrEnum
 from typing import Annotated, Literal, Self, TypeAlias
@@ -14,10 +14,10 @@ class Retreat(Settings):
 
     act: Literal["retreat"] = "retreat"
     robot: Count = Field(ge=0)
-    post_m: Place = Field(description="m, where it stands, and comes back to")
-    passing: Count = Field(ge=0, description="who passes")
+    post_m: Place = Field(description="m, where it stands, and where it comes back to")
+    passing: Count = Field(ge=0, description="the robot that passes")
     way_m: tuple[Place, ...] = Field(
-        default=(), max_length=64, description="m, the corners of its way, to where it is to end up; empty: to the post"
+        default=(), max_length=64, description="m, the corners of that robot's way to its goal; empty: to the post"
     )
 
     @model_validator(mode="after")
@@ -41,23 +41,23 @@ class Order(Settings):
     """One robot is to do something. A robot obeys the order of the highest *serial* of the highest *plan* only."""
 
     plan: Count = Field(ge=0)
-    serial: Count = Field(ge=0, description="counts the orders of a plan to one robot, from 0")
-    task: str = Field(description="of the plan; its report names it")
+    serial: Count = Field(ge=0, description="number of the order among those of a plan to one robot, from 0")
+    task: str = Field(description="name of the task in the plan; the report repeats it")
     robot: Count = Field(ge=0)
     errand: Errand
 
 
 class Result(StrEnum):
-    """How an order, or a task, has ended."""
+    """How an order or a task has ended."""
 
     DONE = "done"
     FAILED = "failed"
     TERMINATED = "terminated"
-    """By somebody who wanted it to end."""
+    """Ended by a command."""
 
 
 class Report(Settings):
-    """A robot has ended an order's task; or (the executive) a task above it has ended."""
+    """The end of an order's task, from a robot; or of any task, from the executive."""
 
     plan: Count = Field(ge=0)
     serial: Count = Field(ge=0)
@@ -69,12 +69,12 @@ class Report(Settings):
 
 
 class Whereabouts(Settings):
-    """What a robot says of itself every so often: news, of which only the latest counts."""
+    """The part of a robot's status broadcast that an executive uses; only the latest counts."""
 
     robot: Count = Field(ge=0)
     x_m: Metres
     y_m: Metres
     heading_rad: Angle
     plan: Count = Field(default=0, ge=0)
-    task: str = Field(default="", description="what it is at; empty: nothing")
+    task: str = Field(default="", description="its present task; empty: none")
     moving: bool = False

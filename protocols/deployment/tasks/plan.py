@@ -1,9 +1,9 @@
-"""The serialised plan: what the planner sends to the executive, and the executive to the robots.
+"""The serialised plan, which the planner sends to the executive, and the executive to the robots.
 
 After the Plan Representation Language (paper 004, section 5): "PRL defines each task in terms of parameters, subtasks,
 and temporal constraints between subtasks", and the whole hierarchy is sent, not only its leaves. So an executive can
-report on any task, end a whole subtree by one command, and expand what the planner has left as a strategy
-(:class:`Deployment`): ``Plan.model_json_schema()`` is the schema.
+report on any task, end a whole subtree by one command, and expand the deployments that the planner has left as a
+strategy (:class:`Deployment`). ``Plan.model_json_schema()`` is the schema.
 """
 
 from collections.abc import Iterator
@@ -15,33 +15,33 @@ from cosim.machine import Address
 from cosim.settings import Angle, Count, Metres, Settings
 
 MOST: Final = 1e9
-"""No place in a play or a plan is farther off, m, and no time longer, s: what robots tell has room for no more."""
+"""Upper bound of coordinates (m) and times (s) in a play or a plan; messages have no room for more."""
 Coordinate: TypeAlias = Annotated[float, Field(ge=-MOST, le=MOST)]
 Place: TypeAlias = tuple[Coordinate, Coordinate]
 Strategy: TypeAlias = Literal["group", "wave", "leap_frog"]
 Unstaged: TypeAlias = Literal["direct", "fixed"]
-"""Instead of a strategy: all drive straight to their places at once, from wherever they are."""
+"""Kinds of deployment without stages: all drive to their places at once, from wherever they are."""
 Staging: TypeAlias = Strategy | Unstaged
 
 UNSTAGED: Final = get_args(Unstaged)
 
 ORIGIN: Final = ""
-"""In place of a task's name: the instant at which the plan begins to be executed."""
+"""Stands for a task's name: the instant at which the plan begins to be executed."""
 
 
 class Go(Settings):
     """One robot drives to a place, and stays there.
 
-    What is only wanted of the executive's augmentations is None or empty in a plan that was not augmented (section 5).
+    Fields for the executive's augmentations are None or empty in a plan that was not augmented (section 5).
     """
 
     act: Literal["go"] = "go"
     robot: Count = Field(ge=0)
     place_m: Place
     via_m: tuple[Place, ...] = Field(default=(), description="m, waypoints, in their order")
-    behind: Count | None = Field(default=None, description="does not set off until that robot, if it lives and moves,")
-    behind_m: Metres = Field(default=0.0, ge=0, description="m, is so far from it")
-    final: bool = Field(default=True, description="whether the robot is to end up there, or passes a stage")
+    behind: Count | None = Field(default=None, description="robot that must be ahead before this one sets off")
+    behind_m: Metres = Field(default=0.0, ge=0, description="m, how far it must be ahead, if it lives and moves")
+    final: bool = Field(default=True, description="true if the robot is to end up there, false if it passes a stage")
 
     @model_validator(mode="after")
     def _behind_another(self) -> Self:
@@ -75,9 +75,9 @@ class Explore(Settings):
 class Deployment(Settings):
     """Robots deploy to as many places by one of the strategies of Fig. 3: ``robots[i]`` ends up at ``places_m[i]``.
 
-    ``direct`` is for teams that are under way already, in no order: who goes to which place is what costs least. With
-    ``fixed`` each goes to its own, and nobody to that of one who is lost.
-    It stands for the subtasks that the executive makes of it, unless the planner has expanded it.
+    ``direct`` is for teams that are under way already, in no order: the assignment to the places is that of least cost.
+    With ``fixed`` each robot goes to its own place, and none to that of a lost robot. A deployment stands for the
+    subtasks that the executive makes of it, unless the planner has expanded it.
     """
 
     act: Literal["deploy"] = "deploy"
@@ -97,7 +97,7 @@ Act: TypeAlias = Annotated[Go | Photo | Wait | Explore | Deployment, Field(discr
 
 
 def actors(act: Act | None) -> tuple[Address, ...]:
-    """Return the robots that are at an act, in the order in which it names them."""
+    """Return the robots that do an act, in the order in which it names them."""
     match act:
         case Go(robot=robot) | Photo(robot=robot):
             return (robot,)
@@ -111,7 +111,7 @@ class Task(Settings):
     """A node of the plan: an act, or subtasks, or (a :class:`Deployment` that has been expanded) both."""
 
     name: str = Field(min_length=1, description="unique in its plan: the path of labels, as in deploy/stage-2/robot-1")
-    label: str = Field(default="", description="what the play calls it")
+    label: str = Field(default="", description="its name in the play")
     act: Act | None = None
     order: Literal["serial", "parallel"] = Field(default="serial", description="of the subtasks")
     subtasks: tuple["Task", ...] = ()
@@ -119,13 +119,13 @@ class Task(Settings):
         default=None, gt=0, le=MOST, description="s after its start: fails if it has not ended"
     )
     on_failure: Literal["fail", "skip", "retry"] = Field(
-        default="fail", description="what its parent makes of its failure; a retry that fails fails"
+        default="fail", description="what its failure means to its parent; retry: fail if it fails twice"
     )
     ends_with: str | None = Field(default=None, description="task whose end, however it ends, terminates this one")
 
     @property
     def leaf(self) -> bool:
-        """Whether it has no subtasks."""
+        """True if it has no subtasks."""
         return not self.subtasks
 
     def walk(self) -> Iterator["Task"]:
@@ -136,7 +136,7 @@ class Task(Settings):
 
 
 class Instant(Settings):
-    """The start or the end of a task; of the plan itself, with the name ``ORIGIN``."""
+    """The start or the end of a task, or of the plan itself by the name ``ORIGIN``."""
 
     task: str = ORIGIN
     edge: Literal["start", "end"] = "start"
@@ -149,15 +149,15 @@ class Between(Settings):
     later: Instant
     at_least_s: float = Field(default=0.0, ge=-MOST, le=MOST)
     at_most_s: float | None = Field(default=None, ge=-MOST, le=MOST, description="s; None: any time later")
-    why: str = Field(default="", description="in words, for a person: who asked for it")
+    why: str = Field(default="", description="in words, for a person, with who asked for it")
 
 
 class Plan(Settings):
     """A whole task net."""
 
-    number: Count = Field(ge=0, description="of the plan; a later plan replaces an earlier one")
+    number: Count = Field(ge=0, description="of the plan; a plan of a higher number replaces one of a lower")
     play: str = Field(description="path of the play in its library")
-    robots: tuple[Count, ...] = Field(description="all robots that it makes use of")
+    robots: tuple[Count, ...] = Field(description="all robots that it uses")
     root: Task
     constraints: tuple[Between, ...] = ()
 
@@ -179,9 +179,9 @@ class Plan(Settings):
 
 
 def ends_m(root: Task) -> dict[Address, Place]:
-    """Return where each robot is to be when all of a task net is done: the last of its own places there.
+    """Return where each robot is to be when a task net is done: the last of its own places there.
 
-    Of a strategy that is expanded the subtasks count, not the act.
+    For a deployment that is expanded the subtasks count, not the act.
     """
     found: dict[Address, Place] = {}
     for act in (task.act for task in root.walk() if task.leaf):

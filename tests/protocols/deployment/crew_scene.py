@@ -16,7 +16,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.units import MS, Time
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.runner import Runner
-from protocols.deployment.setup import Setup, knowledge_of
+from protocols.deployment.setup import Setup, setup_of
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
 WALLS = ((0, 0, 12, 0), (12, 0, 12, 6), (12, 6, 0, 6), (0, 6, 0, 0))
@@ -104,7 +104,7 @@ def surroundings(starts: Any = STARTS_M, **more: Any) -> Surroundings:
 
 def setup(starts: Any = STARTS_M, **parameters: Any) -> tuple[Parameters, Setup]:
     own = Parameters.model_validate(parameters)
-    return own, knowledge_of(own, surroundings(starts))
+    return own, setup_of(own, surroundings(starts))
 
 
 class Box:

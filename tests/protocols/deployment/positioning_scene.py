@@ -13,7 +13,7 @@ from cosim.machine import Event
 from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
-from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.maps import KnownMaps
 from protocols.deployment.localization.parameters import PositioningParameters
 from protocols.deployment.localization.positioning import Localised
 from protocols.deployment.localization.scan import Sensor
@@ -36,7 +36,7 @@ DRIFT = {"odometry_slip": 0.05, "odometry_turn_rad": 0.1}
 """Of odometry as a robot of the time has it: after 40 m it is off by half a radian."""
 
 
-def charts(walls: Sequence[tuple[float, ...]] = WALLS) -> Charts:
+def charts(walls: Sequence[tuple[float, ...]] = WALLS) -> KnownMaps:
     rows = np.array(walls, np.float64)
     low, high = rows.reshape(-1, 2).min(axis=0), rows.reshape(-1, 2).max(axis=0)
     known = SimpleNamespace(
@@ -44,7 +44,7 @@ def charts(walls: Sequence[tuple[float, ...]] = WALLS) -> Charts:
         bounds_m=(*low.tolist(), *high.tolist()),
         forbidden=lambda points: np.zeros(len(points), np.bool_),
     )
-    return Charts(known)  # type: ignore[arg-type]
+    return KnownMaps(known)  # type: ignore[arg-type]
 
 
 def localised(

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from cosim.errors import UserError
 from cosim.randomness import Streams
 from protocols.deployment.parameters import Parameters
-from protocols.deployment.setup import knowledge_of
+from protocols.deployment.setup import setup_of
 from protocols.deployment.spec import METRICS, SPEC, make, measure, place, prepare
 from tests.protocols.deployment.crew_scene import STARTS_M, call, rows, run, surroundings
 from tests.protocols.deployment.plays_scene import paths_of
@@ -63,7 +63,7 @@ def test_the_first_host_is_the_first_master_of_a_piconet() -> None:
 
 def test_bodies_are_those_of_the_team_with_the_sensors_of_the_parameters() -> None:
     around = surroundings(radii_m=(0.2, 0.3, 0.25), speeds_mps=(1.0, 0.5, 0.75), accelerations_mps2=(2.0, 1.0, 0.5))
-    crew = knowledge_of(Parameters.model_validate({"cameras": [1], "sonars": [2]}), around).crew
+    crew = setup_of(Parameters.model_validate({"cameras": [1], "sonars": [2]}), around).crew
     assert [body.radius_m for body in crew.bodies] == [0.2, 0.3, 0.25]
     assert [body.speed_mps for body in crew.bodies] == [1.0, 0.5, 0.75]
     assert [body.acceleration_mps2 for body in crew.bodies] == [2.0, 1.0, 0.5]
@@ -72,24 +72,24 @@ def test_bodies_are_those_of_the_team_with_the_sensors_of_the_parameters() -> No
 
 
 def test_base_is_as_given_or_amid_the_starts_or_at_the_start_next_to_that() -> None:
-    assert knowledge_of(Parameters(base_m=(5.0, 5.0)), surroundings()).crew.base_m == (5.0, 5.0)
-    middle = knowledge_of(Parameters(), surroundings()).crew.base_m
+    assert setup_of(Parameters(base_m=(5.0, 5.0)), surroundings()).crew.base_m == (5.0, 5.0)
+    middle = setup_of(Parameters(), surroundings()).crew.base_m
     assert middle == pytest.approx((4.0 / 3.0, 4.0 / 3.0))
     wall = np.array([(3.0, 0.0, 3.0, 6.0)])
     apart = surroundings(((1.0, 1.0), (5.0, 1.0)), walls_m=wall)
-    assert knowledge_of(Parameters(), apart).crew.base_m in ((1.0, 1.0), (5.0, 1.0))
+    assert setup_of(Parameters(), apart).crew.base_m in ((1.0, 1.0), (5.0, 1.0))
 
 
 def test_a_users_own_plays_stand_beside_ours_and_a_wrong_one_is_named(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("plays: {look: {parameters: {who: {kind: robot}}, tasks: [{kind: photo, robot: who}]}}\n")
-    paths = paths_of(knowledge_of(Parameters(library=str(file)), surroundings()).playbook)
+    paths = paths_of(setup_of(Parameters(library=str(file)), surroundings()).playbook)
     assert {"look", "deploy/group", "wean"} <= set(paths)
     file.write_text("plays: {look: {tasks: [{kind: photo, robot: who}]}}\n")
     with pytest.raises(UserError, match=r"mine\.yaml.*'who' is no parameter that is a robot"):
-        knowledge_of(Parameters(library=str(file)), surroundings())
+        setup_of(Parameters(library=str(file)), surroundings())
     with pytest.raises(UserError, match=r"none\.yaml"):
-        knowledge_of(Parameters(library=str(tmp_path / "none.yaml")), surroundings())
+        setup_of(Parameters(library=str(tmp_path / "none.yaml")), surroundings())
 
 
 # ---------------------------------------------------------------- places

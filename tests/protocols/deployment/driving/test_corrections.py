@@ -17,7 +17,7 @@ from cosim.randomness import Streams
 from cosim.robots.senses import WORLD_FRAME, Senses, SenseSettings
 from protocols.deployment.localization.positioning import shifted
 from protocols.deployment.localization.scan import Scan, Sensor
-from protocols.motion.driver import Wheel
+from protocols.motion.driver import Driver
 from protocols.motion.floor import Floor
 from protocols.motion.frames import Located, Shift, start, step
 from protocols.motion.parameters import DrivingParameters
@@ -59,7 +59,7 @@ class Corrected(Scene):
         for seen, pose in zip(self.sensed.observe(fleet), truth.tolist(), strict=True):
             assert seen.view is not None
             there = shifted(seen, Shift.between(seen[:3], tuple(pose)), Scan(seen.view, Sensor(BEAMS), None))
-            self.believed.append(Located.told(there, seen[:3]))
+            self.believed.append(Located.of(there, seen[:3]))
         return self.believed
 
     def told(self, me: int) -> Other:
@@ -92,7 +92,7 @@ def test_all_know_how_they_and_those_in_sight_have_moved() -> None:
         gone = scene.fleet.positions_m - before
         for me, mover in enumerate(scene.movers):
             wrong_rad = scene.believed[me].heading_rad - float(scene.fleet.observed[me, 2])
-            own, traffic = mover._wheel.motion[-2:], mover._traffic
+            own, traffic = mover._driver.motion[-2:], mover._traffic
             if scene.now > TICK:
                 np.testing.assert_allclose(turned(own, -wrong_rad), gone[me], rtol=0, atol=1e-9)
             for other in set(range(4)) - {me}:
@@ -117,13 +117,13 @@ def test_robots_whose_places_are_corrected_all_the_time_do_not_touch(seed: int) 
 # ---------------------------------------------------------------- one robot
 
 
-def wheel() -> Wheel:
+def driver() -> Driver:
     floor = Floor(np.array(box(8.0, 8.0)), (0.0, 0.0, 8.0, 8.0), None, DrivingParameters())
-    return Wheel(floor, 0.3, 0.5, 0.5, DrivingParameters(), TICK)
+    return Driver(floor, 0.3, 0.5, 0.5, DrivingParameters(), TICK)
 
 
 def located(pose: Pose, odometry: Pose, *others: Sighting, blocked: bool = False) -> Located:
-    return Located.told(told(pose, *others)._replace(speed_mps=0.0, blocked=blocked), odometry)
+    return Located.of(told(pose, *others)._replace(speed_mps=0.0, blocked=blocked), odometry)
 
 
 @settings(max_examples=40)
@@ -138,7 +138,7 @@ def test_a_step_leads_from_where_it_starts_to_where_it_ends(before: Pose, after:
 @given(POSES, POSES)
 def test_nobody_who_stands_moves_by_a_correction(first: Pose, then: Pose) -> None:
     """Neither the robot nor whom it sees, who has stood there all the while."""
-    driving, traffic = wheel(), Traffic(0, 0.3, 0.005, 0.1)
+    driving, traffic = driver(), Traffic(0, 0.3, 0.005, 0.1)
     driving.order(0.0, 0.0)
     for tick, pose in enumerate((first, then, first, then)):
         there = Shift.between((0.0, 0.0, 0.0), pose).point(2.0, 1.0)
@@ -157,7 +157,7 @@ def test_nobody_who_stands_moves_by_a_correction(first: Pose, then: Pose) -> Non
 
 def driven(odometry: Pose, blocked: bool = False) -> Any:
     """Return how a robot has moved, as it takes it, that was told to turn left, and what odometry says of it."""
-    driving = wheel()
+    driving = driver()
     for tick in range(3):
         driving.follow(located((1.0, 1.0, 0.0), (0.0, 0.0, 0.0)), tick * TICK)
         driving.order(0.0, 0.12 if tick == 1 else 0.0)
@@ -189,7 +189,7 @@ def test_whom_a_robot_sees_is_where_it_is_seen_whatever_it_says() -> None:
 
 def test_what_is_located_is_the_observation_itself() -> None:
     seen: Observation = told((1.0, 2.0, 0.3), Sighting(2, 4.0, 4.0))
-    found = Located.told(seen, (0.0, 0.1, 0.2))
+    found = Located.of(seen, (0.0, 0.1, 0.2))
     assert found == seen
     assert found.odometry == (0.0, 0.1, 0.2)
     assert list(itertools.islice(found, 3)) == [1.0, 2.0, 0.3]

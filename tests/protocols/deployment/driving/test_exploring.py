@@ -18,7 +18,7 @@ from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.planner import Refusal
-from protocols.deployment.setup import knowledge_of
+from protocols.deployment.setup import setup_of
 from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.plan import Explore, Plan, Task
 from protocols.motion.floor import Aim, Floor
@@ -314,7 +314,7 @@ def test_nobody_can_explore_without_a_scanner() -> None:
     assert isinstance(found, Refusal)
     assert "range scanner" in found.conflicts[0]
     with pytest.raises(UserError, match="learned"):
-        knowledge_of(Parameters(map="learned"), surroundings(beams=0, scan_range_m=math.inf))
+        setup_of(Parameters(map="learned"), surroundings(beams=0, scan_range_m=math.inf))
 
 
 def test_robots_with_sonar_are_not_sent_to_explore() -> None:

@@ -16,7 +16,7 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Event
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation, Sighting
-from protocols.deployment.localization.maps import Charts
+from protocols.deployment.localization.maps import KnownMaps
 from protocols.deployment.localization.positioning import Given, Positioned, shifted
 from protocols.deployment.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
 from protocols.motion.frames import Shift
@@ -227,7 +227,7 @@ def test_maps_are_made_once_for_all_who_have_such_cells() -> None:
 
 
 def test_a_map_needs_no_walls() -> None:
-    made = Charts(surroundings_of(np.empty((0, 4)), (0.0, 0.0, 2.0, 1.0))).known(0.1, 0.2)
+    made = KnownMaps(surroundings_of(np.empty((0, 4)), (0.0, 0.0, 2.0, 1.0))).known(0.1, 0.2)
     assert not made.occupied.any()
     assert len(made.standing) == 20 * 10
 

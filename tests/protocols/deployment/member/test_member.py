@@ -9,7 +9,7 @@ from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.deployment.counters import Counters
 from protocols.deployment.member.member import Member
-from protocols.deployment.messages.messages import Aside
+from protocols.deployment.messages.messages import YieldRequest
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.events import Driving, PictureTaken, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Result, Retreat
@@ -77,7 +77,7 @@ class Bench:
         goal_m: Place | None = None,
     ) -> None:
         news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, goal_m, "" if idle else "task")
-        self.member.others.tell(robot, news, self.now)
+        self.member.others.receive(robot, news, self.now)
 
     def results(self) -> list[Result]:
         return [report.result for report in self.member.reports()]
@@ -197,7 +197,7 @@ def test_a_robot_turns_to_what_it_photographs_and_one_without_a_camera_fails() -
 def test_a_robot_with_nothing_to_do_steps_aside_for_who_asks_and_comes_back() -> None:
     bench = Bench(member={"near_m": 2.0, "away_m": 3.0})
     bench.tell(1, 2.0, 1.0, speed_mps=0.5, idle=False)
-    bench.member.step_aside(Aside(robot=1, from_m=(2.0, 1.0), way_m=((0.5, 1.0),)), bench.now)
+    bench.member.yield_to(YieldRequest(robot=1, from_m=(2.0, 1.0), way_m=((0.5, 1.0),)), bench.now)
     assert bench.wheels.told == [("retreat", (2.0, 1.0))]
     assert [type(event) for event in bench.events] == [SteppedAside]
     bench.tick(20)
@@ -215,13 +215,13 @@ def test_a_robot_with_nothing_to_do_steps_aside_for_who_asks_and_comes_back() ->
 def test_a_robot_that_drives_does_not_step_aside() -> None:
     bench = Bench()
     bench.order(Go(robot=0, place_m=(5.0, 3.0)))
-    bench.member.step_aside(Aside(robot=1, from_m=(2.0, 1.0), way_m=()), bench.now)
+    bench.member.yield_to(YieldRequest(robot=1, from_m=(2.0, 1.0), way_m=()), bench.now)
     assert bench.wheels.told == [("go", (5.0, 3.0))]
 
 
 def test_who_stepped_aside_leaves_its_post_to_one_that_stays_there() -> None:
     bench = Bench(member={"aside_s": 5.0, "taken_s": 3.0})
-    bench.member.step_aside(Aside(robot=1, from_m=(2.0, 1.0), way_m=()), bench.now)
+    bench.member.yield_to(YieldRequest(robot=1, from_m=(2.0, 1.0), way_m=()), bench.now)
     bench.tick(52)
     assert bench.wheels.told[-1] == ("go", STARTS_M[0])
     bench.tell(1, *STARTS_M[0])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.errors import WireError
 from protocols.deployment.messages import messages, status
-from protocols.deployment.messages.messages import Aside, Facts, Look, Ordered, Picture, Told
+from protocols.deployment.messages.messages import Facts, Look, Ordered, Picture, Told, YieldRequest
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.facts import Ended, Heard, Record, Switched, Terminated
 from protocols.deployment.tasks.orders import Halt, Order, Result, Retreat
@@ -40,7 +40,7 @@ LETTERS = [
         term=0,
         order=Order(plan=3, serial=6, task="x", robot=1, errand=Retreat(robot=1, post_m=(1.0, 1.0), passing=2)),
     ),
-    Aside(robot=1, from_m=(1.0, 2.0), way_m=((3.0, 4.0),)),
+    YieldRequest(robot=1, from_m=(1.0, 2.0), way_m=((3.0, 4.0),)),
     Look(request=7),
     Picture(request=7, robot=1, at_m=(1.0, 2.0), heading_rad=0.5, view_rad=1.0, columns_m=(1.5, None, 2.0)),
 ]
@@ -75,7 +75,7 @@ def test_letters_are_these_bytes(letter: messages.Letter, text: bytes) -> None:
 def test_a_letter_that_names_a_robot_of_another_team_is_refused(letter: messages.Letter) -> None:
     if isinstance(letter, Ordered) and isinstance(letter.order.errand, Halt):
         letter = letter.model_copy(update={"order": letter.order.model_copy(update={"errand": Halt(robot=2)})})
-    size = 1 if isinstance(letter, Aside | Picture) else 2
+    size = 1 if isinstance(letter, YieldRequest | Picture) else 2
     with pytest.raises(WireError, match="is not of the team"):
         messages.decode(messages.encode(letter), size=size)
 
