@@ -47,8 +47,7 @@ from protocols.transport.streams import Inbound
 from protocols.wire import BadBytes
 
 BEAT: Final = 0xFF
-"""Topic of the transport's own heartbeats, whose payload names robots that, as far as the author knows, have no master.
-"""
+"""Topic of heartbeats of the transport itself; the payload names robots that seem to have no master."""
 INCARNATIONS: Final = 4
 """Number of incarnations of a robot of which another remembers what has arrived."""
 
