@@ -58,6 +58,10 @@ EXTENDED = ["from pkgutil import extend_path", "__path__ = extend_path(__path__,
 
 FILE_LINES, FUNCTION_LINES, PUBLIC_METHODS, CONSTRUCTOR_PARAMETERS, FOLDER_ENTRIES = 800, 60, 20, 8, 25
 ROOT_LINES = range(5, 16)
+STARS = {"Draws"}
+"""Classes whose constructors may take any number of parameters: the names of a random stream."""
+NAMESAKES = {("cosim", "Outcome")}
+"""Classes of one name that users have known for long: what became of a payload, and of a run."""
 """How many lines the docstring of a package root may have."""
 LISTS = ("cosim", "experiments")
 """Folders that may have more entries: the table of layers above, and a list of experiments."""
@@ -170,7 +174,7 @@ def constructor_faults(node: ast.ClassDef) -> list[str]:
         if isinstance(made, ast.FunctionDef) and made.name == "__init__":
             taken = made.args
             count = len(taken.posonlyargs + taken.args + taken.kwonlyargs) - 1
-            if taken.vararg or taken.kwarg:
+            if (taken.vararg or taken.kwarg) and node.name not in STARS:
                 faults.append(f"the constructor of {node.name} takes any number of parameters")
             elif count > CONSTRUCTOR_PARAMETERS:
                 faults.append(
@@ -196,13 +200,18 @@ def doubled(trees: Mapping[str, ast.Module]) -> list[str]:
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[module.rpartition(".")[0], node.name].append(module)
-    return [f"a class {name} is in each of {', '.join(where)}" for (_, name), where in places.items() if len(where) > 1]
+    return [
+        f"a class {key[1]} is in each of {', '.join(where)}"
+        for key, where in places.items()
+        if len(where) > 1 and key not in NAMESAKES
+    ]
 
 
 def root_fault(package: str, tree: ast.Module) -> str | None:
     """Return one sentence if *tree*, the root of *package*, is silent or does more than to say what lives there."""
     told = ast.get_docstring(tree)
-    if not (told and len(told.splitlines()) in ROOT_LINES):
+    written = tree.body[0].end_lineno if told else 0  # its lines in the source, quotes included
+    if written not in ROOT_LINES:
         return f"the root of {package} does not say in 5 to 15 lines what lives there and where to begin"
     for statement in tree.body[told is not None :]:
         source = ast.unparse(statement)

@@ -179,7 +179,7 @@ class Runner(Drains):
         if self.host.changes != self._changes:
             self._changes = self.host.changes
             self.member.forget_serials()
-        mine = self.host.dispatch.mine
+        mine = self.host.mine
         while mine:
             orders = mine[:]
             mine.clear()
@@ -249,7 +249,7 @@ class Runner(Drains):
         return self._start if at is None else at
 
     def _silent(self, other: Address, now: Time) -> bool:
-        return self.host.succession.silent(other, self._heard, now)
+        return self.host.silent(other, self._heard, now)
 
     def _whereabouts(self) -> Whereabouts:
         member = self.member
@@ -269,8 +269,8 @@ class Runner(Drains):
         order = member.order
         x_m, y_m = member.here
         return News(
-            host=host.succession.host,
-            term=host.succession.term,
+            host=host.replica.term.leader,
+            term=host.replica.term.number,
             plan=host.number,
             calls=self.calls.dealt,
             digest=host.digest,

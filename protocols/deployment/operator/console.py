@@ -222,7 +222,7 @@ class Console:
             case State():
                 return self._state()
             case _ if not self._host.leads:
-                host = self._host.succession.host
+                host = self._host.leader
                 return {"say": "error", "why": f"robot {host} is host, not robot {self._host.me}", "host": host}
             case Calling():
                 return self._call(asked, now)
@@ -312,11 +312,11 @@ class Console:
     def _state(self) -> dict[str, Any]:
         host, play = self._host, self._host.play
         if play is None:
-            return {"say": "state", "plan": None, "host": host.succession.host, "tasks": {}}
+            return {"say": "state", "plan": None, "host": host.leader, "tasks": {}}
         states = {} if play.executive is None else dict(play.executive.states)
         plan = play.ledger.plan.model_dump(mode="json")
         lost = sorted(play.ledger.lost)
-        return {"say": "state", "plan": plan, "host": host.succession.host, "tasks": states, "lost": lost}
+        return {"say": "state", "plan": plan, "host": host.leader, "tasks": states, "lost": lost}
 
     # ------------------------------------------------------------ pictures
 
@@ -345,17 +345,17 @@ class Console:
 
     def report(self, now: Time) -> None:
         """Report what has happened, and periodically where the robots are."""
-        host, dispatch = self._host, self._host.dispatch
+        host = self._host
         if self.attended:
             self._report_tasks()
-            self._out += [write(say="breach", plan=host.number, why=why) for why in dispatch.breaches]
-            self._out += [write(say="ended", plan=number, result=result) for number, result in dispatch.ends]
+            self._out += [write(say="breach", plan=host.number, why=why) for why in host.breaches]
+            self._out += [write(say="ended", plan=number, result=result) for number, result in host.ends]
             self._report_pictures(now)
             if self._told is None or not 0 <= now - self._told < POSITIONS:
                 self._told = now
                 self._report_positions(now)
-        dispatch.breaches.clear()
-        dispatch.ends.clear()
+        host.breaches.clear()
+        host.ends.clear()
 
     def _report_pictures(self, now: Time) -> None:
         """Report pictures that have not come in time."""

@@ -10,7 +10,8 @@ from typing import Final
 
 from cosim.machine import Address
 from cosim.units import Time
-from protocols.deployment.messages.messages import Facts, Told
+from protocols.deployment.messages.messages import Facts, Ordered, Told
+from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.tasks.facts import order as order_of
 from protocols.deployment.tasks.orders import Halt, Order, Result
@@ -59,8 +60,23 @@ class Ledger:
         return Facts(plan=self.number, facts=tuple(self._facts[key] for key in sorted(self._facts)))
 
     def told(self, host: Address) -> Told:
-        """Return all that is known, for somebody who knows nothing; *host* leads."""
+        """Return all that is known, for a robot that knows nothing; *host* leads."""
         return Told(host=host, record=self.record(), calls=self.calls)
+
+    def lacking(self, news: News, host: Address, term: int, order: Order | None = None) -> list[Told | Facts | Ordered]:
+        """Return what the author of *news* lacks of what is known here, and its last *order* if it has not got it.
+
+        The *host*, of a *term* of that number, is the author, or leads it. A host that has booted again has forgotten
+        the plan.
+        """
+        if news.plan != self.number:
+            return [self.told(host)] if news.plan < self.number else []
+        if not self.began_alike(news.digest):
+            return [self.told(host)]
+        lacks: list[Told | Facts | Ordered] = [self.facts()] if news.digest != self.digest else []
+        if order is not None and (news.serial is None or news.serial < order.serial) and not self.ended(order):
+            lacks.append(Ordered(term=term, order=order))
+        return lacks
 
     def record(self) -> Record:
         """Return all that it takes to go on with the plan."""

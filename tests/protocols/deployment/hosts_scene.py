@@ -48,13 +48,14 @@ class Robot:
     def news(self) -> News:
         host, at = self.host, self.where()
         serial = self.orders[-1].serial if self.orders and self.orders[-1].plan == host.number else None
-        known = host.succession.host, host.succession.term, host.number, host.calls, host.digest
+        term = host.replica.term
+        known = term.leader, term.number, host.number, host.calls, host.digest
         return News(*known, serial, True, at.x_m, at.y_m, 0.0, 0.0, None, "", host.over)
 
     def settle(self) -> None:
         self.host.advance(self.team.now)
-        self.orders += self.host.dispatch.mine
-        self.host.dispatch.mine.clear()
+        self.orders += self.host.mine
+        self.host.mine.clear()
 
     def reports(self, task: str, result: Result = Result.DONE, plan: int = 1) -> None:
         self.host.report(

@@ -90,14 +90,15 @@ def test_a_former_host_that_was_heard_again_is_given_time_like_the_others() -> N
     team.until(1)
     team.play(drives(3))
     team.until(5.0)
-    succession = team.robots[2].host.succession
-    assert succession.judge({0: 5 * S, 1: 9 * S}.__getitem__, 10 * S)
-    succession.since = 20 * S
-    assert succession.missed(0, 5 * S, False, 10 * S)
-    assert not succession.missed(0, 10 * S + 1, False, 24 * S), "it was heard since, and there is another host"
-    assert succession.missed(0, 10 * S + 1, False, 24 * S + 1)
-    assert not succession.missed(1, 9 * S, False, 24 * S)
-    assert succession.missed(1, 9 * S, False, 24 * S + 1)
+    replica = team.robots[2].host.replica
+    replica.tick({0: 5 * S, 1: 9 * S}.__getitem__, 10 * S)
+    assert replica.expected == 1
+    replica.since = 20 * S
+    assert replica.missed(0, 5 * S, False, 10 * S)
+    assert not replica.missed(0, 10 * S + 1, False, 24 * S), "it was heard since, and there is another host"
+    assert replica.missed(0, 10 * S + 1, False, 24 * S + 1)
+    assert not replica.missed(1, 9 * S, False, 24 * S)
+    assert replica.missed(1, 9 * S, False, 24 * S + 1)
 
 
 def test_a_host_that_hears_nobody_takes_its_predecessor_for_lost_by_the_longer_patience() -> None:
@@ -172,7 +173,7 @@ def test_what_a_robot_ends_before_it_has_been_told_the_plan_again_is_not_forgott
     team.boot(2)
     host = team.robots[0].host
     assert host.play is not None
-    order = host.play.order_to(2)
+    order = host.replica._ordered.get(2)
     assert order is not None
     team.robots[2].orders.append(order)  # a letter that was on its way when it booted: it is where it is to be
     team.robots[2].reports("p/2")

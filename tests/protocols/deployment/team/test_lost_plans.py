@@ -11,15 +11,15 @@ from cosim.observation import Observation
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.counters import Counters
 from protocols.deployment.messages import status
-from protocols.deployment.messages.messages import Facts
+from protocols.deployment.messages.messages import Facts, Told
 from protocols.deployment.messages.status import News
 from protocols.deployment.operator.calls import Calls
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.runner import Runner
 from protocols.deployment.tasks.events import Breached, HostChanged, PlanEnded
-from protocols.deployment.tasks.plan import Between, Instant
-from protocols.deployment.team.rumours import Rumours
-from protocols.deployment.team.succession import Succession
+from protocols.deployment.tasks.facts import Record
+from protocols.deployment.tasks.plan import Between, Instant, Photo, Plan, Task
+from protocols.deployment.team.replica import Replica, Waits
 from protocols.transport.frames import ALL, Frame, Publication, encode
 from tests.protocols.deployment.crew_scene import BY_CABLE, PLACES_M, STARTS_M, TICK, call, rows, run, setup
 from tests.protocols.deployment.hosts_scene import Robot, Team, drives, over
@@ -102,16 +102,22 @@ def test_a_call_that_was_refused_is_not_made_again_by_a_new_host() -> None:
 
 
 def test_calls_of_a_plan_that_is_not_known_here_count_once_it_is() -> None:
-    rumours = Rumours(2 * S)
-    rumours.hear(0, 2, 3)
-    rumours.hear(2, 1, 1)
-    assert [rumours.calls(number) for number in (0, 1)] == [0, 1]
-    assert (rumours.newest, rumours.awaited(1), rumours.awaited(2)) == (2, True, False)
-    rumours.tick(Succession(1, 3, 0, 4 * S, 12 * S), {0: 0, 2: 9 * S}.__getitem__, 10 * S)
-    assert not rumours.awaited(1), "who knows it is silent"
-    assert rumours.newest == 2
-    assert rumours.calls(1) == 1
-    assert rumours.calls(2) == 3
+    replica = Replica(1, 3, 0, Waits(4 * S, 12 * S, 5 * S, 2 * S), 0)
+
+    def hear(source: int, plan: int, calls: int) -> None:
+        replica.status(source, News(0, 0, plan, calls, 0, None, False, 0.0, 0.0, 0.0, 0.0, None, ""), 0)
+
+    hear(0, 2, 3)
+    assert (replica.calls, replica.newest, replica.awaited) == (0, 2, True)
+    replica.tick({0: 0, 2: 9 * S}.__getitem__, 10 * S)
+    assert not replica.awaited, "who knows it is silent"
+    hear(2, 1, 1)
+    assert (replica.calls, replica.newest, replica.awaited) == (0, 2, True)
+    for number, calls in ((1, 1), (2, 3)):
+        plan = Plan(number=number, play="p", robots=(0,), root=Task(name="p", act=Photo(robot=0)))
+        replica.message(0, Told(host=0, record=Record(plan=plan, start=0)), 0)
+        assert replica.calls == calls
+    assert not replica.awaited
 
 
 # ---------------------------------------------------------------- ends
@@ -290,14 +296,14 @@ def test_who_followed_another_in_vain_does_not_make_the_team_begin_anew() -> Non
     team.until(6.0)
     team.robots[1].reports("p/1")
     team.until(12.0)
-    assert team.robots[3].host.succession.host == 1, "in vain: that follows robot 0"
+    assert team.robots[3].host.leader == 1, "in vain: that follows robot 0"
     team.cut.clear()
     team.until(13.9)
     team.robots[2].reports("p/2")
     team.until(16.0)
     team.spoilt.clear()
     team.until(25.0)
-    assert team.robots[3].host.succession.host == 0
+    assert team.robots[3].host.leader == 0
     assert [robot.host.number for robot in team.robots] == [1, 1, 1, 1]
     for robot in team.robots:
         assert robot.host.play is not None
@@ -313,7 +319,7 @@ def test_a_host_that_has_led_and_died_is_a_rival_all_the_same() -> None:
     away = {(a, b) for a in (0,) for b in (1, 2, 3)} | {(b, a) for a in (0,) for b in (1, 2, 3)}
     team.cut |= away
     team.until(12.0)
-    assert [robot.host.succession.host for robot in team.robots] == [0, 1, 1, 1]
+    assert [robot.host.leader for robot in team.robots] == [0, 1, 1, 1]
     team.dead.add(1)
     team.cut.clear()
     team.until(20.0)

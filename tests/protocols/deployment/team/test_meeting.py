@@ -14,7 +14,6 @@ from protocols.deployment.tasks.events import PlanTaken, RobotFound, RobotLost
 from protocols.deployment.tasks.facts import Heard, Record, Terminated
 from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
-from protocols.deployment.team.meeting import Meeting
 from protocols.deployment.team.reunion import Past, reunited
 from tests.protocols.deployment.crew_scene import PLACES_M, TICK
 from tests.protocols.deployment.hosts_scene import Robot, Team, drives, over
@@ -62,7 +61,7 @@ def test_two_parts_of_a_team_that_meet_begin_one_plan_however_many_they_are(
     assert [len(robot.times(RobotLost)) for robot in team.robots] == lost
     team.until(60)
     assert [plans(robot) for robot in team.robots] == [[1, 2]] * size
-    assert {robot.host.succession.host for robot in team.robots} == {0}
+    assert {robot.host.leader for robot in team.robots} == {0}
     play = team.robots[0].host.play
     assert play is not None
     assert play.ledger.lost == frozenset()
@@ -131,20 +130,6 @@ def test_a_host_s_plan_replaces_an_equal_one_of_the_same_number_that_began_at_an
         led.letter(0, Told(host=0, record=again, calls=1), team.now)
         assert led.play.ledger.record().start == again.start
         assert (plans(team.robots[1]) == [1, 1]) is told
-
-
-def test_a_meeting_is_held_once_it_is_due_and_not_again_for_a_plan_for_which_it_was_in_vain() -> None:
-    meeting = Meeting(2 * S)
-    meeting.call(1, 5 * S)
-    meeting.call(1, 6 * S)
-    assert (meeting.called, meeting.due(7 * S - 1), meeting.due(7 * S)) == (True, False, True)
-    meeting.held_in_vain(1)
-    meeting.call(1, 8 * S)
-    assert not meeting.called
-    meeting.call(2, 8 * S)
-    assert meeting.called
-    meeting.off()
-    assert not meeting.due(99 * S)
 
 
 # ---------------------------------------------------------------- not without end

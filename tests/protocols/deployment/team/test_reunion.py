@@ -7,7 +7,6 @@ import pytest
 
 from cosim.observation import Observation
 from cosim.units import S
-from protocols.deployment.counters import Counters
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.executing.recovery import lengths, reassigned
 from protocols.deployment.planning.augmenting import ExecutiveParameters
@@ -18,10 +17,9 @@ from protocols.deployment.tasks.facts import Heard, Terminated
 from protocols.deployment.tasks.orders import Report, Result
 from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
 from protocols.deployment.team.reunion import Past, is_reunited, reunited
-from protocols.deployment.team.roll import Roll
 from protocols.motion.traffic import Other, Traffic
 from tests.protocols.deployment.crew_scene import PLACES_M
-from tests.protocols.deployment.hosts_scene import SILENCE, Team, drives, over
+from tests.protocols.deployment.hosts_scene import Team, drives, over
 from tests.protocols.deployment.play_scene import Plain, Scene, Troubles, crew_of
 
 LINE: tuple[Place, ...] = ((10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (40.0, 0.0))
@@ -204,17 +202,6 @@ def test_nothing_more_is_sent_to_who_is_lost(monkeypatch: pytest.MonkeyPatch) ->
     team.dead = {2}
     team.until(10)
     assert forgotten == [2]
-
-
-def test_of_the_lost_those_are_still_lost_of_whom_nothing_was_heard_lately_but_never_oneself() -> None:
-    team = Team(4)
-    team.until(2)
-    team.dead = {3}
-    team.until(10)
-    robot = team.robots[1]
-    roll = Roll(1, 4, SILENCE, robot.host.succession, robot.others, robot.note, Counters())
-    assert [fact.robot for fact in roll.still_lost({0, 1, 2, 3}, robot.when, team.now)] == [3]
-    assert [fact.robot for fact in roll.still_lost({0}, robot.when, team.now + SILENCE)] == [0]
 
 
 def test_who_is_found_again_after_a_reunion_is_sent_where_it_belongs() -> None:
