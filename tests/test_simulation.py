@@ -413,7 +413,7 @@ def test_the_radios_are_told_their_power_classes_and_walls(monkeypatch: pytest.M
             told.extend((floor, classes))
             super().__init__(IdealSettings(), kernel, trace, size)
 
-    monkeypatch.setattr("cosim.simulation.BluetoothChannel", Radio)
+    monkeypatch.setattr("cosim.channels.bluetooth.device.BluetoothChannel", Radio)
     plain = mixed().model_dump() | {"channel": {"kind": "bluetooth"}}
     run = Simulation(Scenario.model_validate(plain), 1)
     (grid, losses), classes = told

@@ -22,6 +22,7 @@ from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.parameters import WalkingParameters
+from protocols.motion.progress import Progress
 
 STAND: Final = Drive(0.0, 0.0)
 
@@ -148,7 +149,7 @@ class Walker:
         self._patience = math.ceil(max(own.patience_s, self._contact_m / speed_mps) / seconds)
         self._pause = math.ceil(max(own.pause_s, 2.0 * self._contact_m / speed_mps) / seconds)
         self._turn = math.ceil(_TURN_S / seconds)
-        self._nearer_m = min(_NEARER * self._patience * self._step_m, _MOST_NEARER_M)
+        self._progress = Progress(min(_NEARER * self._patience * self._step_m, _MOST_NEARER_M))
         self._evasion = Evasion(ground, radius_m, self._step_m, own)
         self.goal_m: Point | None = None
         self.arrived = True
@@ -162,9 +163,7 @@ class Walker:
         self._halt = False
         self._track: Track | None = None
         self._look_at = 0
-        self._least_m = math.inf
         self._stuck_m = math.inf
-        self._progress_at = 0
         self._attempts = 0
         self._plan_at: int | None = 0
 
@@ -176,7 +175,7 @@ class Walker:
             return
         if self.arrived or goal_m is None or self.goal_m is None or math.dist(goal_m, self.goal_m) > _SAME_M:
             self._attempts = 0
-            self._progress_at = self._ticks
+            self._progress.since = self._ticks
             self._evasion.restart()
         self.goal_m = goal_m
         self.arrived = goal_m is None
@@ -232,7 +231,7 @@ class Walker:
             order = self._evasion.follow(observation, here, self._ticks)
             if order is not None:
                 return order
-            self._progress_at = self._ticks
+            self._progress.since = self._ticks
             self._resume(here)
         if self._track is None:
             return self._stand()
@@ -244,7 +243,7 @@ class Walker:
             return self._evade(self._track, observation, here)
         if self._evasion.ends:
             self._resume(here)
-        if self._ticks - self._progress_at > self._patience:
+        if self._progress.held(self._ticks) > self._patience:
             self._attempt(observation, here)
         return self._cruise(here)
 
@@ -270,7 +269,7 @@ class Walker:
         while track.following is not None and self._ground.open(here, track.following):
             self._go_on(track, here)
         body = self._evasion.standing(observation, here, track.place, self._ticks)
-        if body is not None or self._ticks - self._progress_at > self._patience:
+        if body is not None or self._progress.held(self._ticks) > self._patience:
             self._halt = True
         if self._halt:
             if observation.speed_mps > 0.0:
@@ -307,7 +306,7 @@ class Walker:
             return
         self._plan_at = None
         self._track = Track(here, way)
-        self._least_m = self._track.left_m(here)
+        self._progress.least_m = self._track.left_m(here)
         self._evasion.goal_m = self._track.end
 
     def _resume(self, here: Point) -> None:
@@ -325,12 +324,9 @@ class Walker:
                 break
             self._go_on(track, here)
             distance = math.dist(here, track.place)
-        left = track.left_m(here)
-        if left < self._least_m - self._nearer_m:
-            self._least_m = left
-            self._progress_at = self._ticks
-            if self._attempts and self.remaining_m(here) < self._stuck_m - _FREED_M:
-                self._attempts = 0
+        nearer = self._progress.look(track.left_m(here), self._ticks)
+        if nearer and self._attempts and self.remaining_m(here) < self._stuck_m - _FREED_M:
+            self._attempts = 0
         if not self.arrived and track.following is None and self._is_at_goal(track.end, observation, here):
             self.arrived = True
             self._attempts = 0
@@ -338,7 +334,7 @@ class Walker:
 
     def _go_on(self, track: Track, here: Point) -> None:
         track.go_on(here)
-        self._least_m = min(self._least_m, track.left_m(here))
+        self._progress.least_m = min(self._progress.least_m, track.left_m(here))
 
     def _is_at_goal(self, place: Point, observation: Observation, here: Point) -> bool:
         """Return whether the robot is at its goal, or before a robot that stands there."""
@@ -361,7 +357,7 @@ class Walker:
         assert self.goal_m is not None
         assert self._track is not None
         number, self._attempts = self._attempts, self._attempts + 1
-        self._progress_at = self._ticks
+        self._progress.since = self._ticks
         self._stuck_m = self.remaining_m(here)
         self._order_again = True  # the last order may not have been followed
         bodies = self._evasion.bodies(observation, here)

@@ -14,7 +14,7 @@ from cosim.navigation.localization.motion import Pose
 from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of
-from protocols.deployment.localization.maps import KnownMaps
+from protocols.deployment.localization.positioning import KnownMaps
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook

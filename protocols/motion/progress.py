@@ -1,39 +1,32 @@
-"""Whether a robot that drives gets nearer to its goal, by its way on the bare map, whatever its mover tries."""
+"""Progress: whether what is left of a way keeps falling, and for how long it has not.
+
+Times are whatever the caller counts, in nanoseconds or in ticks.
+"""
 
 import math
-from typing import Final
-
-from cosim.geometry.planning import Point
-from cosim.units import S, Time
-from protocols.motion.floor import Floor
-
-NEARER_M: Final = 0.2
-"""Decrease in the length of the way that counts as progress."""
-LOOK: Final = S
-"""Interval between progress checks."""
 
 
-class Approach:
-    """One robot's drive to one place."""
+class Progress:
+    """The least distance so far, and when it last fell by enough to count."""
 
-    def __init__(self, floor: Floor, radius_m: float) -> None:
-        self._floor = floor
-        self._radius_m = radius_m
-        self._goal_m: Point | None = None
-        self._left_m = math.inf
-        self._since: Time = 0
-        self._looked: Time = 0
+    def __init__(self, nearer_m: float, now: int = 0) -> None:
+        """Count a decrease by more than *nearer_m* as progress, from *now* on."""
+        self.nearer_m = nearer_m
+        self.least_m = math.inf
+        self.since = now
+        """When there was progress last."""
 
-    def begin(self, goal_m: Point, now: Time) -> None:
-        """Begin a drive to a place."""
-        self._goal_m, self._left_m = goal_m, math.inf
-        self._since = self._looked = now
+    def begin(self, now: int, left_m: float = math.inf) -> None:
+        """Begin again at *now*, with so much left."""
+        self.least_m, self.since = left_m, now
 
-    def held(self, here: Point, now: Time) -> Time:
-        """Return for how long the robot, now *here*, has made no progress."""
-        if self._goal_m is not None and not 0 <= now - self._looked < LOOK:
-            self._looked = now
-            left_m = self._floor.field(self._radius_m, self._goal_m).distance_m(here)
-            if left_m < self._left_m - NEARER_M:
-                self._left_m, self._since = left_m, now
-        return max(now - self._since, 0)
+    def look(self, left_m: float, now: int) -> bool:
+        """Take what is left at *now*; return whether that is progress."""
+        if left_m < self.least_m - self.nearer_m:
+            self.least_m, self.since = left_m, now
+            return True
+        return False
+
+    def held(self, now: int) -> int:
+        """Return for how long there has been no progress."""
+        return now - self.since

@@ -10,6 +10,7 @@ import math
 
 from cosim.observation import Observation
 from cosim.units import Time
+from protocols.motion.progress import Progress
 from protocols.reflection.setup import Point
 
 AHEAD_STEPS = 10.0
@@ -38,6 +39,7 @@ class Straight:
         self._radius_m = radius_m
         self._step_m = step_m
         self._patience = patience
+        self._progress = Progress(0.25 * step_m)
         self.begin(now)
 
     def begin(self, now: Time) -> None:
@@ -47,8 +49,7 @@ class Straight:
         self._side = -1.0
         self._calm = CALM_STEPS
         self._from: Point = (0.0, 0.0)
-        self._shortest_m = math.inf
-        self._progress_at = now
+        self._progress.begin(now)
 
     @property
     def rounding(self) -> bool:
@@ -57,13 +58,11 @@ class Straight:
 
     def stalled(self, now: Time) -> bool:
         """Return whether the way has not become shorter for longer than the robot's patience."""
-        return now - self._progress_at > self._patience
+        return self._progress.held(now) > self._patience
 
     def towards(self, place: Point, length_m: float, observation: Observation, now: Time) -> Point:
         """Return where to go in order to reach *place*; *length_m* is the way that is left, there and beyond."""
-        if length_m < self._shortest_m - 0.25 * self._step_m:
-            self._shortest_m = length_m
-            self._progress_at = now
+        self._progress.look(length_m, now)
         if not self._ticks and not observation.blocked:
             self._calm += 1
             return place

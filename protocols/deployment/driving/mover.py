@@ -20,6 +20,7 @@ from protocols.deployment.tasks.plan import Place
 from protocols.motion.driver import Driver
 from protocols.motion.floor import Aim, Blocker, Field, Floor
 from protocols.motion.parameters import DrivingParameters
+from protocols.motion.progress import Progress
 from protocols.motion.traffic import Other, Track, Traffic
 
 State: TypeAlias = Literal["idle", "driving", "arrived", "stuck"]
@@ -74,7 +75,7 @@ class Mover:
         self._field: Field | None = None
         self._among: tuple[Blocker, ...] = ()
         self._planned: Time | None = None
-        self._best_m, self._progress, self._made_way, self._held = math.inf, 0, 0, False
+        self._progress, self._made_way, self._held = Progress(_PROGRESS_M), 0, False
         self._started: Time = 0
         """Time at which it would have made its first progress, alone: it may have to turn first."""
 
@@ -124,7 +125,8 @@ class Mover:
         self._forget_progress()
 
     def _forget_progress(self) -> None:
-        self._best_m, self._progress, self._planned, self._field = math.inf, -1, None, None
+        self._progress.begin(-1)
+        self._planned, self._field = None, None
 
     # ------------------------------------------------------------ a tick
 
@@ -135,8 +137,8 @@ class Mover:
         """
         self._driver.follow(observation, now)
         self._traffic.look(observation, others, now, self._driver.carried)
-        if self._progress < 0:
-            self._progress = now
+        if self._progress.since < 0:
+            self._progress.since = now
         way, turn = 0.0, 0.0
         if self.state in ("driving", "stuck"):
             aim = self._aim(now)
@@ -168,7 +170,7 @@ class Mover:
         assert target is not None
         if self._planned is None or now >= self._planned + from_seconds(_REPLAN_S):
             self._plan(target, now)
-        self._held = now - self._progress > from_seconds(_HELD_S)
+        self._held = self._progress.held(now) > from_seconds(_HELD_S)
         aim = None if self._field is None else self._floor.aim(self._radius_m, self._field, here, self._held)
         self.remaining_m = None if aim is None else aim.left_m
         if aim is None:
@@ -177,14 +179,14 @@ class Mover:
         if aim.last and aim.left_m <= self._own.arrive_m and (self._aside is not None or not self._via):
             self._arrive()
             return None
-        if self._best_m == math.inf:  # the first look at this goal
+        if self._progress.least_m == math.inf:  # the first look at this goal
             self._started = now + from_seconds(self._driver.start_s(aim.place_m, _PROGRESS_M))
         self._judge(aim.left_m, now)
         return aim
 
     def _arrive(self) -> None:
         if self._aside is not None:
-            self._progress = -1  # time in the refuge is no time without progress
+            self._progress.since = -1  # time in the refuge is no time without progress
         elif self._driver.stands:
             self.state, self.blocked_by = "arrived", None
 
@@ -239,14 +241,14 @@ class Mover:
 
     def _judge(self, left_m: float, now: Time) -> None:
         """Note progress, or that there was none for too long; make way for a robot that goes first, if that is due."""
-        if left_m < self._best_m - _PROGRESS_M:
-            self._best_m, self._progress, self.state = left_m, now, "driving"
+        if self._progress.look(left_m, now):
+            self.state = "driving"
             return
-        held_s = to_seconds(now - self._progress)
+        held_s = to_seconds(self._progress.held(now))
         if held_s >= self._own.patience_s:
             self.state = "stuck"
         # a robot that has to turn first makes no progress meanwhile
-        if self._aside is not None or now - max(self._progress, self._started) < from_seconds(self._own.yield_s):
+        if self._aside is not None or now - max(self._progress.since, self._started) < from_seconds(self._own.yield_s):
             return
         for track in self._traffic.tracks(self._here):
             near_m = self._radius_m + track.radius_m + 4.0 * self._own.clear_m
@@ -311,7 +313,7 @@ class Mover:
         if passed:
             self._aside, self.yielding_to = None, None
             self._forget_progress()
-            self._progress = now
+            self._progress.since = now
 
 
 def _way_of(track: Track, here: Place, floor: Floor) -> list[Place]:

@@ -11,7 +11,7 @@ from typing import Final
 
 from cosim.machine import Address, Drive, Event
 from cosim.observation import Observation
-from cosim.units import Time, from_seconds
+from cosim.units import S, Time, from_seconds
 from protocols.deployment.counters import Counters
 from protocols.deployment.driving.exploring_mover import ExploringMover
 from protocols.deployment.driving.mover import Mover
@@ -26,7 +26,7 @@ from protocols.deployment.tasks.events import Driving, SteppedAside, TaskEnded, 
 from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
 from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
 from protocols.motion.floor import Floor
-from protocols.motion.progress import Approach
+from protocols.motion.progress import Progress
 
 # ---------------------------------------------------------------- crowd
 # A robot that only passes a place has come to it when it is as near as the bodies that stand there already let it.
@@ -47,12 +47,11 @@ class Crowd:
     ) -> None:
         self._floor, self._radii_m, self._radius_m, self._mover = floor, radii_m, radius_m, mover
         self._patience = from_seconds(patience_s)
-        self._best_m = math.inf
-        self._since: Time = 0
+        self._progress = Progress(NEARER_M)
 
     def forget(self) -> None:
         """Begin again: the robot has another place to go to."""
-        self._best_m = math.inf
+        self._progress.least_m = math.inf
 
     def near(self, order: Order | None, here: Place, others: Others) -> bool:
         """Return whether only nearer bodies keep the robot from the place that it is ordered to pass."""
@@ -74,11 +73,42 @@ class Crowd:
         """Return whether the robot has come to a place that it passes: it is near, and comes no nearer."""
         if go.final:
             return False
-        off_m = math.dist(here, go.place_m)
-        if off_m < self._best_m - NEARER_M:
-            self._best_m, self._since = off_m, now
-        held = self._mover.blocked_by is not None or now - self._since >= self._patience
+        self._progress.look(math.dist(here, go.place_m), now)
+        held = self._mover.blocked_by is not None or self._progress.held(now) >= self._patience
         return held and self._near(go.place_m, here, others)
+
+
+# ---------------------------------------------------------------- approach
+
+APPROACHED_M: Final = 0.2
+"""Decrease in the length of the way that counts as progress."""
+LOOK: Final = S
+"""Interval between looks at the way that is left."""
+
+
+class Approach:
+    """One robot's drive to one place: whether it gets nearer by the bare map, whatever its mover tries."""
+
+    def __init__(self, floor: Floor, radius_m: float) -> None:
+        self._floor, self._radius_m = floor, radius_m
+        self._goal_m: Place | None = None
+        self._progress = Progress(APPROACHED_M)
+        self._looked: Time = 0
+
+    def begin(self, goal_m: Place, now: Time) -> None:
+        """Begin a drive to a place."""
+        self._goal_m, self._looked = goal_m, now
+        self._progress.begin(now)
+
+    def held(self, here: Place, now: Time) -> Time:
+        """Return for how long the robot, now *here*, has made no progress."""
+        if self._goal_m is not None and not 0 <= now - self._looked < LOOK:
+            self._looked = now
+            self._progress.look(self._floor.field(self._radius_m, self._goal_m).distance_m(here), now)
+        return max(self._progress.held(now), 0)
+
+
+# ---------------------------------------------------------------- member
 
 
 STILL_M: Final = 1e-6

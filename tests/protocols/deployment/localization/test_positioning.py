@@ -16,8 +16,7 @@ from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Event
 from cosim.navigation.schemas import beam_directions
 from cosim.observation import Observation, Sighting
-from protocols.deployment.localization.maps import KnownMaps
-from protocols.deployment.localization.positioning import Given, Positioned, shifted
+from protocols.deployment.localization.positioning import Given, KnownMaps, Positioned, shifted
 from protocols.deployment.localization.scan import SAME_M, Scan, Sensor, turned_ranges, without_bodies
 from protocols.motion.frames import Shift
 from tests.protocols.deployment.positioning_scene import (
