@@ -41,7 +41,7 @@ from protocols.detection.detectors import DetectorSettings, FixedTimeoutSettings
 from protocols.detection.quality import Quality, quality, watch
 from protocols.monitoring.heartbeats import decode
 from protocols.monitoring.machine import Monitor
-from protocols.monitoring.parameters import Parameters as Monitoring
+from protocols.monitoring.machine import Parameters as Monitoring
 
 SENDER: Final[Address] = 0
 WATCHER: Final[Address] = 1

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from cosim.settings import Count, Length, Metres, Period, Rate, Seconds, Settings, error_at
 from protocols.deployment.driving.exploring_parameters import ExploringParameters
-from protocols.deployment.localization.parameters import PositioningParameters, SonarParameters
+from protocols.deployment.localization.positioning import PositioningParameters, SonarParameters
 from protocols.deployment.messages.status import MOST_BYTES
 from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.planner import Call, PlannerParameters

@@ -2,5 +2,5 @@
 
 This is a second application of Pseudonet: the messages, the exchanges and the piconets are those of
 ``protocols.pseudonet``, and only the coordination layer is replaced. Begin with ``gathering``, which holds that layer
-with the argument why it ends; ``referee`` measures how close the bodies are, and ``spec`` names the protocol to cosim.
+with the argument why it ends; ``spec`` names the protocol to cosim, and its referee measures how close the bodies are.
 """

@@ -6,16 +6,71 @@ that one which is dead from the beginning is suspected as well; phi accrual, whi
 one at the start.
 """
 
+from dataclasses import dataclass, field
+
+from pydantic import Field
+
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Drains, LinkEvent, Outgoing, Reception
 from cosim.observation import Observation
+from cosim.settings import Count, Seconds, Settings
 from cosim.units import Time, from_seconds
 from protocols.detection.accrual import PhiSettings
-from protocols.detection.detectors import make_detector
+from protocols.detection.chen import NfdESettings
+from protocols.detection.detectors import DetectorSettings, make_detector
 from protocols.detection.incarnations import Watch
-from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
-from protocols.monitoring.parameters import Parameters
+
+# ---------------------------------------------------------------- events
+# The events of monitoring: suspicion, trust, and bytes that are no heartbeat.
+
+
+_PEER = {"meaning": "the robot that is watched"}
+
+
+@dataclass(frozen=True, slots=True)
+class Suspected:
+    """A robot suspects another from now on."""
+
+    peer: int = field(metadata=_PEER)
+
+
+@dataclass(frozen=True, slots=True)
+class Trusted:
+    """A robot trusts another again: the suspicion was a mistake, or the other has been rebooted."""
+
+    peer: int = field(metadata=_PEER)
+
+
+@dataclass(frozen=True, slots=True)
+class BadHeartbeat:
+    """Bytes that are no heartbeat, or from a robot that is not to send any."""
+
+    sender: int = field(metadata={"meaning": "the last hop"})
+    length: int = field(metadata={"unit": "B", "meaning": "length of the payload"})
+    reason: str = field(metadata={"meaning": "what is wrong"})
+
+
+EVENTS = (Suspected, Trusted, BadHeartbeat)
+
+
+# ---------------------------------------------------------------- parameters
+
+
+class Parameters(Settings):
+    """Parameters of monitoring: which robots send heartbeats, how often, and how they are judged."""
+
+    period_s: Seconds = Field(default=1.0, ge=1e-6, description="s, eta, from one heartbeat of a robot to the next")
+    senders: Count | None = Field(
+        default=None, ge=1, description="number of robots that send heartbeats, the first ones; all if not given"
+    )
+    spread: bool = Field(
+        default=True,
+        description="robots that start together send evenly spread over the period, not all at one instant",
+    )
+    detector: DetectorSettings = Field(
+        default_factory=NfdESettings, description="failure detector for each robot that is watched"
+    )
 
 
 class Monitor(Drains):

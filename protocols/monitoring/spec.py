@@ -17,9 +17,7 @@ from cosim.errors import UserError
 from cosim.machine import Address
 from cosim.protocol import Death, Metric, ProtocolSpec, Referee, Surroundings
 from cosim.units import Time, to_seconds
-from protocols.monitoring.events import EVENTS
-from protocols.monitoring.machine import Monitor
-from protocols.monitoring.parameters import Parameters
+from protocols.monitoring.machine import EVENTS, Monitor, Parameters
 
 TEAM_LIMIT: Final = 1 << 16
 """Addresses on the wire have 16 bits."""

@@ -21,10 +21,8 @@ from protocols import wire
 from protocols.detection.accrual import PhiSettings
 from protocols.detection.detectors import make_detector
 from protocols.detection.quality import Transition, watch
-from protocols.monitoring.events import BadHeartbeat, Suspected, Trusted
 from protocols.monitoring.heartbeats import Heartbeat, decode, encode
-from protocols.monitoring.machine import Monitor
-from protocols.monitoring.parameters import Parameters
+from protocols.monitoring.machine import BadHeartbeat, Monitor, Parameters, Suspected, Trusted
 from protocols.monitoring.spec import SPEC, measure, place, prepare
 
 DETECTORS: dict[str, dict[str, Any]] = {

@@ -2,5 +2,5 @@
 
 Begin with ``positioning``: the pose is given, or estimated by a Monte Carlo filter
 (:mod:`cosim.navigation.localization`). ``scan`` turns range readings from the robot's frame to that of the map.
-``maps`` holds the known floor as cells, ``parameters`` what a scenario can say about all this.
+What a scenario can say about all this, and the known floor as cells, stand there, too.
 """

@@ -13,8 +13,7 @@ from cosim.machine import Event
 from cosim.observation import Observation, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
-from protocols.deployment.localization.parameters import PositioningParameters
-from protocols.deployment.localization.positioning import KnownMaps, Localised
+from protocols.deployment.localization.positioning import KnownMaps, Localised, PositioningParameters
 from protocols.deployment.localization.scan import Sensor
 from tests.protocols.deployment.driving_scene import TICK, Scene, body, box, line
 

@@ -18,8 +18,7 @@ from cosim.testing import check_machine
 from cosim.trace import MESSAGES, POSES
 from cosim.units import MS, S, Time
 from protocols.gathering.gathering import Gathering, GatheringCoordination, choose_place, settled
-from protocols.gathering.referee import GatheringReferee, largest_group
-from protocols.gathering.spec import SPEC
+from protocols.gathering.spec import SPEC, GatheringReferee, largest_group
 from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
 from protocols.pseudonet.parameters import Parameters as CoverageParameters

@@ -14,6 +14,8 @@ import pytest
 from shapely.geometry import Point, box
 
 import cosim.simulation
+from cosim.channels.ideal import IdealSettings
+from cosim.channels.kinds import ChannelSpec
 from cosim.geometry.grids import coverage_grid
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
@@ -68,11 +70,10 @@ def run(case: Case, channel: str, monkeypatch: pytest.MonkeyPatch, loss: float =
         }
     )
     if channel == "links":
-        monkeypatch.setattr(
-            cosim.simulation,
-            "_channel",
-            lambda settings, team, kernel, trace, *_: LinkAir(kernel, trace, team.size, case.seed, loss),
+        air = ChannelSpec(
+            IdealSettings, lambda settings, site: LinkAir(site.kernel, site.trace, site.size, case.seed, loss)
         )
+        monkeypatch.setattr(cosim.simulation, "channel_spec", lambda kind: air)
     simulation = Simulation(scenario, case.seed, (POSES,))
     return simulation, simulation.run()
 
