@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.channels.base import WHY_UNSENT, Channel
-from cosim.channels.kinds import ChannelSite, channel_spec
+from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
 from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
@@ -95,8 +95,7 @@ class Simulation:
         setup = self.spec.prepare(parameters, surroundings)
         self.fleet = Fleet(scenario.team.bodies, surroundings.starts_m, self.floorplan.grid, scenario.tick)
         self.senses = self._senses(surroundings, streams)
-        site = _site(scenario.team, self.kernel, self.trace, streams, self.floorplan)
-        self.channel: Channel = channel_spec(scenario.channel.kind).make(scenario.channel, site)
+        self.channel = make_channel(scenario.channel, scenario.team, self.kernel, self.trace, streams, self.floorplan)
         self.referee: Referee = self.spec.referee(parameters, setup, surroundings)
         self.machines: list[Machine] = [
             self.spec.make(parameters, setup, robot, streams("machine", robot), self.kernel.now)
@@ -343,8 +342,11 @@ def _frames(scenario: Scenario, starts: Sequence[tuple[float, float]], streams: 
     return tuple((x, y, turn) for (x, y), turn in zip(starts, turns, strict=True))
 
 
-def _site(team: TeamSettings, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan) -> ChannelSite:
-    return ChannelSite(
+def make_channel(
+    settings: ChannelSettings, team: TeamSettings, kernel: Kernel, trace: Trace, streams: Streams, floor: Floorplan
+) -> Channel:
+    """Return the channel of one run, of the kind that *settings* are of."""
+    site = ChannelSite(
         kernel=kernel,
         trace=trace,
         streams=streams,
@@ -357,3 +359,4 @@ def _site(team: TeamSettings, kernel: Kernel, trace: Trace, streams: Streams, fl
         reaches_m=team.reaches_m,
         power_classes=team.power_classes,
     )
+    return channel_spec(settings.kind).make(settings, site)

@@ -37,7 +37,7 @@ from cosim.machine import (
 )
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
-from cosim.simulation import Simulation, _channel
+from cosim.simulation import Simulation, make_channel
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, S, Time
 from cosim.world.floorplan import load_floorplan
@@ -73,7 +73,7 @@ class Field:
         made = scenario(channel=channel, size=len(places_m), team=team)
         self.kernel, self.trace = Kernel(), Trace((FRAMES,))
         floor = load_floorplan(made.floorplan, Path())
-        self.channel = _channel(made.channel, made.team, self.kernel, self.trace, Streams(3), floor)
+        self.channel = make_channel(made.channel, made.team, self.kernel, self.trace, Streams(3), floor)
         self.hosts = [Host() for _ in places_m]
         for address, host in enumerate(self.hosts):
             self.channel.attach(address, host)

@@ -55,7 +55,7 @@ class Response(NamedTuple):
 
     robot: "Robot"
     sent: tuple[tuple[Address, bytes], ...] = ()
-    merged: tuple[Plan, frozenset[Address]] | None = None
+    merged: tuple[int, frozenset[Address]] | None = None
     """The plan that it has begun again, if it has, and whose pictures are still to be taken."""
 
 
@@ -93,6 +93,15 @@ class Robot:
         """The pictures of its plan that it does not know to have been taken, and by whom they are to be."""
         ledger = self.replica.ledger
         return () if ledger is None else undone(ledger.plan, ledger.done_tasks())
+
+    @cached_property
+    def noted(self) -> frozenset[tuple[int, Address]]:
+        """The robots that it has noted as having taken their pictures, each with what tells the plan from others."""
+        ledger = self.replica.ledger
+        if ledger is None:
+            return frozenset()
+        taken = {robot for _, robot in undone(ledger.plan, set())} - {robot for _, robot in self.due}
+        return frozenset((ledger._begin, robot) for robot in taken)
 
     @cached_property
     def status(self) -> bytes:
@@ -211,15 +220,15 @@ def _settled(robot: Robot) -> Response:
     return Response(robot.same(), sent, merged)
 
 
-def _begin_again(replica: Replica) -> tuple[Plan, frozenset[Address]]:
+def _begin_again(replica: Replica) -> tuple[int, frozenset[Address]]:
     ledger = replica.ledger
     assert ledger is not None
     plan = reunited(ledger.plan, replica.newest + 1, Past(ledger.done_tasks()))
     if plan is None:
         replica.keep()
-        return ledger.plan, frozenset()
+        return ledger._begin, frozenset()
     replica.begin(Record(plan=plan, start=0), 0, 0)
-    return ledger.plan, frozenset(robot for _, robot in undone(plan, set()))
+    return ledger._begin, frozenset(robot for _, robot in undone(plan, set()))
 
 
 def forget() -> None:
@@ -240,8 +249,8 @@ class Team:
         self.queues: dict[tuple[Address, Address], tuple[bytes, ...]] = {}
         self.apart: frozenset[Address] = frozenset()
         """One part of a team that is parted; empty if it is not."""
-        self.was_apart: frozenset[Address] = frozenset()
-        """The part that the team had when it was parted last."""
+        self.noted: frozenset[tuple[frozenset[Address], int, Address]] = frozenset()
+        """What all of a part had noted as done when the parts met: the part, what tells the plan, and who did it."""
         self.dead: Address | None = None
         self.budget, self.swift = budget, swift
         self.held: int | None = None
@@ -253,14 +262,14 @@ class Team:
         """Return a copy that can be changed."""
         new = object.__new__(Team)
         new.robots, new.queues = self.robots.copy(), self.queues.copy()
-        new.apart, new.was_apart, new.dead = self.apart, self.was_apart, self.dead
+        new.apart, new.noted, new.dead = self.apart, self.noted, self.dead
         new.budget, new.swift = self.budget, self.swift
         new.held, new.sent = None, 0
         return new
 
     def key(self) -> tuple[Any, ...]:
         """Return all that decides what can happen."""
-        return (*self.robots, frozenset(self.queues.items()), self.was_apart, self.apart, self.dead, self.budget)
+        return (*self.robots, frozenset(self.queues.items()), self.noted, self.apart, self.dead, self.budget)
 
     # ------------------------------------------------------------ what can happen
 
@@ -352,10 +361,15 @@ class Team:
         self.dead = None
 
     def _part(self, part: frozenset[Address]) -> None:
-        self.was_apart = self.apart = part
+        self.apart = part
         self.budget = self.budget._replace(partitions=self.budget.partitions - 1)
 
     def _heal(self) -> None:
+        everybody = frozenset(range(len(self.robots)))
+        for part in (self.apart, everybody - self.apart):
+            members = [self.robots[robot].noted for robot in part if robot != self.dead]
+            if members:
+                self.noted |= {(part, *each) for each in frozenset.intersection(*members)}
         self.apart = frozenset()
 
     def _respond(self, a: Address, response: Response) -> None:
@@ -371,15 +385,15 @@ class Team:
             if self.swift and not queue and self.reaches(a, b) and self.held != self.sent - 1:
                 self._deliver(a, b)
 
-    def _check_merge(self, a: Address, plan: Plan, left: frozenset[Address]) -> None:
-        """Check that nothing is *left* of *plan* that all of a former part who live, and know it, have noted."""
-        wanted = frozenset(robot for _, robot in undone(plan, set()))
-        for part in (self.was_apart, frozenset(range(len(self.robots))) - self.was_apart):
-            members = [self.robots[b] for b in sorted(part) if self.reaches(a, b)]
-            known = [each for each in members if each.replica.ledger is not None and each.replica.ledger.plan == plan]
-            noted = [wanted - {robot for _, robot in each.due} for each in known]
-            if noted and frozenset.intersection(*noted) & left:
-                raise BrokenError(f"robot {a} begins again what the robots {sorted(part)} have noted as done")
+    def _check_merge(self, a: Address, begin: int, left: frozenset[Address]) -> None:
+        """Check that what a former part has noted as done, and one of it who lives still knows, is not *left*."""
+        again = set[Address]()
+        for part, plan, robot in self.noted:
+            known = any((plan, robot) in self.robots[b].noted for b in part if self.reaches(a, b))
+            if known and plan == begin and robot in left:
+                again.add(robot)
+        if again:
+            raise BrokenError(f"robot {a} begins again what robots {sorted(again)} have done, as a part has noted")
 
     # ------------------------------------------------------------ once faults have ceased
 

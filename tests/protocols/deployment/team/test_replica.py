@@ -29,6 +29,13 @@ PLAN = Plan(number=1, play="p", robots=(0, 1), root=Task(name="p", act=Photo(rob
 TOLD = Told(host=0, record=Record(plan=PLAN, start=0), calls=1)
 
 
+@pytest.fixture(autouse=True)
+def forgetful() -> Iterator[None]:
+    """Have the model forget what robots do after each test: that takes memory, and some tests change it."""
+    yield
+    model.forget()
+
+
 def team(size: int = 4, first: int = 0) -> list[Replica]:
     return [Replica(me, size, first, WAITS, 0) for me in range(size)]
 
@@ -273,6 +280,8 @@ def test_three_replicas_keep_their_promises_in_every_state(budget: Budget, recor
 @pytest.mark.soak
 @pytest.mark.parametrize("budget", LONG, ids=shown)
 def test_three_replicas_keep_their_promises_in_every_state_of_many(budget: Budget, record_property: Any) -> None:
+    if soak_count(100) < 100:
+        pytest.skip("a share of the states says nothing of the others")
     record_property("states of three replicas", explored(3, budget).states)
 
 
@@ -292,14 +301,6 @@ UNSEEN = {(State.MERGING, Input.OUTDATED), (State.MERGING, Input.BEGUN)}
 """Rows that only happen with more at once than these budgets have."""
 
 
-@pytest.fixture
-def forgetful() -> Iterator[None]:
-    """Have the model forget what robots do before and after the test: that one changes it."""
-    model.forget()
-    yield
-    model.forget()
-
-
 def is_found(budgets: list[Budget]) -> bool:
     try:
         for budget in budgets:
@@ -315,9 +316,7 @@ def row_name(row: tuple[State, Input]) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("row", [row for row in TABLE if row not in UNSEEN], ids=row_name)
-def test_a_row_that_is_left_out_is_missed(
-    row: tuple[State, Input], forgetful: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_row_that_is_left_out_is_missed(row: tuple[State, Input], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(TABLE, row)
     assert is_found(FAULTY)
 
@@ -345,9 +344,7 @@ LATE = {"a new term is no greater", "plans of equal numbers stay different"}
     ("old", "new"),
     [pytest.param(*each, id=name, marks=[pytest.mark.soak] * (name in LATE)) for name, each in SPOILT.items()],
 )
-def test_a_condition_that_is_left_out_is_missed(
-    old: str, new: str, forgetful: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_condition_that_is_left_out_is_missed(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
     source = Path(str(replicas.__file__)).read_text(encoding="utf-8")
     assert source.count(old) == 1
     spoilt = ModuleType(replicas.__name__)
