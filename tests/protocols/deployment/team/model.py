@@ -448,11 +448,11 @@ def explored(size: int, budget: Budget, most: int = 10**9) -> Found:
     Raise BrokenError for a promise that is broken, or if there are more than *most* states.
     """
     start = Team(size, budget)
-    seen, agreed = {start.key()}, set[Any]()
+    seen, rounds = {start.key()}, dict[Any, int]()
     frontier, steps = [start], 0
     while frontier:
         team = frontier.pop()
-        check_liveness(team, agreed)
+        check_liveness(team, rounds)
         for new in team.steps():
             steps += 1
             key = new.key()
@@ -464,16 +464,14 @@ def explored(size: int, budget: Budget, most: int = 10**9) -> Found:
     return Found(len(seen), steps)
 
 
-def check_liveness(team: Team, agreed: set[Any]) -> None:
-    """Check that *team* agrees in ``ROUNDS`` once faults have ceased; *agreed* are states of which that is known.
-
-    A state counts as known only if it is so in as few rounds as are left: it stands with the rounds that it takes.
-    """
+def check_liveness(team: Team, rounds: dict[Any, int]) -> None:
+    """Check that *team* agrees in ``ROUNDS`` once faults have ceased; *rounds* are those that states take."""
     calm, way = team.calmed(), list[Any]()
-    for _ in range(ROUNDS + 1):
+    for passed in range(ROUNDS + 1):
         key = calm.key()[:-4]
-        if key in agreed or calm.agrees():
-            agreed.update(way, (key,))
+        left = 0 if calm.agrees() else rounds.get(key)
+        if left is not None and passed + left <= ROUNDS:
+            rounds.update({each: passed + left - at for at, each in enumerate([*way, key])})
             return
         way.append(key)
         calm.round()
@@ -492,5 +490,5 @@ def wander(size: int, budget: Budget, seed: int, length: int) -> int:
         often = [action for action in actions if action not in rare]
         chosen = chance.choice(rare if rare and chance.random() < 0.15 else often)
         team = team.after(chosen)
-    check_liveness(team, set())
+    check_liveness(team, {})
     return length
