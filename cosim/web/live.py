@@ -108,7 +108,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    except Exception:  # noqa: BLE001  # what a machine does wrong is told of the run that is shown
+    except Exception:  # noqa: BLE001  # the same run is made again to be shown, and fails there with its reason
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         done.parent.mkdir(parents=True, exist_ok=True)
@@ -217,7 +217,7 @@ class Live:
                     self._end()
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
-        except Exception as error:  # noqa: BLE001  # whatever a protocol's machine does wrong: the page is to say it
+        except Exception as error:  # noqa: BLE001  # this thread has no caller: the page shows the error instead
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -225,7 +225,7 @@ class Live:
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        except Exception:  # noqa: BLE001  # it may be what has failed: then the last state has to do
+        except Exception:  # noqa: BLE001  # asking the failed run may fail, too: its last state is shown, with the reason
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
