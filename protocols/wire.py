@@ -13,6 +13,8 @@ from cosim.errors import WireError
 Layout: TypeAlias = tuple[tuple[str, int], ...]
 
 CRC_BYTES: Final = 2
+CRC_START: Final = 0xFFFF
+"""Initial value of the CRC."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def unpack(layout: Layout, data: bytes) -> dict[str, int]:
 
 def seal(data: bytes) -> bytes:
     """Return *data* with its CRC."""
-    return data + crc_hqx(data, 0xFFFF).to_bytes(CRC_BYTES, "big")
+    return data + crc_hqx(data, CRC_START).to_bytes(CRC_BYTES, "big")
 
 
 def open(data: bytes) -> bytes:
@@ -68,5 +70,5 @@ def open(data: bytes) -> bytes:
 
 def check(data: bytes) -> None:
     """Raise :exc:`WireError` unless *data* ends with the CRC of what comes before."""
-    if len(data) <= CRC_BYTES or crc_hqx(data[:-CRC_BYTES], 0xFFFF) != int.from_bytes(data[-CRC_BYTES:], "big"):
+    if len(data) <= CRC_BYTES or crc_hqx(data, CRC_START):  # bytes that end with their CRC have the CRC 0
         raise WireError("the CRC does not fit")

@@ -188,12 +188,14 @@ class Runner(Drains):
             self._report(now)
             self.host.advance(now)
         self._report(now)
-        self.console.report(now)
+        if self.console.attended:
+            self.console.report(now)
         self.counters.returned += len(self.transport.returned())
         self.counters.frames, self.counters.frame_bytes = self.transport.counts.frames, self.transport.counts.octets
 
     def _report(self, now: Time) -> None:
-        for report in self.member.reports():
+        reports, self.member.reports = self.member.reports, []
+        for report in reports:
             self.host.report(report, now)
             self.host.advance(now)
 
@@ -220,7 +222,7 @@ class Runner(Drains):
         if topic != status.TOPIC:
             raise WireError(f"news of topic {topic}")
         news = status.decode(payload, self._setup.size)
-        self.member.others.receive(source, news, now)
+        self.member.others.news[source] = news, now
         self.host.hear(source, news, now)
 
     def _deliver(self, source: Address, letter: Letter, now: Time) -> None:

@@ -110,7 +110,7 @@ class Outbound:
         """Number of the next new part."""
         self._sent = 0
         self._flying = 0
-        self._vain = 0
+        self.vain = 0
         """Number of times the wait was over since the last answer."""
         self._since: Time = 0
         """Begin of the wait for an answer."""
@@ -137,7 +137,7 @@ class Outbound:
 
     def due(self) -> int | None:
         """Return the number of the part that is to be sent next, if any may be sent now."""
-        if self._flying >= (min(PROBES, self._window) if self._vain else self._window):
+        if self._flying >= (min(PROBES, self._window) if self.vain else self._window):
             return None
         if self._lost:
             return min(self._lost)
@@ -221,7 +221,7 @@ class Outbound:
             self._remove(self._messages.popleft())
         for message in self._messages:
             message.silence = 0
-        self._vain = 0
+        self.vain = 0
         self._arm(now)
 
     def _lose(self, number: int) -> None:
@@ -245,7 +245,7 @@ class Outbound:
 
     @property
     def _wait(self) -> Time:
-        return min(self._trip.patience << min(self._vain, DOUBLINGS), self._pace.most)
+        return min(self._trip.patience << min(self.vain, DOUBLINGS), self._pace.most)
 
     @property
     def deadline(self) -> Time | None:
@@ -258,7 +258,7 @@ class Outbound:
 
     def hasten(self, now: Time) -> None:
         """Try again soon, as the other was heard."""
-        if self._messages and self._vain > 1:
+        if self._messages and self.vain > 1:
             self._until = min(self._until, now + self._trip.patience)
 
     def time_out(self, now: Time) -> list[int]:
@@ -267,7 +267,7 @@ class Outbound:
         waited = min(max(now - self._since, 0), self._wait)
         for message in self._messages:
             message.silence += waited
-        self._vain += 1
+        self.vain += 1
         self._arm(now)
         numbers = range(self._base, self._fresh)
         flying = [number for number in numbers if self._parts[number].flying and not self._parts[number].in_device]
@@ -286,7 +286,7 @@ class Outbound:
         for message in self._messages:
             self._remove(message)
         self._messages.clear()
-        self._vain = 0
+        self.vain = 0
         return gone
 
 

@@ -189,11 +189,16 @@ class Transport:
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a frame; bytes that are no frame of the team become an event in ``bad``."""
         time = self._time(now)
+        acts = self.links is not None or self._floods or (self._wake is not None and self._wake <= time)
         try:
-            self._take(decode(data), data, reception, time)
+            frame = decode(data)
+            # after a publication that it does not relay it has no more to send than before
+            acts = self._take(frame, data, reception, time) or acts or not isinstance(frame.body, Publication)
         except WireError:
             self.bad.append(BadBytes(reception.source, len(data)))
-        self._act(time)
+            acts = True
+        if acts:
+            self._act(time)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, or the fate of a frame."""
@@ -255,13 +260,16 @@ class Transport:
 
     # ------------------------------------------------------------ receiving
 
-    def _take(self, frame: Frame, data: bytes, reception: Reception, time: Time) -> None:
-        """Take a frame; raise WireError for one that no robot of this team can have meant."""
+    def _take(self, frame: Frame, data: bytes, reception: Reception, time: Time) -> bool:
+        """Take a frame; raise WireError for one that no robot of this team can have meant.
+
+        Return whether messages to its author, which did not answer before, are sent again soon.
+        """
         author, destination = frame.author, frame.destination
         if author >= self._size or (destination != ALL and destination >= self._size):
             raise WireError("of another team")
         if author == self.me:
-            return
+            return False
         if destination in (ALL, self.me):
             self._hear(frame, data, time)
         if self.links is not None:
@@ -269,7 +277,11 @@ class Transport:
             if reception.source == author and not reception.broadcast:
                 self._relay(frame, data, self.links, time)
         self._heard[author] = time
-        self._sender.hasten((author,), time)
+        outbound = self._sender.outbound.get(author)
+        if outbound is None or outbound.vain <= 1:
+            return False
+        outbound.hasten(time)
+        return True
 
     def _relay(self, frame: Frame, data: bytes, links: Links, time: Time) -> None:
         """Relay, as a master, what a slave has sent to others."""

@@ -132,6 +132,8 @@ class Member:
         self.here: Place = setup.starts_m[me]
         self.heading_rad = 0.0
         self.speed_mps = 0.0
+        self.reports: list[Report] = []
+        """Ends of orders; drained by what passes them on to the host."""
         self.camera = Camera(parameters, setup.crew.bodies[me].camera)
         self._parameters = parameters
         self._setup = setup
@@ -150,7 +152,6 @@ class Member:
         radii_m = [body.radius_m for body in setup.crew.bodies]
         self._yield_requests = YieldRequests(parameters, setup.floors[me], me, radii_m[me], mover)
         self._crowd = Crowd(setup.floor, radii_m, radii_m[me], mover, parameters.crowd_s)
-        self._reports: list[Report] = []
         self._requested: list[tuple[Address, YieldRequest]] = []
 
     # ------------------------------------------------------------ what is asked of it
@@ -236,11 +237,6 @@ class Member:
     def moves(self) -> bool:
         """True if the robot drives."""
         return abs(self.speed_mps) > FAST_MPS
-
-    def reports(self) -> list[Report]:
-        """Drain the reports of orders that have ended."""
-        reports, self._reports = self._reports, []
-        return reports
 
     def requests(self) -> list[tuple[Address, YieldRequest]]:
         """Drain the yield requests to other robots."""
@@ -357,7 +353,7 @@ class Member:
         self._waits_since = None
         self._counters.failed += result is Result.FAILED
         self._note(TaskEnded(order.plan, order.serial, order.task, result.value, why, *self.here))
-        self._reports.append(
+        self.reports.append(
             Report(plan=order.plan, serial=order.serial, task=order.task, robot=self.me, result=result, why=why, at=now)
         )
 

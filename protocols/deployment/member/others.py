@@ -17,29 +17,31 @@ class Others:
 
     def __init__(self, me: Address, bodies: Sequence[Body], starts_m: Sequence[Place]) -> None:
         self.news: dict[Address, tuple[News, Time]] = {}
-        """Last status of each other robot, and when it was received."""
+        """Last status of each other robot, and when it was received; who receives one puts it here."""
         self._bodies = bodies
-        self._places = {robot: place for robot, place in enumerate(starts_m) if robot != me}
-
-    def receive(self, source: Address, news: News, now: Time) -> None:
-        """Take a status that *source* has broadcast."""
-        self.news[source] = news, now
-        self._places[source] = news.x_m, news.y_m
+        self._seen: dict[Address, tuple[Place, tuple[News, Time] | None]] = {
+            robot: (place, None) for robot, place in enumerate(starts_m) if robot != me
+        }
+        """Where each was seen last, or its start, and its last status then."""
 
     def look(self, observation: Observation, now: Time) -> list[Other]:
         """Take what is seen at this tick; return all robots that were seen or heard so far."""
-        seen = {robot: (x_m, y_m) for robot, x_m, y_m in observation.sightings if robot in self._places}
-        self._places |= seen  # newer than any report
+        seen = {robot: (x_m, y_m) for robot, x_m, y_m in observation.sightings if robot in self._seen}
+        self._seen |= {robot: (place, self.news.get(robot)) for robot, place in seen.items()}
         return [self._other(robot, now) for robot in sorted(self.news.keys() | seen.keys())]
 
     def place_m(self, robot: Address) -> Place:
         """Return the place at which *robot* was seen or reported itself last; its start if neither."""
-        return self._places[robot]
+        place, known = self._seen[robot]
+        status = self.news.get(robot)
+        if status is None or status is known:  # seen after it, or at the same tick
+            return place
+        return status[0].x_m, status[0].y_m
 
     @property
     def places_m(self) -> Mapping[Address, Place]:
         """Place of each other robot, as of :meth:`place_m`."""
-        return self._places
+        return {robot: self.place_m(robot) for robot in self._seen}
 
     def moves(self, robot: Address) -> bool:
         """Return whether *robot* drives, by its last status."""
@@ -58,7 +60,7 @@ class Others:
         return robot in self.news and self.news[robot][0].idle
 
     def _other(self, robot: Address, now: Time) -> Other:
-        body, (x_m, y_m) = self._bodies[robot], self._places[robot]
+        body, (x_m, y_m) = self._bodies[robot], self.place_m(robot)
         plain = Other(robot, x_m, y_m, body.radius_m, braking_mps2=body.acceleration_mps2, age_s=math.inf)
         if robot not in self.news:
             return plain

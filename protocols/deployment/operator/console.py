@@ -193,7 +193,11 @@ class Console:
 
     def request(self, data: bytes, now: Time) -> None:
         """Take a request of the operator, and answer it; if it is invalid, with what is wrong."""
-        self.attended = True
+        if not self.attended:
+            self.attended = True
+            # nobody asked for what has ended before
+            self._host.breaches.clear()
+            self._host.ends.clear()
         try:
             asked = read(data)
         except WireError as error:
@@ -346,14 +350,13 @@ class Console:
     def report(self, now: Time) -> None:
         """Report what has happened, and periodically where the robots are."""
         host = self._host
-        if self.attended:
-            self._report_tasks()
-            self._out += [write(say="breach", plan=host.number, why=why) for why in host.breaches]
-            self._out += [write(say="ended", plan=number, result=result) for number, result in host.ends]
-            self._report_pictures(now)
-            if self._told is None or not 0 <= now - self._told < POSITIONS:
-                self._told = now
-                self._report_positions(now)
+        self._report_tasks()
+        self._out += [write(say="breach", plan=host.number, why=why) for why in host.breaches]
+        self._out += [write(say="ended", plan=number, result=result) for number, result in host.ends]
+        self._report_pictures(now)
+        if self._told is None or not 0 <= now - self._told < POSITIONS:
+            self._told = now
+            self._report_positions(now)
         host.breaches.clear()
         host.ends.clear()
 

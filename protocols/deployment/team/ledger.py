@@ -30,20 +30,18 @@ class Ledger:
 
     def __init__(self, told: Told) -> None:
         self.plan: Plan = told.record.plan
+        self.number = self.plan.number
+        """The plan's number."""
         self.calls = told.calls
         self._record = told.record
         self._facts: dict[tuple[Time, int, str], Fact] = {}
         self._lost: set[Address] = set()
         self._found: set[Address] = set()
         self._ended: dict[tuple[str, Address], Ended] = {}
-        self._digest: int | None = None
-        self.add(told.record.facts)
         self._begin = _checksum(self._begun(told.record).model_dump_json()) & _HIGH
-
-    @property
-    def number(self) -> int:
-        """The plan's number."""
-        return self.plan.number
+        self.digest = self._sum()
+        """A number that is the same for those who know the same."""
+        self.add(told.record.facts)
 
     @property
     def lost(self) -> frozenset[Address]:
@@ -91,12 +89,8 @@ class Ledger:
         """Return whether a record is of the same plan, begun at the same time by the same host."""
         return self._begun(record) == self._begun(self._record)
 
-    @property
-    def digest(self) -> int:
-        """A number that is the same for those who know the same."""
-        if self._digest is None:
-            self._digest = self._begin | _checksum(repr(sorted(self._facts))) & ~_HIGH
-        return self._digest
+    def _sum(self) -> int:
+        return self._begin | _checksum(repr(sorted(self._facts))) & ~_HIGH
 
     def began_alike(self, digest: int) -> bool:
         """Return whether who has that digest means the same plan: two hosts may have begun one of the same number."""
@@ -131,7 +125,7 @@ class Ledger:
         new = {key: fact for key, fact in new.items() if key not in self._facts}
         if new:
             self._facts |= new
-            self._digest = None
+            self.digest = self._sum()
             for fact in new.values():
                 if isinstance(fact, Ended):
                     known = self._ended.setdefault((fact.task, fact.robot), fact)

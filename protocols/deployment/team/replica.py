@@ -59,7 +59,7 @@ class State(Enum):
 class Input(Enum):
     """What can happen to a replica's part in the election."""
 
-    CONFIRMED = "its own leader says that it leads"
+    CONFIRMED = "the leader that it awaits, or followed last, says that it leads"
     GREATER = "another leads with a greater term, and goes first"
     PRESUMED = "another leads with a greater term, but its own leader lives and goes first"
     SMALLER = "another leads with a smaller term"
@@ -72,7 +72,6 @@ class Input(Enum):
 
 
 TABLE: Final[dict[tuple[State, Input], tuple[str, State]]] = {
-    (State.FOLLOWER, Input.CONFIRMED): ("confirm", State.FOLLOWER),
     (State.FOLLOWER, Input.GREATER): ("follow", State.FOLLOWER),
     (State.FOLLOWER, Input.PRESUMED): ("ignore", State.FOLLOWER),
     (State.FOLLOWER, Input.SMALLER): ("ignore", State.FOLLOWER),
@@ -358,7 +357,8 @@ class Replica:
     def _claim(self, term: Term, plan: int, now: Time) -> None:
         """Take that the leader of *term*, which has a *plan* of that number, says that it leads."""
         if term == self.term:
-            self._step(Input.CONFIRMED, term, now)
+            if self.state is State.CANDIDATE:  # a follower knows
+                self._step(Input.CONFIRMED, term, now)
         elif term < self.term:
             self._step(Input.SMALLER, term, now)
         else:
@@ -442,7 +442,8 @@ class Replica:
         if self.ledger is None:
             return
         order = self._ordered.get(other) if self.leads else None
-        lacks = self.ledger.lacking(status, self.expected, self.term.number, order)
+        equal = (status.plan, status.digest) == (self.number, self._digest)
+        lacks = [] if equal and order is None else self.ledger.lacking(status, self.expected, self.term.number, order)
         if not lacks:
             self._lacking.pop(other, None)
             return

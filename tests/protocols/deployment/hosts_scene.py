@@ -117,7 +117,7 @@ class Team:
         for other in self.living:
             if self.reaches(robot.me, other.me):
                 other.heard[robot.me] = self.now
-                other.others.receive(robot.me, news, self.now)
+                other.others.news[robot.me] = news, self.now
                 other.host.hear(robot.me, news, self.now)
 
     def until(self, at_s: float) -> None:

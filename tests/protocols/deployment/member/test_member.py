@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from cosim.machine import Drive, Event, Unrecorded
+from cosim.machine import Drive, Event, Unrecorded, drained
 from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.deployment.counters import Counters
@@ -77,10 +77,10 @@ class Bench:
         goal_m: Place | None = None,
     ) -> None:
         news = News(1, 0, 1, 0, 0, None, idle, x_m, y_m, 0.0, speed_mps, goal_m, "" if idle else "task")
-        self.member.others.receive(robot, news, self.now)
+        self.member.others.news[robot] = news, self.now
 
     def results(self) -> list[Result]:
-        return [report.result for report in self.member.reports()]
+        return [report.result for report in drained(self.member.reports)]
 
 
 def test_a_drive_is_done_when_the_robot_has_arrived() -> None:
@@ -117,7 +117,7 @@ def test_orders_of_another_host_count_anew_and_what_it_is_at_already_goes_on() -
     assert bench.wheels.told == [("go", (5.0, 3.0))]
     bench.wheels.state = "arrived"
     bench.tick()
-    assert [report.serial for report in bench.member.reports()] == [3]
+    assert [report.serial for report in drained(bench.member.reports)] == [3]
 
 
 def test_a_robot_sets_off_behind_another_once_that_is_far_enough_ahead() -> None:
