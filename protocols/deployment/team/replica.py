@@ -59,7 +59,7 @@ class State(Enum):
 class Input(Enum):
     """What can happen to a replica's part in the election."""
 
-    CONFIRMED = "the leader that it awaits, or followed last, says that it leads"
+    CONFIRMED = "the leader of its term, while it awaits one, says that it leads"
     GREATER = "another leads with a greater term, and goes first"
     PRESUMED = "another leads with a greater term, but its own leader lives and goes first"
     SMALLER = "another leads with a smaller term"

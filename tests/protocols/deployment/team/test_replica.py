@@ -251,7 +251,7 @@ def test_what_the_table_does_not_hold_cannot_happen() -> None:
     of_leaders = (Input.PARTED, Input.AGREED)
     of_others = (Input.CONFIRMED, Input.SUCCEEDS, Input.AWAITS)
     impossible = {*product(follow, of_leaders), *product(lead, of_others)}
-    impossible |= {(State.LEADER, Input.AGREED), (State.CANDIDATE, Input.PRESUMED)}
+    impossible |= {(State.LEADER, Input.AGREED), (State.CANDIDATE, Input.PRESUMED), (State.FOLLOWER, Input.CONFIRMED)}
     assert {(state, what) for state in State for what in Input} - TABLE.keys() == impossible
     for state, what in impossible:
         with pytest.raises(LocalProtocolError):
