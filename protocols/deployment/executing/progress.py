@@ -20,7 +20,7 @@ from protocols.deployment.planning.staging import NOWHERE, Stager
 from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.tasks.orders import Result
-from protocols.deployment.tasks.plan import UNSTAGED, Deployment, Explore, Go, Photo, Place, Staging, Strategy, Task
+from protocols.deployment.tasks.plan import UNSTAGED, Deployment, Explore, Go, Place, RobotAct, Staging, Strategy, Task
 
 # ---------------------------------------------------------------- casting
 # Which robot plays which part of a plan under way, which robots are lost, and where they stand.
@@ -480,13 +480,13 @@ class Progress:
 
     # ------------------------------------------------------------ what robots are to do
 
-    def errands(self) -> dict[Address, tuple[str, Go | Photo | Explore]]:
+    def errands(self) -> dict[Address, tuple[str, RobotAct]]:
         """Return the task's name and the act of each robot that is to do something."""
-        errands = dict[Address, tuple[str, Go | Photo | Explore]]()
+        errands = dict[Address, tuple[str, RobotAct]]()
         for leaf in self.tree.running():
             act = leaf.task.act
             # a leaf that only waits for its window has nothing left to do
-            if leaf.reached or not isinstance(act, Go | Photo | Explore):
+            if leaf.reached or not isinstance(act, RobotAct):
                 continue
             robots = self.robots(leaf) or frozenset()
             for robot in sorted(robots):

@@ -15,24 +15,21 @@ from cosim.geometry.polylines import length_m
 from cosim.machine import Address
 from protocols.deployment.planning.binding import Binder, Binding, Role, Site, near
 from protocols.deployment.planning.play import (
+    ActStep,
     DeployStep,
-    ExploreStep,
     GatherStep,
-    GoStep,
     Needs,
     NetStep,
     Order,
-    PhotoStep,
     Play,
     PlayStep,
     ReturnStep,
     Step,
-    WaitStep,
     labels,
 )
 from protocols.deployment.planning.playbook import Playbook, named_in
-from protocols.deployment.tasks.constraints import Constraint, between, quantities_of
-from protocols.deployment.tasks.plan import Act, Between, Deployment, Explore, Go, Photo, Place, Task, Wait, actors
+from protocols.deployment.tasks.constraints import Constraint, PlaceName, Quantity, between, quantities_of
+from protocols.deployment.tasks.plan import Act, Between, Deployment, Go, Place, Task, actors
 
 LEAST_S: Final = 0.1
 """Lower bound of time-outs."""
@@ -101,7 +98,7 @@ class _Caster:
     def _addresses(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
         return tuple(self.address(role) for role in binding.roles_of(names))
 
-    def _each_once(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
+    def each_once(self, binding: Binding, names: Sequence[str]) -> tuple[Address, ...]:
         """Return the robots that *names* stand for, each once."""
         return tuple(dict.fromkeys(self._addresses(binding, names)))
 
@@ -166,25 +163,8 @@ class _Caster:
 
     # ------------------------------------------------------------ acts
 
-    def _act(self, step: Step, binding: Binding) -> Act:
-        match step:
-            case GoStep(robot=robot, to=to, via=via):
-                (address,) = self._addresses(binding, (robot,))
-                return Go(robot=address, place_m=binding.place_of(to), via_m=binding.places_of(via))
-            case PhotoStep(robot=robot, heading_rad=heading):
-                self.binder.need(binding.role_of(robot), Needs(camera=True))
-                (address,) = self._addresses(binding, (robot,))
-                return Photo(robot=address, heading_rad=None if heading is None else binding.number_of(heading))
-            case WaitStep(seconds=seconds):
-                return Wait(seconds=binding.number_of(seconds, 0.0))
-            case ExploreStep(robots=robots):
-                explorers = self._each_once(binding, robots)
-                if not explorers:
-                    raise UserError(f"{binding.source}: nobody is to explore, expected one robot at least")
-                return Explore(robots=explorers)
-            case DeployStep():
-                return self._deployment(step, binding)
-        raise AssertionError(step)
+    def _act(self, step: ActStep | DeployStep, binding: Binding) -> Act:
+        return self._deployment(step, binding) if isinstance(step, DeployStep) else step.act(_Cast(self, binding))
 
     def _deployment(self, step: DeployStep, binding: Binding) -> Deployment:
         robots, places = self._addresses(binding, step.robots), binding.places_of(step.places)
@@ -206,11 +186,11 @@ class _Caster:
     def _return(self, name: str, step: ReturnStep, binding: Binding) -> list[Task]:
         return [
             _go(name, Go(robot=robot, place_m=self._homes_m.get(robot, self.site.base_m)))
-            for robot in self._each_once(binding, step.robots)
+            for robot in self.each_once(binding, step.robots)
         ]
 
     def _gather(self, name: str, step: GatherStep, binding: Binding) -> list[Task]:
-        robots, at = self._each_once(binding, step.robots), binding.place_of(step.at)
+        robots, at = self.each_once(binding, step.robots), binding.place_of(step.at)
         apart_m, towards = binding.number_of(step.apart_m, 0.0), next(iter(binding.places_of(step.towards)), at)
         apart_m = min(apart_m, self.site.apart_m)
         way = self.site.ways.way(self.site.radius_m, at, towards)
@@ -228,6 +208,34 @@ class _Caster:
             behind_m = apart_m if ahead is not None else 0.0
             goes.append(_go(name, Go(robot=robot, place_m=place, behind=ahead, behind_m=behind_m, final=False)))
         return goes
+
+
+class _Cast:
+    """What names stand for in one play, for the tasks of which each is one act."""
+
+    def __init__(self, caster: _Caster, binding: Binding) -> None:
+        self._caster, self._binding = caster, binding
+
+    def robot(self, name: str, needs: Needs | None = None) -> Address:
+        role = self._binding.role_of(name)
+        if needs is not None:
+            self._caster.binder.need(role, needs)
+        return self._caster.address(role)
+
+    def robots(self, names: Sequence[str]) -> tuple[Address, ...]:
+        found = self._caster.each_once(self._binding, names)
+        if not found:
+            raise UserError(f"{self._binding.source}: {', '.join(names)} stands for no robot, expected one at least")
+        return found
+
+    def place(self, name: PlaceName) -> Place:
+        return self._binding.place_of(name)
+
+    def places(self, names: Sequence[PlaceName]) -> tuple[Place, ...]:
+        return self._binding.places_of(names)
+
+    def number(self, quantity: Quantity, least: float = -math.inf) -> float:
+        return self._binding.number_of(quantity, least)
 
 
 def _go(parent: str, act: Go) -> Task:

@@ -18,14 +18,16 @@ holds the tree and checks names, and :mod:`protocols.deployment.planning.casting
       - {kind: deadline, seconds: 400}
 """
 
+import math
 from collections.abc import Sequence
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, ClassVar, Final, Literal, Protocol, TypeAlias
 
 from pydantic import Field, JsonValue
 
+from cosim.machine import Address
 from cosim.settings import Metres, Settings
 from protocols.deployment.tasks.constraints import Constraint, Number, PlaceName, Quantity
-from protocols.deployment.tasks.plan import Strategy
+from protocols.deployment.tasks.plan import Explore, Go, Photo, Place, Strategy, Wait
 
 Order: TypeAlias = Literal["serial", "parallel"]
 LABEL: Final = r"^[a-z0-9][a-z0-9_-]*$"
@@ -112,7 +114,31 @@ Parameter: TypeAlias = Annotated[
 # ---------------------------------------------------------------- tasks
 
 
+class Cast(Protocol):
+    """What the names in a task stand for; each method raises UserError for a name of something else."""
+
+    def robot(self, name: str, needs: Needs | None = None) -> Address:
+        """Return the one robot of that name, which is to have what the task *needs*."""
+
+    def robots(self, names: Sequence[str]) -> tuple[Address, ...]:
+        """Return the robots of those names, each once, one at least."""
+
+    def place(self, name: PlaceName) -> Place:
+        """Return the one place of that name."""
+
+    def places(self, names: Sequence[PlaceName]) -> tuple[Place, ...]:
+        """Return the places of those names, in order."""
+
+    def number(self, quantity: Quantity, least: float = -math.inf) -> float:
+        """Return the number, *least* or more, that a quantity is or stands for."""
+
+
 class _Step(Settings):
+    names_robots: ClassVar[tuple[str, ...]] = ()
+    """Fields that name parameters which are robots; the next two: places, and numbers."""
+    names_places: ClassVar[tuple[str, ...]] = ()
+    names_numbers: ClassVar[tuple[str, ...]] = ()
+
     label: Label | None = Field(default=None, description="None: its kind, numbered if there are several")
     time_out_s: Quantity | None = Field(
         default=None, description="s, time after its start at which it fails if it has not ended"
@@ -124,36 +150,66 @@ class _Step(Settings):
 class GoStep(_Step):
     """A robot drives to a place."""
 
+    names_robots = ("robot",)
+    names_places = ("to", "via")
+
     kind: Literal["go"] = "go"
     robot: str
     to: PlaceName
     via: tuple[PlaceName, ...] = ()
 
+    def act(self, cast: Cast) -> Go:
+        """Return what the robot is to do."""
+        return Go(robot=cast.robot(self.robot), place_m=cast.place(self.to), via_m=cast.places(self.via))
+
 
 class PhotoStep(_Step):
     """A robot with a camera takes a picture."""
+
+    names_robots = ("robot",)
+    names_numbers = ("heading_rad",)
 
     kind: Literal["photo"] = "photo"
     robot: str
     heading_rad: Quantity | None = None
 
+    def act(self, cast: Cast) -> Photo:
+        """Return what the robot is to do."""
+        heading_rad = None if self.heading_rad is None else cast.number(self.heading_rad)
+        return Photo(robot=cast.robot(self.robot, Needs(camera=True)), heading_rad=heading_rad)
+
 
 class WaitStep(_Step):
     """Time passes."""
 
+    names_numbers = ("seconds",)
+
     kind: Literal["wait"] = "wait"
     seconds: Quantity
+
+    def act(self, cast: Cast) -> Wait:
+        """Return how long nothing is to be done."""
+        return Wait(seconds=cast.number(self.seconds, 0.0))
 
 
 class ExploreStep(_Step):
     """Robots explore the floor."""
 
+    names_robots = ("robots",)
+
     kind: Literal["explore"] = "explore"
     robots: Names
+
+    def act(self, cast: Cast) -> Explore:
+        """Return what the robots are to do."""
+        return Explore(robots=cast.robots(self.robots))
 
 
 class DeployStep(_Step):
     """Robots deploy to as many places by one of the strategies of Fig. 3."""
+
+    names_robots = ("robots",)
+    names_places = ("places",)
 
     kind: Literal["deploy"] = "deploy"
     strategy: Strategy | str = "group"
@@ -171,6 +227,10 @@ class GatherStep(_Step):
     They end up along the way from there to another place (the first, of several), to which they go next.
     """
 
+    names_robots = ("robots",)
+    names_places = ("at", "towards")
+    names_numbers = ("apart_m",)
+
     kind: Literal["gather"] = "gather"
     robots: Names
     at: PlaceName
@@ -181,6 +241,8 @@ class GatherStep(_Step):
 
 class ReturnStep(_Step):
     """Robots drive back to their own places at base "in a concurrent, but uncoordinated, fashion" (section 7)."""
+
+    names_robots = ("robots",)
 
     kind: Literal["return"] = "return"
     robots: Names
@@ -205,8 +267,10 @@ class NetStep(_Step):
     constraints: tuple[Constraint, ...] = ()
 
 
+ActStep: TypeAlias = GoStep | PhotoStep | WaitStep | ExploreStep
+"""Tasks that are one act, by their names."""
 Step: TypeAlias = Annotated[
-    GoStep | PhotoStep | WaitStep | ExploreStep | DeployStep | GatherStep | ReturnStep | PlayStep | NetStep,
+    ActStep | DeployStep | GatherStep | ReturnStep | PlayStep | NetStep,
     Field(discriminator="kind"),
 ]
 

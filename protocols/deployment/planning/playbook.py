@@ -16,16 +16,12 @@ from protocols.deployment.planning.binding import STRATEGIES, near
 from protocols.deployment.planning.play import (
     LABEL,
     DeployStep,
-    GatherStep,
-    GoStep,
     NetStep,
     Parameter,
-    PhotoStep,
     Play,
     PlayStep,
     RobotsParameter,
     Step,
-    WaitStep,
     labels,
 )
 from protocols.deployment.tasks.constraints import BASE, Constraint, named_by, quantities_of
@@ -143,14 +139,14 @@ class Playbook:
             yield from ((f"{here}.{place}", text) for place, text in _constraint_faults(play, constraint, names))
 
     def _step_faults(self, play: Play, step: Step, within: tuple[str, ...]) -> Iterator[Fault]:
-        for key, name in _robots_in(step):
+        for key, name in _values(step, step.names_robots):
             known = [*_of_kind(play, "robot"), *(_of_kind(play, "robots") if key.startswith("robots") else [])]
             if name not in known:
                 yield key, f"{name!r} is no parameter that is a robot{near(name, known)}"
-        for key, name in _quantities_in(step):
+        for key, name in _values(step, ("time_out_s", *step.names_numbers)):
             if isinstance(name, str) and name not in _of_kind(play, "number"):
                 yield key, f"{name!r} is no parameter that is a number{near(name, _of_kind(play, 'number'))}"
-        for key, place in _places_in(step):
+        for key, place in _values(step, step.names_places):
             if isinstance(place, str) and place in play.parameters and play.parameters[place].kind not in _PLACES:
                 yield key, f"{place!r} is a parameter of kind {play.parameters[place].kind}, expected a place"
         strategies = [*STRATEGIES, *_of_kind(play, "strategy")]
@@ -206,7 +202,8 @@ def _plays_in(tasks: Sequence[Step]) -> Iterator[PlayStep]:
 def named_in(net: Play | NetStep | Step) -> set[str]:
     """Return all names that a net or a task mentions: of parameters, of places, of strategies."""
     if not isinstance(net, Play | NetStep):
-        found: list[Any] = [each for _, each in (*_robots_in(net), *_places_in(net), *_quantities_in(net))]
+        keys = *net.names_robots, *net.names_places, "time_out_s", *net.names_numbers
+        found = [each for _, each in _values(net, keys)]
         found += [net.strategy] if isinstance(net, DeployStep) else []
         for value in net.given.values() if isinstance(net, PlayStep) else ():
             found += value if isinstance(value, list) else [value]
@@ -216,30 +213,14 @@ def named_in(net: Play | NetStep | Step) -> set[str]:
     return names.union(*(named_in(step) for step in net.tasks))
 
 
-def _robots_in(step: Step) -> list[tuple[str, str]]:
-    """Return the names of robots in *step*, each with its place in the file."""
-    if isinstance(step, GoStep | PhotoStep):
-        return [("robot", step.robot)]
-    if isinstance(step, NetStep | PlayStep | WaitStep):
-        return []
-    return [(f"robots[{number}]", name) for number, name in enumerate(step.robots)]
-
-
-def _places_in(step: Step) -> list[tuple[str, Any]]:
-    match step:
-        case GoStep(to=to, via=via):
-            return [("to", to), *((f"via[{number}]", place) for number, place in enumerate(via))]
-        case DeployStep(places=places):
-            return [(f"places[{number}]", place) for number, place in enumerate(places)]
-        case GatherStep(at=at, towards=towards):
-            return [("at", at), ("towards", towards)]
-        case _:
-            return []
-
-
-def _quantities_in(step: Step) -> list[tuple[str, Any]]:
-    keys = ("time_out_s", "seconds", "heading_rad", "apart_m")
-    return [(key, getattr(step, key)) for key in keys if getattr(step, key, None) is not None]
+def _values(step: Step, keys: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Yield what the fields *keys* of *step* hold, name by name, each with its place in the file."""
+    for key in keys:
+        value = getattr(step, key)
+        if isinstance(value, tuple) and not (value and isinstance(value[0], float | int)):  # several, and no (x, y)
+            yield from ((f"{key}[{number}]", each) for number, each in enumerate(value))
+        elif value is not None:
+            yield key, value
 
 
 def _constraint_faults(play: Play, constraint: Constraint, names: Sequence[str]) -> Iterator[Fault]:

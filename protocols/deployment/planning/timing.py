@@ -23,7 +23,7 @@ from cosim.units import from_seconds, to_seconds
 from protocols.deployment.planning.stn import BEGINNING, Bound, Network, Point
 from protocols.deployment.tasks.constraints import in_seconds, sentence
 from protocols.deployment.tasks.crew import Body
-from protocols.deployment.tasks.plan import ORIGIN, Between, Explore, Go, Instant, Photo, Place, Task, Wait, actors
+from protocols.deployment.tasks.plan import ORIGIN, Between, Explore, Go, Instant, Place, Standing, Task, Wait, actors
 
 
 class TimingParameters(Settings):
@@ -92,9 +92,9 @@ def standing(task: Task, parameters: TimingParameters) -> Span | None:
     match task.act:
         case Wait(seconds=seconds):
             return Span(seconds, seconds, seconds, f"{task.name}: lasts {in_seconds(seconds)} s")
-        case Photo():
+        case act if isinstance(act, Standing):
             most_s = parameters.photo_s
-            return Span(0.0, most_s, most_s, f"{task.name}: a picture takes at most {most_s:g} s")
+            return Span(0.0, most_s, most_s, f"{task.name}: takes at most {most_s:g} s")
         case _:
             return None
 

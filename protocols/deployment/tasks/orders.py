@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from cosim.settings import Angle, Count, Int64, Metres, Settings
-from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
+from protocols.deployment.tasks.plan import Place, RobotAct
 
 
 class Retreat(Settings):
@@ -34,7 +34,7 @@ class Halt(Settings):
     robot: Count = Field(ge=0)
 
 
-Errand: TypeAlias = Annotated[Go | Photo | Explore | Retreat | Halt, Field(discriminator="act")]
+Errand: TypeAlias = Annotated[RobotAct | Retreat | Halt, Field(discriminator="act")]
 
 
 class Order(Settings):

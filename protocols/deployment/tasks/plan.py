@@ -93,18 +93,18 @@ class Deployment(Settings):
         return self
 
 
-Act: TypeAlias = Annotated[Go | Photo | Wait | Explore | Deployment, Field(discriminator="act")]
+Standing: TypeAlias = Photo
+"""What one robot does where it stands."""
+RobotAct: TypeAlias = Go | Standing | Explore
+"""What robots are ordered to do."""
+Act: TypeAlias = Annotated[RobotAct | Wait | Deployment, Field(discriminator="act")]
 
 
 def actors(act: Act | None) -> tuple[Address, ...]:
     """Return the robots that do an act, in the order in which it names them."""
-    match act:
-        case Go(robot=robot) | Photo(robot=robot):
-            return (robot,)
-        case Explore(robots=robots) | Deployment(robots=robots):
-            return robots
-        case _:
-            return ()
+    if act is None or isinstance(act, Wait):
+        return ()
+    return act.robots if isinstance(act, Explore | Deployment) else (act.robot,)
 
 
 class Task(Settings):

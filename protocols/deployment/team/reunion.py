@@ -2,10 +2,10 @@
 
 Each side has taken the other for lost, and has gone on without it: what has happened on one side means nothing in the
 tree of tasks of the other. So when they hear of each other, the host that stays makes an end of both, and has all go
-straight to the places where the play wanted robots in the end; before that they take the pictures of which that host
-has not heard that they were taken. Strategies, waits, windows, what was left to explore and what an operator has ended
-are given up. A deployment remains one, of those of its robots that were to end up there: so who is lost is replaced in
-it as in any other.
+straight to the places where the play wanted robots in the end; before that they do what was left to be done where they
+stood (pictures), as far as that host has heard. Strategies, waits, windows, what was left to explore and what an
+operator has ended are given up. A deployment remains one, of those of its robots that were to end up there: so who is
+lost is replaced in it as in any other.
 
 Whom a place takes out of reach is lost again, and the others would go and fill its place, hear of it, and be reunited
 again, without end. So from the second time on each has the place that it had in the play, whoever is lost, and
@@ -16,12 +16,12 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple, TypeAlias
 
 from cosim.machine import Address
-from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Staging, Task, ends_m
+from protocols.deployment.tasks.plan import Deployment, Go, Place, Plan, Staging, Standing, Task, ends_m
 
 _ONCE = "/reunited"
 _AGAIN = "/reunited-again"
 
-_Acts: TypeAlias = list[Go | Photo]
+_Acts: TypeAlias = list[Go | Standing]
 _Cast: TypeAlias = dict[Address, Place]
 
 
@@ -47,8 +47,8 @@ def reunited(plan: Plan, number: int, past: Past) -> Plan | None:
     staging: Staging = "fixed" if is_reunited(plan) else "direct"
     suffix = _AGAIN if is_reunited(plan) else _ONCE
     root = plan.root.name.removesuffix(_AGAIN).removesuffix(_ONCE) + suffix
-    acts = _pictures(whole, past)
-    photos = [_errand(f"{root}/pictures", robot, acts[robot]) for robot in sorted(acts)]
+    acts = _stops(whole, past)
+    stops = [_errand(f"{root}/stops", robot, acts[robot]) for robot in sorted(acts)]
     places = [
         Task(
             name=f"{root}/places/part-{at}",
@@ -60,7 +60,7 @@ def reunited(plan: Plan, number: int, past: Past) -> Plan | None:
     ]
     steps = tuple(
         Task(name=f"{root}/{label}", label=label, order="parallel", subtasks=tuple(tasks))
-        for label, tasks in (("pictures", photos), ("places", places))
+        for label, tasks in (("stops", stops), ("places", places))
         if tasks
     )
     robots = set(acts).union(*ends)
@@ -97,8 +97,8 @@ def _ends(root: Task, past: Past) -> list[_Cast]:
     ]
 
 
-def _pictures(root: Task, past: Past) -> dict[Address, _Acts]:
-    """Return for each robot that has pictures to take what it does for that: it drives to where it was to be then."""
+def _stops(root: Task, past: Past) -> dict[Address, _Acts]:
+    """Return what is left for each robot to do where it stands, each after a drive to where it was to be then."""
     acts, places_m = dict[Address, _Acts](), dict[Address, Place]()
     for task in root.walk():
         match task.act:
@@ -106,10 +106,11 @@ def _pictures(root: Task, past: Past) -> dict[Address, _Acts]:
                 places_m[robot] = place_m
             case Deployment(robots=robots, places_m=posts_m):
                 places_m |= dict(zip(robots, posts_m, strict=True))
-            case Photo(robot=robot) as photo if task.name not in past.done:
+            case act if isinstance(act, Standing) and task.name not in past.done:
+                robot = act.robot
                 now = past.roles.get(robot, robot)
                 drive = [Go(robot=now, place_m=places_m[robot], final=False)] if robot in places_m else []
-                acts.setdefault(now, []).extend([*drive, photo.model_copy(update={"robot": now})])
+                acts.setdefault(now, []).extend([*drive, act.model_copy(update={"robot": now})])
     return acts
 
 

@@ -152,7 +152,7 @@ export function act_text(act, named = {}) {
     case "deploy":
       return `${act.strategy.replace("_", "-")}: ${act.robots.map((robot, at) => `${robot} to ${place_text(act.places_m[at])}`).join("; ")}`;
     default:
-      return "";
+      return act?.robot === undefined ? "" : `robot ${act.robot}: ${act.act}`;
   }
 }
 

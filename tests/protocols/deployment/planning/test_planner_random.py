@@ -107,5 +107,5 @@ def test_whatever_is_called_is_planned_or_refused_or_told_to_be_wrong(
 def test_that_nobody_is_to_explore_is_told_to_the_caller() -> None:
     scene = Scene()
     call = Call.model_validate({"play": "survey", "parameters": {"places": []}})
-    with pytest.raises(UserError, match="nobody is to explore"):
+    with pytest.raises(UserError, match="survey: robots stands for no robot, expected one at least"):
         scene.planner.call(call, scene.starts_m, 7)
