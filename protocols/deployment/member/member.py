@@ -24,7 +24,7 @@ from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.setup import Setup
 from protocols.deployment.tasks.events import Driving, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Halt, Order, Report, Result, Retreat
-from protocols.deployment.tasks.plan import Explore, Go, Photo, Place
+from protocols.deployment.tasks.plan import Explore, Face, Go, Photo, Place
 from protocols.motion.floor import Floor
 from protocols.motion.progress import Progress
 
@@ -223,7 +223,7 @@ class Member:
         met = self.others.look(observation, now)
         if not self._over and self._order is not None and isinstance(self._order.errand, Go):
             self._set_off_behind(self._order.errand, now)
-        turning = self._photograph(observation, now)
+        turning = self._turn(observation, now)
         drive = turning or self._mover.step(observation, met, now)
         self._note_drive()
         # in a crowd the others cannot make room, and need not: this robot only passes
@@ -265,7 +265,7 @@ class Member:
                 self._end(Result.TERMINATED, "halted", now)
             case Photo() if not self.camera.works:
                 self._end(Result.FAILED, "it has no camera", now)
-            case Photo():
+            case Photo() | Face():
                 self._mover.halt()
                 self.camera.begin(now)
             case Explore():
@@ -294,19 +294,21 @@ class Member:
         if away or idle or in_vain:
             self._go(go, now)
 
-    def _photograph(self, observation: Observation, now: Time) -> Drive | None:
-        """Turn to what is to be photographed, then take the picture; return how to drive; None if not ordered to."""
-        if self._over or self._order is None or not isinstance(self._order.errand, Photo):
+    def _turn(self, observation: Observation, now: Time) -> Drive | None:
+        """Turn as ordered, and take the picture if one is; return how to drive; None if the order asks for neither."""
+        order = self._order
+        if self._over or order is None or not isinstance(order.errand, Photo | Face):
             return None
-        turn = self.camera.turn(self._order.errand.heading_rad, observation)
-        if turn is None:
-            self._note(self.camera.taken(self._order.task, observation))
-            self._counters.pictures += 1
-            self._end(Result.DONE, "", now)
-        elif not self.camera.stuck(now):
+        turn = self.camera.turn(_heading_rad(order.errand, observation), observation)
+        if turn is not None and not self.camera.stuck(now):
             return turn
+        if turn is not None:
+            self._end(Result.FAILED, "stuck while it turned", now)
         else:
-            self._end(Result.FAILED, "stuck while it turned to what it was to photograph", now)
+            if isinstance(order.errand, Photo):
+                self._note(self.camera.taken(order.task, observation))
+                self._counters.pictures += 1
+            self._end(Result.DONE, "", now)
         return Drive(0.0, 0.0)
 
     def _note_drive(self) -> None:
@@ -362,3 +364,11 @@ class Member:
         # a later order has come, and the executive awaits only the end of that one
         self._waits_since = None
         self._yielding.forget()
+
+
+def _heading_rad(errand: Photo | Face, observation: Observation) -> float | None:
+    """Return the direction to which the robot is to turn; None if any will do."""
+    if isinstance(errand, Photo):
+        return errand.heading_rad
+    x_m, y_m = errand.towards_m
+    return math.atan2(y_m - observation.y_m, x_m - observation.x_m)

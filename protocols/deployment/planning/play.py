@@ -27,7 +27,7 @@ from pydantic import Field, JsonValue
 from cosim.machine import Address
 from cosim.settings import Metres, Settings
 from protocols.deployment.tasks.constraints import Constraint, Number, PlaceName, Quantity
-from protocols.deployment.tasks.plan import Explore, Go, Photo, Place, Strategy, Wait
+from protocols.deployment.tasks.plan import Explore, Face, Go, Photo, Place, Strategy, Wait
 
 Order: TypeAlias = Literal["serial", "parallel"]
 LABEL: Final = r"^[a-z0-9][a-z0-9_-]*$"
@@ -179,6 +179,21 @@ class PhotoStep(_Step):
         return Photo(robot=cast.robot(self.robot, Needs(camera=True)), heading_rad=heading_rad)
 
 
+class FaceStep(_Step):
+    """A robot turns towards a place."""
+
+    names_robots = ("robot",)
+    names_places = ("towards",)
+
+    kind: Literal["face"] = "face"
+    robot: str
+    towards: PlaceName
+
+    def act(self, cast: Cast) -> Face:
+        """Return what the robot is to do."""
+        return Face(robot=cast.robot(self.robot), towards_m=cast.place(self.towards))
+
+
 class WaitStep(_Step):
     """Time passes."""
 
@@ -267,7 +282,7 @@ class NetStep(_Step):
     constraints: tuple[Constraint, ...] = ()
 
 
-ActStep: TypeAlias = GoStep | PhotoStep | WaitStep | ExploreStep
+ActStep: TypeAlias = GoStep | PhotoStep | FaceStep | WaitStep | ExploreStep
 """Tasks that are one act, by their names."""
 Step: TypeAlias = Annotated[
     ActStep | DeployStep | GatherStep | ReturnStep | PlayStep | NetStep,

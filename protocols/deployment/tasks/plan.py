@@ -58,6 +58,14 @@ class Photo(Settings):
     heading_rad: Angle | None = None
 
 
+class Face(Settings):
+    """One robot turns towards a place, where it stands, as to "monitor for intruders" (paper 004, section 2)."""
+
+    act: Literal["face"] = "face"
+    robot: Count = Field(ge=0)
+    towards_m: Place
+
+
 class Wait(Settings):
     """Time passes."""
 
@@ -93,7 +101,7 @@ class Deployment(Settings):
         return self
 
 
-Standing: TypeAlias = Photo
+Standing: TypeAlias = Photo | Face
 """What one robot does where it stands."""
 RobotAct: TypeAlias = Go | Standing | Explore
 """What robots are ordered to do."""

@@ -1,5 +1,6 @@
 """What a robot does of what it is ordered: it obeys the latest, waits for its turn, steps aside, and reports ends."""
 
+import math
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from protocols.deployment.messages.messages import YieldRequest
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.events import Driving, PictureTaken, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Result, Retreat
-from protocols.deployment.tasks.plan import Go, Photo, Place
+from protocols.deployment.tasks.plan import Face, Go, Photo, Place
 from tests.protocols.deployment.crew_scene import STARTS_M, TICK, setup
 
 
@@ -192,6 +193,22 @@ def test_a_robot_turns_to_what_it_photographs_and_one_without_a_camera_fails() -
     blind = Bench(cameras=[1])
     blind.order(Photo(robot=0))
     assert blind.results() == [Result.FAILED]
+
+
+@pytest.mark.parametrize("towards_m", [(1.0, 9.0), (9.0, 1.0), (-3.0, -3.0)])
+def test_a_robot_turns_towards_what_it_is_to_face_until_it_does(towards_m: Place) -> None:
+    bench = Bench(cameras=[])
+    bench.at = (1.0, 1.0)
+    wanted = math.atan2(towards_m[1] - 1.0, towards_m[0] - 1.0)
+    bench.order(Face(robot=0, towards_m=towards_m))
+    (turn,) = bench.tick(heading=wanted - 0.5)
+    assert isinstance(turn, Drive)
+    assert turn.speed_mps == 0.0
+    assert turn.turn_radps > 0.0
+    assert bench.results() == []
+    assert bench.tick(heading=wanted) == [Drive(0.0, 0.0)]
+    assert bench.results() == [Result.DONE]
+    assert bench.counters.pictures == 0
 
 
 def test_a_robot_with_nothing_to_do_steps_aside_for_who_asks_and_comes_back() -> None:

@@ -9,7 +9,7 @@ from cosim.errors import UserError
 from protocols.deployment.planning.binding import MissingParametersError
 from protocols.deployment.planning.play import Play, labels
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
-from protocols.deployment.tasks.plan import Deployment, Explore, Go, Photo, Plan, Task, Wait
+from protocols.deployment.tasks.plan import Deployment, Explore, Face, Go, Photo, Plan, Task, Wait
 from tests.protocols.deployment.planner_scene import scene_of
 from tests.protocols.deployment.plays_scene import Scene, built_in, paths_of, playbook_of, reader
 from tests.protocols.deployment.random_plays import RandomCall, random_calls
@@ -85,6 +85,15 @@ def test_a_picture_is_taken_where_the_robot_has_gone() -> None:
     assert isinstance(go, Go)
     assert isinstance(photo, Photo)
     assert (go.place_m, go.robot) == ((30.0, 0.0), photo.robot)
+
+
+def test_who_watches_faces_a_place_where_it_has_gone() -> None:
+    scene = Scene()
+    go, face = acts(scene.plan("watch", parameters={"place": "hall", "towards": [9, 4]}))
+    assert isinstance(go, Go)
+    assert face == Face(robot=go.robot, towards_m=(9.0, 4.0))
+    with pytest.raises(UserError, match="towards"):
+        scene.plan("watch", parameters={"place": "hall"})
 
 
 def test_robots_return_to_their_own_places() -> None:
