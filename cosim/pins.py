@@ -18,6 +18,7 @@ Elsewhere the last bits of floating-point results may differ, and runs with them
 
 import csv
 import hashlib
+import io
 import os
 import platform
 from collections import defaultdict
@@ -179,21 +180,19 @@ class _Scenarios:
 def write_pins(path: Path, cases: Sequence[Case], told: Told = lambda done, total: None) -> None:
     """Make the runs *cases* and write their pins to *path*, whole. Raise UserError for a run that cannot be set up."""
     scenarios = _Scenarios(path.parent)
-    rows: list[tuple[Any, ...]] = [
-        ("", "", "", "made with", name, "", "", version) for name, version in made_with().items()
-    ]
-    for number, case in enumerate(cases):
-        told(number, len(cases))
-        try:
-            pin = pin_of(scenarios.of(case), case.seed)
-        except UserError as error:
-            raise UserError(f"{case}: {error}") from None
-        rows += [(*case, *fact, *value) for fact, value in pin.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
+    # begun before the runs: what cannot be written is to fail at once
     with drafted(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows(rows)
+        writer.writerows(("", "", "", "made with", name, "", "", version) for name, version in made_with().items())
+        for number, case in enumerate(cases):
+            told(number, len(cases))
+            try:
+                pin = pin_of(scenarios.of(case), case.seed)
+            except UserError as error:
+                raise UserError(f"{case}: {error}") from None
+            writer.writerows((*case, *fact, *value) for fact, value in pin.items())
 
 
 class Pins(NamedTuple):
@@ -205,21 +204,21 @@ class Pins(NamedTuple):
 
 def read_pins(path: Path) -> Pins:
     """Return the pins in the file *path*; raise UserError, one line, if it is no such file."""
-    lines = csv.reader(read_text(path).splitlines())
-    if tuple(next(lines, ())) != COLUMNS:
-        raise UserError(f"{path}: line 1: expected the columns {','.join(COLUMNS)}, as cosim pin -o writes them")
+    lines = csv.reader(io.StringIO(read_text(path), newline=""))
     found = Pins({}, {})
-    for number, row in enumerate(lines, 2):
-        try:
-            scenario, arm, seed, what, name, second, count, value = row
+    try:
+        header = tuple(next(lines, ()))
+        for scenario, arm, seed, what, name, second, count, value in lines if header == COLUMNS else ():
             if what == "made with":
                 found.made_with[name] = value
                 continue
             fact = Fact(what, name, int(second) if second else None)
             pin = found.runs.setdefault(Case(scenario, arm, int(seed)), {})
             pin[fact] = int(count) if count else None, value
-        except ValueError:
-            raise UserError(f"{path}: line {number}: is no row of a file of pins") from None
+    except (ValueError, csv.Error):
+        raise UserError(f"{path}: line {lines.line_num}: is no row of a file of pins") from None
+    if header != COLUMNS:
+        raise UserError(f"{path}: line 1: expected the columns {','.join(COLUMNS)}, as cosim pin -o writes them")
     return found
 
 

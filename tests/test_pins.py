@@ -97,6 +97,35 @@ def test_the_same_code_gives_the_same_pins(folder: Path, cosim: Command) -> None
     assert checked.out.endswith("5 of 5 runs are the same\n")
 
 
+def test_labels_of_several_lines_are_kept(folder: Path, cosim: Command) -> None:
+    (folder / "sweep.yaml").write_text(
+        SWEEP.replace(
+            "channel.delay_s: [0.001, 0.002]", r'late: {path: channel.delay_s, values: {"a\nb, \"c\"": 0.001}}'
+        )
+    )
+    cosim("pin", "sweep.yaml", "-o", "pins.csv")
+    assert {case.arm for case in read_pins(folder / "pins.csv").runs} == {'late=a\nb, "c"'}
+
+
+def test_a_field_that_is_too_long_is_told_by_its_line(folder: Path, cosim: Command) -> None:
+    cosim("pin", "scenario.yaml", "-o", "pins.csv")
+    with (folder / "pins.csv").open("a") as file:
+        file.write(f"{'x' * 200_000},,1,digest,,,,0\n")
+    checked = cosim("pin", "--check", "pins.csv")
+    assert checked.code == 2
+    assert re.fullmatch(r".*pins\.csv: line \d+: is no row of a file of pins\n", checked.err)
+
+
+def test_a_place_that_cannot_be_written_is_told_before_any_run(
+    folder: Path, cosim: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "kept").write_text("a file")
+    monkeypatch.setattr("cosim.pins.pin_of", lambda *_: pytest.fail("a run was made"))
+    made = cosim("pin", "scenario.yaml", "-o", "kept/pins.csv")
+    assert made.code != 0
+    assert "kept" in made.err
+
+
 def test_each_seed_is_a_run(folder: Path, cosim: Command) -> None:
     cosim("pin", "scenario.yaml", "--seed", "3", "--seed", "4", "-o", "pins.csv")
     pins = read_pins(folder / "pins.csv")
