@@ -13,14 +13,25 @@ from cosim.machine import Address
 from cosim.units import Time
 from protocols.deployment.executing.recovery import Length, reassigned, substitute
 from protocols.deployment.executing.timetable import Breach, Timetable
-from protocols.deployment.executing.tree import Edge, Node, State, TaskTree, claims
+from protocols.deployment.executing.tree import Node, State, TaskTree, claims
 from protocols.deployment.planning.augmenting import ExecutiveParameters
 from protocols.deployment.planning.methods import expanded
 from protocols.deployment.planning.staging import NOWHERE, Stager
 from protocols.deployment.tasks.crew import Crew, Ways
 from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record, Switched, Terminated
 from protocols.deployment.tasks.orders import Result
-from protocols.deployment.tasks.plan import UNSTAGED, Deployment, Explore, Go, Place, RobotAct, Staging, Strategy, Task
+from protocols.deployment.tasks.plan import (
+    UNSTAGED,
+    Deployment,
+    Edge,
+    Explore,
+    Go,
+    Place,
+    RobotAct,
+    Staging,
+    Strategy,
+    Task,
+)
 
 # ---------------------------------------------------------------- casting
 # Which robot plays which part of a plan under way, which robots are lost, and where they stand.

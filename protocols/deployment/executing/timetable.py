@@ -1,8 +1,7 @@
 """The temporal constraints of a plan while it is executed: when tasks may start and end.
 
-The starts and ends of tasks are the nodes of a simple temporal network (Dechter, Meiri and Pearl 1991), in which what
-has happened is fixed and all else lies in the future. A constraint "from a to b after" is two edges; the hierarchy of
-tasks adds edges that always hold. Two passes give what is still possible:
+The starts and ends of tasks are the points of a simple temporal network (``tasks.stn``), in which what has happened is
+fixed and all else lies in the future; the hierarchy of tasks adds bounds that always hold. It says what is possible:
 
 * the earliest an instant can be: an instant that waits for another's window is held back until then, so that a plan
   whose lengths are what it says is executed without violating it (the earliest times solve the network);
@@ -13,16 +12,22 @@ tasks adds edges that always hold. Two passes give what is still possible:
 Times are nanoseconds, and exact.
 """
 
-from collections.abc import Mapping
-from typing import Final, NamedTuple, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from cosim.units import Time, from_seconds
-from protocols.deployment.executing.tree import Edge
-from protocols.deployment.tasks.plan import ORIGIN, Between, Instant, Plan, Task, Wait
-
-Point: TypeAlias = tuple[str, Edge]
-
-_START: Final[Point] = (ORIGIN, "start")
+from protocols.deployment.tasks.plan import ORIGIN, Between, Edge, Instant, Plan, Task, Wait
+from protocols.deployment.tasks.stn import (
+    BEGINNING,
+    Arc,
+    Point,
+    arcs_of,
+    asked,
+    conflict,
+    earliest,
+    hierarchy,
+    latest,
+)
 
 
 class Breach(NamedTuple):
@@ -36,38 +41,26 @@ class Breach(NamedTuple):
     """The constraint in words, and who asked for it."""
 
 
-class _Bound(NamedTuple):
-    """A lower bound: *later* is at least *least* ns after *earlier*; *constraint* is None for the hierarchy's own."""
-
-    earlier: Point
-    later: Point
-    least: Time
-    constraint: int | None
-
-
 class Timetable:
     """The instants of a plan that have happened, and what its constraints allow for the others."""
 
     def __init__(self, plan: Plan, start: Time) -> None:
         self._constraints = plan.constraints
-        self._happened: dict[Point, Time] = {_START: start, (ORIGIN, "end"): start}
-        self._structure = [] if not plan.constraints else list(_hierarchy(plan.root, False))
-        self._open: dict[tuple[int, bool], _Bound] = {}
-        for number, between in enumerate(plan.constraints):
-            self._add(number, between)
+        self._happened: dict[Point, Time] = {BEGINNING: start}
+        self._structure = [] if not plan.constraints else _structure(plan.root)
+        # a limit of the time from an instant to itself either always holds, and says nothing, or never
+        self._open: dict[tuple[int, bool], Arc] = {
+            (number, side == 0): arc
+            for number, between in enumerate(plan.constraints)
+            for side, arc in enumerate(arcs_of(asked(between)))
+            if arc.earlier != arc.later or arc.least > 0
+        }
+        """Limits that still count, by the constraint's index, and whether it is the lower one."""
         self._computed: tuple[Time, dict[Point, Time], dict[Point, Time], dict[Point, Time]] | None = None
         self._breaches: list[Breach] = []
         self._broken: set[int] = set()
         self._eased: set[tuple[int, bool]] = set()
-        """Bounds between instants that wait for each other and may be simultaneous: one of them goes first."""
-
-    def _add(self, number: int, between: Between) -> None:
-        earlier, later = _point(between.earlier), _point(between.later)
-        loop = earlier == later
-        if not (loop and between.at_least_s <= 0):
-            self._open[number, True] = _Bound(earlier, later, from_seconds(between.at_least_s), number)
-        if between.at_most_s is not None and not (loop and between.at_most_s >= 0):
-            self._open[number, False] = _Bound(later, earlier, -from_seconds(between.at_most_s), number)
+        """Limits between instants that wait for each other and may be simultaneous: one of them goes first."""
 
     # ------------------------------------------------------------ what happens
 
@@ -85,7 +78,7 @@ class Timetable:
             self._void(name)
 
     def _void(self, name: str) -> None:
-        gone = [key for key, bound in self._open.items() if name in {bound.earlier[0], bound.later[0]}]
+        gone = [key for key, arc in self._open.items() if name in {arc.earlier[0], arc.later[0]}]
         for key in gone:
             del self._open[key]
         if self._structure:
@@ -107,26 +100,26 @@ class Timetable:
         if not self._open:
             return now
         point = (name, edge)
-        latest = now
-        for key, bound in self._open.items():
-            if bound.later != point:
+        at = now
+        for key, arc in self._open.items():
+            if arc.later != point:
                 continue
-            opens = self._opening(key, bound, now)
+            opens = self._opening(key, arc, now)
             if opens is None:
                 return None
-            latest = max(latest, opens)
-        return latest
+            at = max(at, opens)
+        return at
 
-    def _opening(self, key: tuple[int, bool], bound: _Bound, now: Time) -> Time | None:
-        at = self._happened.get(bound.earlier)
+    def _opening(self, key: tuple[int, bool], arc: Arc, now: Time) -> Time | None:
+        at = self._happened.get(arc.earlier)
         if at is not None:
-            return at + bound.least
+            return at + arc.least
         anyway, from_now, _ = self._times(now)
-        if key[1] and bound.least >= 0:
-            return max(anyway.get(bound.earlier, now), now) if key in self._eased else None
-        if from_now.get(bound.earlier, now) + bound.least <= now:
+        if key[1] and arc.least >= 0:
+            return max(anyway.get(arc.earlier, now), now) if key in self._eased else None
+        if from_now.get(arc.earlier, now) + arc.least <= now:
             return now
-        opens = anyway.get(bound.earlier, now) + bound.least
+        opens = anyway.get(arc.earlier, now) + arc.least
         return opens if opens > now else None
 
     def check(self, now: Time) -> None:
@@ -140,9 +133,9 @@ class Timetable:
         If both may be simultaneous, it goes first, and the other may follow. Otherwise a window is broken.
         """
         point = (name, edge)
-        for key, bound in self._open.items():
-            if bound.later == point and self._opening(key, bound, now) is None:
-                if key[1] and bound.least == 0:
+        for key, arc in self._open.items():
+            if arc.later == point and self._opening(key, arc, now) is None:
+                if key[1] and arc.least == 0:
                     self._eased.add(key)
                 else:
                     self._give_up(key, now)
@@ -150,7 +143,7 @@ class Timetable:
         return False
 
     def _give_up(self, key: tuple[int, bool], now: Time) -> None:
-        """Report one side of a constraint as broken, and drop it."""
+        """Report one limit of a constraint as broken, and drop it."""
         number = key[0]
         del self._open[key]
         self._computed = None
@@ -162,109 +155,32 @@ class Timetable:
         """Return when the next window is certain to break if nothing happens; None if none is."""
         if not self._open:
             return None
-        _, _, latest = self._times(now)
+        _, _, last = self._times(now)
         # at the latest instant itself a window is still kept
-        return min((at + 1 for point, at in latest.items() if point not in self._happened and at >= now), default=None)
+        return min((at + 1 for point, at in last.items() if point not in self._happened and at >= now), default=None)
 
     # ------------------------------------------------------------ the network
 
-    def _bounds(self) -> list[_Bound]:
+    def _arcs(self) -> list[Arc]:
         return [*self._structure, *self._open.values()]
 
     def _times(self, now: Time) -> tuple[dict[Point, Time], dict[Point, Time], dict[Point, Time]]:
         """Return the earliest of all instants, that with nothing new before *now*, and the latest of some."""
         if self._computed is None or self._computed[0] != now:
-            bounds = self._bounds()
+            arcs, happened = self._arcs(), self._happened
             self._computed = (
                 now,
-                self._earliest(bounds, self._happened[_START]),
-                self._earliest(bounds, now),
-                self._latest(bounds),
+                earliest(arcs, happened, happened[BEGINNING]),
+                earliest(arcs, happened, now),
+                latest(arcs, happened),
             )
         return self._computed[1:]
 
-    def _earliest(self, bounds: list[_Bound], floor: Time) -> dict[Point, Time]:
-        times = dict(self._happened)
-        for _ in range(len(bounds) + 1):
-            changed = False
-            for earlier, later, least, _ in bounds:
-                if later in self._happened:
-                    continue
-                at = max(times.get(earlier, floor) + least, floor)
-                if at > times.get(later, floor - 1):
-                    times[later] = at
-                    changed = True
-            if not changed:
-                break
-        return times
-
-    def _latest(self, bounds: list[_Bound]) -> dict[Point, Time]:
-        times = dict(self._happened)
-        for _ in range(len(bounds) + 1):
-            changed = False
-            # backwards, as latest instants follow from later ones: fewer rounds
-            for earlier, later, least, _ in reversed(bounds):
-                if earlier in self._happened or later not in times:
-                    continue
-                at = times[later] - least
-                if at < times.get(earlier, at + 1):
-                    times[earlier] = at
-                    changed = True
-            if not changed:
-                break
-        return times
-
     def _contradiction(self, now: Time) -> tuple[int, bool] | None:
-        """Return the side of a constraint that closes a contradiction; None if there is none.
-
-        Bounds are followed from instants that have happened, or cannot happen before now, to instants that have
-        happened. The first bound that demands more than the time there was, or than any schedule has, closes it.
-        """
-        bounds = self._bounds()
-        times = dict(self._happened)
-        by: dict[Point, _Bound] = {}
-        for _ in range(len(bounds) + 1):
-            changed = False
-            for bound in bounds:
-                at = times.get(bound.earlier, now) + bound.least
-                if at <= times.get(bound.later, now):
-                    continue
-                if bound.later in self._happened:
-                    return self._culprit(bound, by)
-                times[bound.later], by[bound.later] = at, bound
-                changed = True
-            if not changed:
-                return None
-        return self._culprit(self._on_circle(by), by)
-
-    @staticmethod
-    def _on_circle(by: Mapping[Point, _Bound]) -> _Bound:
-        """Return a bound on a circle that has no end, given by which bound each instant was moved last."""
-        seen = dict[Point, _Bound]()
-        for bound in by.values():
-            way = set[Point]()
-            while bound.later not in seen:
-                if bound.later in way:
-                    return bound
-                way.add(bound.later)
-                if bound.earlier not in by:
-                    break
-                bound = by[bound.earlier]
-            seen |= dict.fromkeys(way, bound)
-        raise AssertionError("times grew without end, but on no circle")
-
-    def _culprit(self, bound: _Bound, by: Mapping[Point, _Bound]) -> tuple[int, bool] | None:
-        """Return the last upper bound on the way to a contradiction, or else its last constraint."""
-        way, seen = [bound], set[Point]()
-        while (last := by.get(way[-1].earlier)) is not None and last.later not in seen:
-            seen.add(last.later)
-            way.append(last)
-        asked = [key for each in way for key, one in self._open.items() if one is each]
-        return min(asked, key=lambda key: key[1], default=None)
-
-
-def _point(instant: Instant) -> Point:
-    return instant.task, instant.edge if instant.task != ORIGIN else "start"
+        """Return the last upper limit on the way to a contradiction, or else its last constraint; None without one."""
+        way = conflict(self._arcs(), self._happened, now)
+        sides = [key for each in way for key, arc in self._open.items() if arc is each]
+        return min(sides, key=lambda key: key[1], default=None)
 
 
 def _words(between: Between) -> str:
@@ -276,19 +192,16 @@ def _words(between: Between) -> str:
     return f"{between.why} ({window})" if between.why else window
 
 
-def _hierarchy(task: Task, cut_short: bool) -> list[_Bound]:
-    """Return what holds between the instants of *task* and all below it; *cut_short*: it may be terminated."""
-    start: Point = (task.name, "start")
-    end: Point = (task.name, "end")
+def _structure(root: Task) -> list[Arc]:
+    """Return what always holds between the instants of a plan: the hierarchy of its tasks, and how long waits last."""
+    lasts = dict(_lasting(root, False))
+    return [arc for bound in hierarchy(root, lasts) for arc in arcs_of(bound)]
+
+
+def _lasting(task: Task, cut_short: bool) -> Iterator[tuple[str, Time]]:
+    """Yield the waits in *task* and how long they last; none that may be terminated, as all are if *cut_short*."""
     cut_short = cut_short or task.ends_with is not None
-    lasts = from_seconds(task.act.seconds) if isinstance(task.act, Wait) and not cut_short else 0
-    bounds = [_Bound(start, end, lasts, None)]
-    elder: Point | None = None
+    if isinstance(task.act, Wait) and not cut_short:
+        yield task.name, from_seconds(task.act.seconds)
     for child in task.subtasks:
-        bounds += _hierarchy(child, cut_short)
-        bounds.append(_Bound(start, (child.name, "start"), 0, None))
-        if elder is not None and task.order == "serial":
-            bounds.append(_Bound(elder, (child.name, "start"), 0, None))
-        bounds.append(_Bound((child.name, "end"), end, 0, None))
-        elder = child.name, "end"
-    return bounds
+        yield from _lasting(child, cut_short)

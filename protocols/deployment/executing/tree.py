@@ -14,12 +14,12 @@ only on its inputs and their times, so it can be run again with inputs that have
 
 from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
-from typing import Final, Literal, Protocol, TypeAlias
+from typing import Final, Protocol
 
 from cosim.machine import Address, next_state
 from cosim.units import Time, from_seconds
 from protocols.deployment.tasks.orders import Result
-from protocols.deployment.tasks.plan import Deployment, Task, Wait, actors
+from protocols.deployment.tasks.plan import Deployment, Edge, Task, Wait, actors
 
 
 class State(StrEnum):
@@ -41,8 +41,6 @@ class Input(StrEnum):
     TERMINATE = "terminate"
     RENEW = "renew"
 
-
-Edge: TypeAlias = Literal["start", "end"]
 
 ENDED: Final = frozenset({State.DONE, State.FAILED, State.TERMINATED})
 

@@ -8,10 +8,10 @@ from cosim.machine import Address
 from cosim.units import S, Time, to_seconds
 from protocols.deployment.planning.binding import Role
 from protocols.deployment.planning.roles import Shortage, wanted
-from protocols.deployment.planning.stn import Bound, Network
 from protocols.deployment.tasks.constraints import in_seconds, sentence
 from protocols.deployment.tasks.crew import Body
 from protocols.deployment.tasks.plan import Between, Place, Task
+from protocols.deployment.tasks.stn import Bound, Network
 
 STEP: Time = S // 10
 """Resolution of relaxed times."""

@@ -38,12 +38,10 @@ from protocols.deployment.planning.routes import (
     prices,
 )
 from protocols.deployment.planning.staging import Stager
-from protocols.deployment.planning.stn import Network, Point
 from protocols.deployment.planning.timing import (
     LeastExploring,
     Span,
     TimingParameters,
-    asked,
     circle,
     driving,
     ending,
@@ -73,6 +71,7 @@ from protocols.deployment.tasks.plan import (
     Task,
     actors,
 )
+from protocols.deployment.tasks.stn import Network, Point, asked
 
 # ---------------------------------------------------------------- tailoring
 # Tailoring: what a call changes in a play before it is executed (paper 004, section 4).

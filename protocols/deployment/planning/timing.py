@@ -20,10 +20,10 @@ from pydantic import Field
 from cosim.machine import Address
 from cosim.settings import Gain, Seconds, Settings
 from cosim.units import from_seconds, to_seconds
-from protocols.deployment.planning.stn import BEGINNING, Bound, Network, Point
-from protocols.deployment.tasks.constraints import in_seconds, sentence
+from protocols.deployment.tasks.constraints import in_seconds
 from protocols.deployment.tasks.crew import Body
-from protocols.deployment.tasks.plan import ORIGIN, Between, Explore, Go, Instant, Place, Standing, Task, Wait, actors
+from protocols.deployment.tasks.plan import Between, Explore, Go, Place, Standing, Task, Wait, actors
+from protocols.deployment.tasks.stn import BEGINNING, Bound, Network, Point, asked, hierarchy, point_of
 
 
 class TimingParameters(Settings):
@@ -200,16 +200,9 @@ def _apart(graph: "nx.DiGraph[Point]", a: Task, b: Task) -> bool:
 
 
 def structure(root: Task) -> Iterator[Bound]:
-    """Yield the bounds of a plan's shape: starts before ends, subtasks within their task, serial ones in order."""
+    """Yield the bounds of a plan's shape: its hierarchy, which does not start before the plan begins."""
     yield Bound(f"{root.name} is the plan", BEGINNING, (root.name, "start"))
-    for task in root.walk():
-        yield Bound(f"{task.name} ends after it starts", (task.name, "start"), (task.name, "end"))
-        for inner in task.subtasks:
-            yield Bound(f"{inner.name} is part of {task.name}", (task.name, "start"), (inner.name, "start"))
-            yield Bound(f"{inner.name} is part of {task.name}", (inner.name, "end"), (task.name, "end"))
-        if task.order == "serial":
-            for a, b in pairwise(task.subtasks):
-                yield Bound(f"{b.name} comes after {a.name}", (a.name, "end"), (b.name, "start"))
+    yield from hierarchy(root)
 
 
 def lasting(root: Task, spans: Mapping[str, Span]) -> Iterator[Bound]:
@@ -256,19 +249,8 @@ def timing_out(root: Task) -> Iterator[tuple[Bound, Task]]:
             yield Bound(name, (task.name, "start"), (task.name, "end"), 0, from_seconds(task.time_out_s)), task
 
 
-def asked(constraint: Between) -> Bound:
-    """Return a plan's constraint as a bound, whose name says who asked for it."""
-    most = None if constraint.at_most_s is None else from_seconds(constraint.at_most_s)
-    name = constraint.why or sentence(constraint.earlier, constraint.later, constraint.at_least_s, constraint.at_most_s)
-    return Bound(name, *_step(constraint), from_seconds(constraint.at_least_s), most)
-
-
-def _point(instant: Instant) -> Point:
-    return BEGINNING if instant.task == ORIGIN else (instant.task, instant.edge)
-
-
 def _step(constraint: Between) -> tuple[Point, Point]:
-    return _point(constraint.earlier), _point(constraint.later)
+    return point_of(constraint.earlier), point_of(constraint.later)
 
 
 def _fatal(task: Task, fatal: bool = True) -> Iterator[tuple[Task, bool]]:

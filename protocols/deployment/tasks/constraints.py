@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.settings import Bounded, Settings, error_at
-from protocols.deployment.tasks.plan import MOST, Between, Instant, Place
+from protocols.deployment.tasks.plan import MOST, Between, Edge, Instant, Place
 
 BASE: Final = "base"
 """Name of the place to which robots return."""
@@ -39,7 +39,6 @@ PlaceName: TypeAlias = Annotated[Place | str, BeforeValidator(_place)]
 Number: TypeAlias = Annotated[float, Bounded(-MOST, MOST)]
 Quantity: TypeAlias = Annotated[Number | str, BeforeValidator(_number)]
 """A number, or the name of a parameter."""
-Edge: TypeAlias = Literal["start", "end"]
 
 
 class Before(Settings):

@@ -25,6 +25,8 @@ Staging: TypeAlias = Strategy | Unstaged
 
 UNSTAGED: Final = get_args(Unstaged)
 
+Edge: TypeAlias = Literal["start", "end"]
+"""Which of the two instants of a task."""
 ORIGIN: Final = ""
 """Stands for a task's name: the instant at which the plan begins to be executed."""
 
@@ -147,7 +149,7 @@ class Instant(Settings):
     """The start or the end of a task, or of the plan itself by the name ``ORIGIN``."""
 
     task: str = ORIGIN
-    edge: Literal["start", "end"] = "start"
+    edge: Edge = "start"
 
 
 class Between(Settings):

@@ -9,12 +9,10 @@ from scipy.integrate import quad
 
 from cosim.units import S
 from protocols.deployment.planning.methods import expanded
-from protocols.deployment.planning.stn import Network
 from protocols.deployment.planning.timing import (
     Leg,
     Span,
     TimingParameters,
-    asked,
     drive_s,
     driving,
     ending,
@@ -30,6 +28,7 @@ from protocols.deployment.planning.timing import (
 )
 from protocols.deployment.tasks.crew import Body
 from protocols.deployment.tasks.plan import Between, Deployment, Go, Instant, Photo, Task, Wait, actors
+from protocols.deployment.tasks.stn import Network, asked
 
 BODY = Body(speed_mps=0.5, acceleration_mps2=0.25)
 

@@ -1,5 +1,9 @@
-"""Temporal networks against brute force: networks that have a schedule are accepted, true conflicts are named."""
+"""Temporal networks against brute force: networks that have a schedule are accepted, true conflicts are named.
 
+Fixed instants are tested by bounds that say the same.
+"""
+
+from collections.abc import Iterable
 from itertools import combinations, pairwise
 
 import networkx as nx
@@ -8,11 +12,26 @@ import pytest
 from hypothesis import strategies as st
 
 from cosim.units import Time
-from protocols.deployment.planning.stn import BEGINNING, Bound, Network, Point, graph_of
+from protocols.deployment.tasks.plan import Task
+from protocols.deployment.tasks.stn import (
+    BEGINNING,
+    Arc,
+    Bound,
+    Network,
+    Point,
+    arcs_of,
+    conflict,
+    earliest,
+    hierarchy,
+    latest,
+)
+from tests.protocols.deployment.plan_strategies import tasks
 from tests.protocols.deployment.tiers import tiers
 
-A, B, C, D = (("a", "start"), ("a", "end"), ("b", "start"), ("b", "end"))
-POINTS: list[Point] = [BEGINNING, *((name, edge) for name in "abcd" for edge in ("start", "end"))]
+STARTS: list[Point] = [(name, "start") for name in "abcd"]
+ENDS: list[Point] = [(name, "end") for name in "abcd"]
+POINTS: list[Point] = [BEGINNING, *(point for both in zip(STARTS, ENDS, strict=True) for point in both)]
+A, B, C, D = POINTS[1:5]
 
 
 def floyd_warshall(bounds: list[Bound]) -> dict[tuple[Point, Point], float]:
@@ -28,6 +47,16 @@ def floyd_warshall(bounds: list[Bound]) -> dict[tuple[Point, Point], float]:
             for j in points:
                 far[i, j] = min(far[i, j], far[i, k] + far[k, j])
     return far
+
+
+def graph_of(bounds: Iterable[Bound]) -> "nx.DiGraph[Point]":
+    """Return the distance graph: by an edge of weight w from i to j, j is at most w after i."""
+    graph: nx.DiGraph[Point] = nx.DiGraph()
+    for bound in bounds:
+        for i, j, most in ((bound.later, bound.earlier, -bound.least), (bound.earlier, bound.later, bound.most)):
+            if most is not None and most < graph.get_edge_data(i, j, {"weight": np.inf})["weight"]:
+                graph.add_edge(i, j, weight=most)
+    return graph
 
 
 def has_schedule(bounds: list[Bound]) -> bool:
@@ -114,12 +143,117 @@ def test_windows_are_the_shortest_paths_from_and_to_the_beginning(bounds: list[B
     if not has_schedule(bounds):
         return
     network = Network(bounds)
-    for point, (earliest, latest) in network.windows().items():
-        assert (np.inf if latest is None else latest) == far[BEGINNING, point]
-        assert (np.inf if earliest is None else -earliest) == far[point, BEGINNING]
+    for point, (soonest, last) in network.windows().items():
+        assert (np.inf if last is None else last) == far[BEGINNING, point]
+        assert (np.inf if soonest is None else -soonest) == far[point, BEGINNING]
     for i, j in combinations(sorted({point for pair in far for point in pair}), 2):
         least = network.least(i, j)
         assert (np.inf if least is None else -least) == far[j, i]
+
+
+# ---------------------------------------------------------------- fixed instants
+
+
+def arcs_from(bounds: list[Bound]) -> list[Arc]:
+    return [arc for bound in bounds for arc in arcs_of(bound)]
+
+
+def saying(fixed: dict[Point, Time], floor: Time, points: Iterable[Point]) -> list[Bound]:
+    """Return bounds by which instants are *fixed*, and all other *points* not before *floor*."""
+    held = [Bound("has happened", BEGINNING, point, at, at) for point, at in fixed.items() if point != BEGINNING]
+    return held + [Bound("is not before now", BEGINNING, point, floor) for point in points if point not in fixed]
+
+
+@tiers(40, 200, witnessed(), st.data())
+def test_limits_with_fixed_instants_are_those_of_the_network_that_says_so(
+    case: tuple[dict[Point, Time], list[Bound]], data: st.DataObject
+) -> None:
+    times, bounds = case
+    happened = data.draw(st.sets(st.sampled_from(POINTS[1:])))
+    fixed = {BEGINNING: 0} | {point: times[point] for point in POINTS if point in happened}
+    left = [point for point in POINTS if point not in fixed]
+    floor = min((times[point] for point in left), default=0) - data.draw(st.integers(0, 5))
+    arcs = data.draw(st.permutations(arcs_from(bounds)))
+    assert conflict(arcs, fixed, floor) == []
+    far = floyd_warshall(bounds + saying(fixed, floor, left))
+    soonest, last = earliest(arcs, fixed, floor), latest(arcs, fixed)
+    named = {point for arc in arcs for point in (arc.earlier, arc.later)}
+    for point in named | set(fixed):
+        assert soonest.get(point, floor) == -far[point, BEGINNING]
+        assert last.get(point, np.inf) == far[BEGINNING, point]
+    far = floyd_warshall(bounds + saying(fixed, floor, []))
+    soonest = earliest(arcs, fixed)
+    assert all(-soonest.get(point, -np.inf) == far[point, BEGINNING] for point in named | set(fixed))
+
+
+@tiers(60, 400, any_bounds(), st.data())
+def test_arcs_that_contradict_what_has_happened_are_found_if_and_only_if_there_are_any(
+    bounds: list[Bound], data: st.DataObject
+) -> None:
+    happened = data.draw(st.dictionaries(st.sampled_from(POINTS[1:6]), st.integers(-4, 12), max_size=2))
+    fixed, floor = {BEGINNING: 0} | happened, data.draw(st.integers(-4, 12))
+    said = saying(fixed, floor, POINTS)
+    found = conflict(data.draw(st.permutations(arcs_from(bounds))), fixed, floor)
+    assert (found == []) == has_schedule(bounds + said)
+    if found:
+        alone = [Bound("arc", arc.earlier, arc.later, arc.least) for arc in found]
+        assert not has_schedule(alone + said)
+        assert all(former.later == arc.earlier for arc, former in pairwise(found))
+
+
+def test_a_fixed_instant_stays_where_it_is_and_what_follows_it_counts_from_there() -> None:
+    arcs = arcs_from([Bound("too late", A, B, 9), Bound("after it", B, C, 2, 3)])
+    assert earliest(arcs, {A: 0, B: 5}, 1) == {A: 0, B: 5, C: 7}
+    assert latest(arcs, {A: 0, B: 5}) == {A: 0, B: 5, C: 8}
+    assert [arc.bound.name for arc in conflict(arcs, {A: 0, B: 5}, 1)] == ["too late"]
+
+
+def test_a_contradiction_is_told_from_its_end_back_to_what_is_fixed_or_round_a_circle() -> None:
+    chain = arcs_from(
+        [Bound("last", C, D, 2), Bound("other", A, C, 1), Bound("first", A, B, 3), Bound("next", B, C, 4)]
+    )
+    for fixed, floor in (({A: 0, D: 8}, 0), ({D: 8}, 0)):
+        assert [arc.bound.name for arc in conflict(chain, fixed, floor)] == ["last", "next", "first"]
+        assert conflict(chain, fixed | {D: 9}, floor) == []
+    circle = arcs_from([Bound("there", A, B, 2), Bound("back", B, A, -1), Bound("away", B, C, 5)])
+    assert {arc.bound.name for arc in conflict(circle, {}, 0)} == {"there", "back"}
+
+
+# ---------------------------------------------------------------- hierarchies
+
+
+def lawful(task: Task, times: dict[Point, Time]) -> bool:
+    """Return whether tasks end after they start, and within what they are part of, serial ones in their order."""
+    start, end = times[task.name, "start"], times[task.name, "end"]
+    after = start
+    for child in task.subtasks:
+        if times[child.name, "start"] < after or times[child.name, "end"] > end or not lawful(child, times):
+            return False
+        after = times[child.name, "end"] if task.order == "serial" else start
+    return start <= end
+
+
+def one_after_the_other(task: Task, times: dict[Point, Time]) -> dict[Point, Time]:
+    """Add a schedule to *times* in which no two instants are at once, and parallel tasks go backwards."""
+    times[task.name, "start"] = len(times)
+    for child in task.subtasks if task.order == "serial" else reversed(task.subtasks):
+        one_after_the_other(child, times)
+    times[task.name, "end"] = len(times)
+    return times
+
+
+@tiers(60, 400, tasks("t", 2, deadlines=False), st.data())
+def test_times_satisfy_the_bounds_of_a_hierarchy_if_and_only_if_the_tasks_are_in_order(
+    root: Task, data: st.DataObject
+) -> None:
+    bounds = list(hierarchy(root))
+    points = sorted({point for bound in bounds for point in (bound.earlier, bound.later)})
+    assert points == sorted((task.name, edge) for task in root.walk() for edge in ("start", "end"))
+    times = one_after_the_other(root, {})
+    assert lawful(root, times)
+    for point in data.draw(st.lists(st.sampled_from(points), max_size=3)):
+        times[point] += data.draw(st.integers(-4, 4))
+    assert lawful(root, times) == all(times[bound.later] - times[bound.earlier] >= bound.least for bound in bounds)
 
 
 # ---------------------------------------------------------------- cases
