@@ -33,12 +33,12 @@ from protocols.deployment.tasks.plan import (
     Task,
 )
 
-# ---------------------------------------------------------------- casting
+# ---------------------------------------------------------------- roster
 # Which robot plays which part of a plan under way, which robots are lost, and where they stand.
 
 
-class Casting:
-    """The robots of a crew and their parts in a plan."""
+class Roster:
+    """The robots of a crew and their parts in a plan under way: who is lost, who is spare, who stands in for whom."""
 
     def __init__(self, record: Record, crew: Crew, length: Length, draft: bool) -> None:
         self._crew, self._length = crew, length
@@ -81,7 +81,7 @@ class Casting:
         """Take the spare robot that has the shortest way to a place, and return it; None if there is none."""
         return self._take([Task(name="draft", act=Go(robot=0, place_m=place_m))])
 
-    def recast(self, robot: Address, leaves: Iterable[Task]) -> bool:
+    def replace(self, robot: Address, leaves: Iterable[Task]) -> bool:
         """Give the part of *robot*, whose *leaves* are left, to a spare robot; return whether there was one."""
         spare = self._take(leaves)
         if spare is not None:
@@ -168,9 +168,9 @@ class Deploying:
 
     # ------------------------------------------------------------ stages
 
-    def tasks(self, casting: Casting) -> Sequence[Task]:
+    def tasks(self, roster: Roster) -> Sequence[Task]:
         """Return the stages that are left for the robots that are left."""
-        self._man(casting)
+        self._man(roster)
         stager = self._stager
         self._number += 1
         as_planned = self.posts == {robot: number for number, robot in enumerate(self.act.robots)}
@@ -204,14 +204,14 @@ class Deploying:
     def _stager(self) -> Stager:
         return Stager(self.act.places_m, self.strategy, self.act.augmented, self._crew, self._ways, self._parameters)
 
-    def _man(self, casting: Casting) -> None:
+    def _man(self, roster: Roster) -> None:
         """Give the places to the robots that are left, and to spare robots while there are any."""
         if self.fixed:
-            self._settle(casting)
+            self._settle(roster)
             return
         size = len(self.act.places_m)
-        living = [robot for robot in self._team if robot not in casting.lost]
-        while len(living) < size and (spare := casting.draft(self.act.places_m[0])) is not None:
+        living = [robot for robot in self._team if robot not in roster.lost]
+        while len(living) < size and (spare := roster.draft(self.act.places_m[0])) is not None:
             self._team.append(spare)
             self.reached[spare] = NOWHERE
             living.append(spare)
@@ -220,16 +220,16 @@ class Deploying:
         if set(living) != set(self.posts) or (self.strategy == "direct" and self._number == 0):
             living.sort(key=lambda robot: self.posts.get(robot, size))
             self.posts = reassigned(
-                self.strategy, living, self.reached, casting.stands_m, self.act.places_m, self._length, casting.covered
+                self.strategy, living, self.reached, roster.stands_m, self.act.places_m, self._length, roster.covered
             )
 
-    def _settle(self, casting: Casting) -> None:
+    def _settle(self, roster: Roster) -> None:
         """Leave each robot its own place; if a lost robot's body covers that, give it an open one."""
-        self.posts = {robot: post for robot, post in self.posts.items() if robot not in casting.lost}
+        self.posts = {robot: post for robot, post in self.posts.items() if robot not in roster.lost}
         for robot, post in self.posts.items():
-            if casting.covered(robot, self.act.places_m[post]):
+            if roster.covered(robot, self.act.places_m[post]):
                 free = set(range(len(self.act.places_m))) - set(self.posts.values())
-                open_ = [post for post in sorted(free) if not casting.covered(robot, self.act.places_m[post])]
+                open_ = [post for post in sorted(free) if not roster.covered(robot, self.act.places_m[post])]
                 self.posts[robot] = open_[0] if open_ else post
 
     def _passed(self) -> dict[Address, int]:
@@ -323,12 +323,12 @@ class Progress:
         self._deploying = partial(Deploying, crew, ways, parameters, length)
         self._windows = Timetable(plan, start)
         self._strategy: Strategy | None = None
-        self.casting = Casting(record, crew, length, parameters.draft)
+        self.roster = Roster(record, crew, length, parameters.draft)
         """Which robot plays which part; not to be changed."""
         self._taken = 0
         self.deployments: dict[str, Deploying] = {}
         """Deployments that have begun, by name."""
-        self.lost = self.casting.lost
+        self.lost = self.roster.lost
         """Robots that are taken for lost."""
         self.heard: dict[tuple[str, Address], Ended] = {}
         """Reports, by the task's name and the robot."""
@@ -449,7 +449,7 @@ class Progress:
 
     def robots(self, node: Node) -> frozenset[Address] | None:
         """Return the robots that do a leaf; None if all that could are lost."""
-        living = frozenset(self.casting.role(robot) for robot in claims(node.task)) - self.lost
+        living = frozenset(self.roster.role(robot) for robot in claims(node.task)) - self.lost
         return living if living or not claims(node.task) else None
 
     def expand(self, node: Node, now: Time) -> Sequence[Task]:
@@ -458,7 +458,7 @@ class Progress:
         deploying = self.deployments.get(node.task.name)
         if deploying is None:
             deploying = self.deployments[node.task.name] = self._deploying(node.task, self._strategy)
-        return deploying.tasks(self.casting)
+        return deploying.tasks(self.roster)
 
     def once_more(self, node: Node) -> Sequence[Task]:
         """Return the tasks that are still to be done for a deployment whose stages have ended."""
@@ -485,7 +485,7 @@ class Progress:
         self.ends.append(End(node.task.name, node.state, node.why, now, robots[0] if robots else None))
         if node.state is State.DONE and isinstance(node.task.act, Go) and robots:
             act = node.task.act
-            self.casting.stands_m[robots[0]] = act.place_m
+            self.roster.stands_m[robots[0]] = act.place_m
             for deploying in self.deployments.values():
                 deploying.arrived(node.task.name, robots[0], act.place_m, act.final)
 
@@ -513,7 +513,7 @@ class Progress:
         if any(deploying.misses(robot) for deploying in self.deployments.values()):
             return True
         left = any(node.lost and robot in claims(node.task) for node in self.tree.root.walk())
-        return left and self.casting.role(robot) == robot
+        return left and self.roster.role(robot) == robot
 
     def _under_way(self) -> Iterator[tuple[Deploying, Node]]:
         """Yield the deployments that have begun and not ended, outer ones first."""
@@ -523,10 +523,10 @@ class Progress:
                 yield deploying, node
 
     def _deploy_again(self, deploying: Deploying, node: Node) -> None:
-        self.tree.graft(node, deploying.tasks(self.casting), self.time)
+        self.tree.graft(node, deploying.tasks(self.roster), self.time)
 
     def _found(self, robot: Address) -> None:
-        self.casting.find(robot)
+        self.roster.find(robot)
         for deploying, node in self._under_way():
             if deploying.misses(robot) and not deploying.fixed:
                 self._deploy_again(deploying, node)
@@ -535,16 +535,16 @@ class Progress:
         """Give the posts and roles of a robot that fell silent to others; *place_m*: where it was last."""
         if robot in self.lost:
             return
-        self.casting.lose(robot, place_m)
+        self.roster.lose(robot, place_m)
         for deploying, node in self._under_way():
             if robot in deploying.posts:
                 self._deploy_again(deploying, node)
         left = _leaves(self.tree.root)
-        leaves = [leaf for leaf in left if robot in {self.casting.role(each) for each in claims(leaf.task)}]
+        leaves = [leaf for leaf in left if robot in {self.roster.role(each) for each in claims(leaf.task)}]
         # the other explorers go on without it
         alone = [leaf for leaf in leaves if not isinstance(leaf.task.act, Explore)]
         if alone:
-            self.casting.recast(robot, [leaf.task for leaf in alone])
+            self.roster.replace(robot, [leaf.task for leaf in alone])
         for leaf in leaves:
             if leaf.state is State.RUNNING and self.robots(leaf) is None:
                 self.tree.fail(leaf, self.time, f"robot {robot} is lost", lost=True)

@@ -120,9 +120,9 @@ class Play:
         ledger, known = self.ledger, Past(self.ledger.done_tasks(), self.ledger.given_up())
         if self.executive is None:
             return known
-        progress, casting = self.executive.progress, self.executive.progress.casting
+        progress, roster = self.executive.progress, self.executive.progress.roster
         casts = {name: deploying.cast for name, deploying in progress.deployments.items()}
-        return known._replace(casts=casts, roles={robot: casting.role(robot) for robot in ledger.plan.robots})
+        return known._replace(casts=casts, roles={robot: roster.role(robot) for robot in ledger.plan.robots})
 
     def misses(self, robot: Address) -> bool:
         """Return whether a robot that is there again has lost a part that nobody else has taken."""

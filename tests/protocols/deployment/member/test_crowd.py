@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from cosim.units import S
-from protocols.deployment.executing.progress import Casting
+from protocols.deployment.executing.progress import Roster
 from protocols.deployment.executing.recovery import lengths, reassigned
 from protocols.deployment.member.member import Crowd
 from protocols.deployment.tasks.crew import Crew
@@ -53,8 +53,8 @@ def test_who_is_to_end_up_there_has_not_come() -> None:
 def test_a_place_that_a_dead_body_covers_is_the_last_to_be_occupied() -> None:
     places, crew = ((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)), crew_of(3)
     for body, wanted in (((1.1, 0.0), {1, 2}), ((2.0, 0.2), {0, 2}), ((9.0, 0.0), {0, 1})):
-        casting = _casting(crew)
-        casting.lose(2, body)
+        roster = _roster(crew)
+        roster.lose(2, body)
         for strategy in ("group", "wave", "leap_frog"):
             posts = reassigned(
                 strategy,
@@ -63,16 +63,16 @@ def test_a_place_that_a_dead_body_covers_is_the_last_to_be_occupied() -> None:
                 {0: (0.0, 0.0), 1: (0.0, 0.0)},
                 places,
                 lengths(crew, Plain()),
-                casting.covered,
+                roster.covered,
             )
             assert set(posts.values()) == wanted
-        casting.find(2)
-        assert not any(casting.covered(0, place) for place in places)
+        roster.find(2)
+        assert not any(roster.covered(0, place) for place in places)
 
 
-def _casting(crew: Crew) -> Casting:
+def _roster(crew: Crew) -> Roster:
     act = Deployment(strategy="group", robots=(0, 1, 2), places_m=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)))
     record: Any = SimpleNamespace(
         plan=SimpleNamespace(robots=(0, 1, 2), root=Task(name="play", act=act)), starts_m={}, start=0
     )
-    return Casting(record, crew, lengths(crew, Plain()), False)
+    return Roster(record, crew, lengths(crew, Plain()), False)
