@@ -251,7 +251,8 @@ class Floor:
 
     def _kept_m(self, radius_m: float) -> float:
         """Return the distance that the centre of a body keeps from walls."""
-        # at least half a cell's diagonal: otherwise a way could pass a wall between two cells
+        # with less than half a cell's diagonal, 0.71 cells, a diagonal step could cross the end of a wall; the planning
+        # grid refuses that, so a point, which has only the margin, keeps a little more
         return max(radius_m + self.parameters.margin_m, 0.75 * self.parameters.cell_m)
 
 

@@ -223,7 +223,7 @@ class Executive:
 
     def _next(self) -> Time | None:
         wake = self._progress.wake_at()
-        # a reporter's clock may be ahead of this one: its fact counts when its time comes
+        # a fact is ahead of this robot's clock only where a fault has set clocks apart; it counts when its time comes
         future = next((fact.at for fact in self._book.facts if fact.at > self._now), None)
         return wake if future is None else future if wake is None else min(wake, future)
 
