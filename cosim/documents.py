@@ -219,6 +219,13 @@ def assign(plain: dict[str, Any], assignments: Iterable[Assignment]) -> dict[str
     return result
 
 
+def in_turn(assignments: Iterable[Assignment]) -> list[list[Assignment]]:
+    """Return *assignments* in groups to be made one after the other: what a kind is first, then what it has."""
+    given = list(assignments)
+    groups = [[item for item in given if (item.place[-1] in SELECTORS) is first] for first in (True, False)]
+    return [group for group in groups if group]
+
+
 def _entered(target: Any, step: str | int, item: Assignment, depth: int) -> Any:
     if isinstance(target, dict) and step in target:
         return target[step]

@@ -6,14 +6,16 @@
       floor:                            an axis with a name of its own, and names for its values
         path: floorplan.map
         values: {storey: ../floors/storey.yaml, office: office}
+      network:                          without a path: each value is several settings, by their paths
+        values: {usual: {}, slow: {channel.latency_s: 0.5, protocol.parameters.period_s: 2}}
     replicates: 10
     quick: {replicates: 2, sweep: {size: [2, 4]}, set: {duration_s: 60}}
 
 What is no run of robots names a function instead of a scenario: ``run: module:function`` and ``parameters: {...}``.
 It is marked with ``experiment_function``, is called with (parameters, seed) and returns metrics as a dict, or
 observations as a list of dicts. If there are settings called ``Parameters`` in its module, the parameters of every arm
-are validated with them; a tuple of ``cosim.trace.Field`` called ``COLUMNS`` there gives what it returns types, units
-and meanings.
+are validated with them, and hold all their defaults, as a scenario does; a tuple of ``cosim.trace.Field`` called
+``COLUMNS`` there gives what it returns types, units and meanings.
 """
 
 import itertools
@@ -31,30 +33,36 @@ from cosim.documents import (
     Assignment,
     Place,
     assign,
+    in_turn,
     is_file,
     nearest,
     parse_assignment,
     parse_place,
     read_yaml,
+    show_place,
     validated,
 )
 from cosim.errors import UserError
 from cosim.installed import find_named, installed_folders
 from cosim.results import FIXED, ReportSettings
 from cosim.scenario import Scenario, build, digest, dump, given_here
-from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings
+from cosim.settings import Count, FreeSettings, PlainData, Seed, Settings, error_at
 
 Label: TypeAlias = str | int | float | bool
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _MARK = "experiment_function"
 """The attribute of functions that a sweep.yaml may name."""
+_NO_SETTINGS = "expected, by name, mappings of settings' paths to values"
 
 
 class AxisSettings(Settings):
     """One axis of a sweep."""
 
-    path: str = Field(description="the setting that the axis changes")
+    path: str | None = Field(
+        default=None,
+        description="the setting that the axis changes; if not given, each value is several, by their paths",
+    )
     values: PlainData = Field(description="a list of values, or a mapping of names to values")
 
     @field_validator("values")
@@ -65,6 +73,16 @@ class AxisSettings(Settings):
         if isinstance(values, list) and not all(isinstance(value, Label) for value in values):
             raise ValueError("holds values that need names: expected a mapping of names to values")
         return values
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Self:
+        if self.path is None and not (isinstance(self.values, dict) and all(map(_are_settings, self.values.values()))):
+            raise error_at(("values",), self.values, f"{_NO_SETTINGS}; or path, of one setting")
+        return self
+
+
+def _are_settings(value: Any) -> bool:
+    return isinstance(value, dict) and all(isinstance(path, str) and parse_place(path) for path in value)
 
 
 class QuickSettings(Settings):
@@ -110,11 +128,18 @@ class ExperimentSettings(Settings):
 
 
 class Axis(NamedTuple):
-    """An axis by the name of its column, the path of its setting, and its labelled values."""
+    """An axis by the name of its column, the path of its setting, if it is one, and its labelled values."""
 
     name: str
-    path: str
+    path: str | None
     values: tuple[tuple[Label, Any], ...]
+
+    def changes(self, label: Label, value: Any, source: str) -> list[Assignment]:
+        """Return what *value*, called *label*, changes; errors name *source*."""
+        told = f"{source} with {self.path or self.name}={label}"
+        settings = value if self.path is None else {self.path: value}
+        # a copy: an axis below this one writes into it
+        return [Assignment(parse_place(path), deepcopy(each), told) for path, each in settings.items()]
 
 
 @dataclass(frozen=True)
@@ -223,10 +248,10 @@ def load_experiment(
     columns = _columns(settings.sweep, str(path))
     given = _given(sets, settings, columns)
     axes = _axes(settings, str(path), columns, settings.quick.sweep if quick else {}, given)
-    fixed = given
+    fixed = given.settings
     if quick:
         changes = settings.quick.set.items()
-        fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *given]
+        fixed = [*(Assignment(parse_place(key), value, f"{path}: quick.set.{key}") for key, value in changes), *fixed]
     base, folder, source = _base(settings, path, fixed)
     arms = tuple(_arm(settings, base, folder, source, axes, values) for values in _product(axes))
     wanted = replicates or (settings.quick.replicates if quick else settings.replicates)
@@ -242,24 +267,39 @@ def base_scenario(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
     if settings.scenario is None:
         name = next((name for name, at in experiment_folders().items() if at / "sweep.yaml" == path), path)
         raise UserError(f"{name}: is no run of robots but of {settings.run}: cosim sweep {name} makes it")
-    base, folder, source = _base(settings, path, _given(sets, settings, _columns(settings.sweep, str(path))))
+    given = _given(sets, settings, _columns(settings.sweep, str(path)))
+    base, folder, source = _base(settings, path, given.settings)
     return build(base, source, folder)
 
 
-def _given(sets: Iterable[str], settings: ExperimentSettings, columns: Mapping[str, str]) -> list[Assignment]:
+class _Given(NamedTuple):
+    """What ``--set`` gives: settings, and the values that are left on axes of several settings, by their columns."""
+
+    settings: list[Assignment]
+    several: dict[str, Any]
+
+
+def _given(sets: Iterable[str], settings: ExperimentSettings, columns: Mapping[str, str]) -> _Given:
     """Return *sets* parsed; an axis may go by its column, and a value of it by its name."""
     known = settings.parameters if settings.run is not None else Scenario.model_fields
     axes: dict[Place, AxisSettings] = {(columns[key],): axis for key, axis in settings.sweep.items()}
-    axes |= {parse_place(axis.path): axis for axis in settings.sweep.values()}
-    given = []
+    axes |= {parse_place(axis.path): axis for axis in settings.sweep.values() if axis.path is not None}
+    given = _Given([], {})
     for item in map(parse_assignment, sets):
         axis = axes.get(item.place)
-        if axis is not None and not (len(item.place) == 1 and item.place[0] in known):  # a setting goes by its own name
-            item = item._replace(place=parse_place(axis.path))
-        if axis is not None and item.place == parse_place(axis.path) and _names(axis, item.value):
-            given.append(item._replace(value=axis.values[item.value]))
+        if axis is None or (show_place(item.place) in known and axis.path != show_place(item.place)):
+            given.settings.append(given_here(item))  # a setting goes by its own name
+        elif axis.path is None:
+            value = axis.values[item.value] if _names(axis, item.value) else item.value
+            if not _are_settings(value):
+                names = ", ".join(map(str, axis.values))
+                raise UserError(f"{item.source}: expected one of {names}, or settings by their paths")
+            given.several[show_place(item.place)] = value
+            given.settings.extend(Assignment(parse_place(path), each, item.source) for path, each in value.items())
         else:
-            given.append(given_here(item))
+            item = item._replace(place=parse_place(axis.path))
+            named = _names(axis, item.value)
+            given.settings.append(item._replace(value=axis.values[item.value]) if named else given_here(item))
     return given
 
 
@@ -267,23 +307,25 @@ def _names(axis: AxisSettings, value: Any) -> bool:
     return isinstance(axis.values, dict) and isinstance(value, Label) and value in axis.values
 
 
-def _check_parameters(
-    run: str, parameters: dict[str, Any], source: str, assignments: Sequence[Assignment]
-) -> dict[str, Any]:
-    """Return *parameters*; raise UserError if the settings called ``Parameters`` beside the function refuse them."""
+def _parameters(run: str, parameters: dict[str, Any], source: str, assignments: Sequence[Assignment]) -> dict[str, Any]:
+    """Return *parameters* with *assignments* made, and with their defaults if there is a model beside the function.
+
+    That is the settings called ``Parameters``. Raise UserError if these refuse them.
+    """
     model = getattr(import_module(run.partition(":")[0]), "Parameters", None)
     if not (isinstance(model, type) and issubclass(model, Settings)):
         model = FreeSettings
-    validated(model, parameters, source, assignments)
-    return parameters
+    found = dump(validated(model, parameters, source))
+    for group in in_turn(assignments):
+        found = dump(validated(model, assign(found, group), source, group))
+    return found
 
 
 def _base(settings: ExperimentSettings, path: Path, given: Sequence[Assignment]) -> tuple[dict[str, Any], Path, str]:
     if settings.run is not None:
         find_function(settings.run, str(path))
         source = f"{path}: parameters"
-        parameters = _check_parameters(settings.run, assign(settings.parameters, given), source, given)
-        return parameters, path.parent, source
+        return _parameters(settings.run, settings.parameters, source, given), path.parent, source
     if isinstance(settings.scenario, str):
         file = path.parent / settings.scenario
         return dump(build(read_yaml(file), str(file), file.parent, given)), file.parent, str(file)
@@ -301,12 +343,12 @@ def _arm(
 ) -> Arm:
     labels = {axis.name: label for axis, (label, _) in zip(axes, values, strict=True)}
     changes = [
-        # a copy: an axis below this one writes into it
-        Assignment(parse_place(axis.path), deepcopy(value), f"{source} with {axis.path}={label}")
+        change
         for axis, (label, value) in zip(axes, values, strict=True)
+        for change in axis.changes(label, value, source)
     ]
     if settings.run is not None:
-        parameters = _check_parameters(settings.run, assign(base, changes), source, changes)
+        parameters = _parameters(settings.run, base, source, changes)
         return Arm(labels, None, settings.run, parameters, digest([settings.run, parameters]))
     scenario = build(base, source, folder, changes)
     return Arm(labels, scenario, None, {}, digest([dump(scenario), scenario.map_digests()]))
@@ -321,24 +363,28 @@ def _axes(
     source: str,
     names: Mapping[str, str],
     quick: Mapping[str, Any],
-    given: Sequence[Assignment],
+    given: _Given,
 ) -> tuple[Axis, ...]:
     for name in quick:
         if name not in names.values():
             raise UserError(f"{source}: quick.sweep.{name}: there is no such axis{nearest(name, names.values())}")
     axes = []
     for key, axis in settings.sweep.items():
-        place = parse_place(axis.path)
-        if not place or axis.path == "seed":
+        name, place = names[key], parse_place(axis.path or "")
+        if axis.path is not None and (not place or axis.path == "seed"):
             raise UserError(
                 f"{source}: sweep.{key}.path: {axis.path!r} is not the path of a setting that can be an axis"
             )
-        chosen = quick.get(names[key], axis.values)
+        chosen = quick.get(name, axis.values)
         if isinstance(chosen, list) and isinstance(axis.values, dict):  # names of the full list
             chosen = {label: axis.values.get(label, label) for label in chosen}
         pairs = list(chosen.items()) if isinstance(chosen, dict) else [(value, value) for value in chosen]
-        pairs = [(_label(item.value, axis), item.value) for item in given if item.place == place][-1:] or pairs
-        axes.append(Axis(names[key], axis.path, tuple(pairs)))
+        if axis.path is None and not all(_are_settings(value) for _, value in pairs):
+            raise UserError(f"{source}: quick.sweep.{name}: {_NO_SETTINGS}, or the names of such")
+        one = [item.value for item in given.settings if axis.path is not None and item.place == place]
+        left = [given.several[name]] if name in given.several else one
+        pairs = [(_label(value, axis), value) for value in left[-1:]] or pairs
+        axes.append(Axis(name, axis.path, tuple(pairs)))
     return tuple(axes)
 
 

@@ -99,7 +99,8 @@ class ReportSettings(Settings):
 class AxisDescription(Settings):
     """An axis in a sweep.json."""
 
-    path: str
+    path: str | None
+    """None: each value is several settings."""
     values: tuple[PlainData, ...]
 
 

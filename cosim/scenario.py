@@ -28,10 +28,10 @@ from pydantic import (
 from cosim.channels.kinds import AnyChannel, ChannelSettings, channel_models, channel_settings, channel_spec
 from cosim.channels.radios import RadiosSettings
 from cosim.documents import (
-    SELECTORS,
     Assignment,
     Place,
     assign,
+    in_turn,
     is_file,
     parse_assignment,
     parse_place,
@@ -364,11 +364,9 @@ def load(path: str | Path, sets: Iterable[str] = ()) -> Scenario:
 def build(plain: dict[str, Any], source: str, folder: Path, assignments: Sequence[Assignment] = ()) -> Scenario:
     """Return the scenario that *plain*, read from *source*, describes; map paths in it are relative to *folder*."""
     scenario = validated(Scenario, plain, source, (), _chosen_models(plain))
-    selectors = [item for item in assignments if item.place[-1] in SELECTORS]
-    for group in (selectors, [item for item in assignments if item not in selectors]):
-        if group:  # selectors first: only then are the settings there that the others may change
-            other = assign(dump(scenario), group)
-            scenario = validated(Scenario, other, source, group, _chosen_models(other))
+    for group in in_turn(assignments):
+        other = assign(dump(scenario), group)
+        scenario = validated(Scenario, other, source, group, _chosen_models(other))
     return scenario.placed(folder)
 
 

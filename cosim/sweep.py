@@ -204,7 +204,9 @@ class _Batch:
         self._store = store
         self._experiment = experiment
         self._code = code
-        self._axes = [Field(axis.name, _axis_kind(axis.values), "", axis.path) for axis in experiment.axes]
+        self._axes = [
+            Field(axis.name, _axis_kind(axis.values), "", axis.path or "several settings") for axis in experiment.axes
+        ]
         self._metadata = {"experiment": experiment.name, "scenario": json.dumps(experiment.base)} | provenance()
         self._waiting: list[Finished] = []
         self._written = monotonic()

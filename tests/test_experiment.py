@@ -3,6 +3,7 @@ import shutil
 import sys
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -10,6 +11,7 @@ import yaml
 from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import (
+    Experiment,
     base_scenario,
     experiment_folders,
     find_beside,
@@ -276,3 +278,80 @@ def test_the_coverage_experiment_is_valid_as_it_stands():
     assert [axis.name for axis in experiment.axes] == ["algorithm", "team_size", "channel", "floor"]
     assert experiment.replicates == 10
     assert len(load_experiment(find_experiment("pseudonet_coverage"), quick=True).arms) < len(experiment.arms)
+
+
+# ---------------------------------------------------------------- axes of several settings
+
+SEVERAL = {
+    "scenario": SCENARIO,
+    "sweep": {
+        "team.size": [2, 4],
+        "radio": {"values": {"usual": {}, "far": {"channel.delay_s": 1, "protocol.parameters.calls": 7}}},
+    },
+    "quick": {"sweep": {"radio": ["far"]}},
+}
+
+
+def radios(experiment: Experiment) -> list[tuple[object, ...]]:
+    """Return the size, the radio, its delay and the calls of each arm."""
+    scenarios: list[Any] = [arm.scenario for arm in experiment.arms]
+    return [
+        (*arm.labels.values(), scenario.channel.delay_s, scenario.protocol.parameters.calls)
+        for arm, scenario in zip(experiment.arms, scenarios, strict=True)
+    ]
+
+
+def test_an_axis_without_a_path_changes_several_settings():
+    calls = base_scenario(written(SEVERAL)).protocol.parameters.calls  # type: ignore[attr-defined]
+    usual = [(size, "usual", 1e-6, calls) for size in (2, 4)]
+    far = [(size, "far", 1, 7) for size in (2, 4)]
+    assert radios(load_experiment(written(SEVERAL))) == [usual[0], far[0], usual[1], far[1]]
+    assert radios(load_experiment(written(SEVERAL), quick=True)) == far
+
+
+def test_such_an_axis_is_given_on_the_command_line_by_the_name_of_a_value_or_by_settings():
+    path = written(SEVERAL)
+    assert radios(load_experiment(path, ["radio=far", "size=2"])) == [(2, "far", 1, 7)]
+    ((_, label, delay_s, _),) = radios(load_experiment(path, ["radio={channel.delay_s: 3}", "size=2"]))
+    assert (label, delay_s) == ("{'channel.delay_s': 3}", 3)
+    assert base_scenario(path, ["radio=far"]).channel.delay_s == 1  # type: ignore[union-attr]
+    for value in ("near", "{1: 2}"):
+        message = complaint(SEVERAL, f"radio={value}")
+        assert message == f"--set radio={value}: expected one of usual, far, or settings by their paths"
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        ({"values": [1, 2]}, "sweep.yaml: sweep.radio.values: "),
+        ({"values": {"far": 3}}, "sweep.yaml: sweep.radio.values: "),
+        ({"values": {"far": {"": 3}}}, "sweep.yaml: sweep.radio.values: "),
+        ({"values": {"far": {"channel.delay": 3}}}, "sweep.yaml: scenario with radio=far: there is no channel.delay"),
+    ],
+)
+def test_a_value_of_such_an_axis_that_is_no_settings_is_told(axis: dict[str, object], expected: str):
+    assert complaint(SEVERAL | {"sweep": {"radio": axis}, "quick": {}}).startswith(expected)
+
+
+def test_a_quick_value_that_such_an_axis_does_not_name_is_told():
+    message = complaint(SEVERAL | {"quick": {"sweep": {"radio": ["near"]}}}, quick=True)
+    assert message.startswith("sweep.yaml: quick.sweep.radio: expected, by name, mappings")
+
+
+def test_parameters_of_a_function_have_their_defaults_so_that_axes_may_name_them(folder: Path):
+    model = "\n\nclass Parameters(Settings):\n    scenario: Scenario\n    times: int = 2\n"
+    imports = "from cosim.scenario import Scenario\nfrom cosim.settings import Settings\n"
+    (folder / "delays.py").write_text(imports + (folder / "delays.py").read_text() + model)
+    far = {"scenario.channel.kind": "adhoc", "scenario.channel.range_m": 5, "times": 3}
+    plain = {
+        "run": "delays:metrics",
+        "parameters": {"scenario": SCENARIO},
+        "sweep": {"radio": {"values": {"usual": {}, "far": far}}},
+    }
+    usual, other = (arm.parameters for arm in load_experiment(written(plain)).arms)
+    assert (usual["times"], usual["scenario"]["channel"]["kind"]) == (2, "ideal")
+    assert (other["times"], other["scenario"]["channel"]["kind"], other["scenario"]["channel"]["range_m"]) == (
+        3,
+        "adhoc",
+        5,
+    )

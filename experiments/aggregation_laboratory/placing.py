@@ -7,24 +7,26 @@ robot starts, by a few centimetres along x and y. All arms of a replicate have t
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import Field
 
 from cosim.experiment import experiment_function
 from cosim.randomness import Streams
+from cosim.results import metric_fields
 from cosim.scenario import Scenario, changed
-from cosim.settings import Count, Metres
+from cosim.settings import Count, Metres, Settings
+from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import simulate
-from experiments.aggregation import searching
-from experiments.aggregation.searching import COLUMNS
+from protocols.aggregation.metrics import METRICS
 
-__all__ = ["COLUMNS", "Parameters", "measure"]
+COLUMNS: Final = tuple(metric_fields((*EVERY_RUN, *METRICS)))
 
 
-class Parameters(searching.Parameters):
+class Parameters(Settings):
     """A search, where its targets are, and how exactly its robots are put at ``team.starts``."""
 
+    scenario: Scenario = Field(description="the run, with the beginning of the name of its targets' place")
     distribution: Count = Field(
         default=1, ge=1, description="the targets are where the floor's place TARGETS_NUMBER is"
     )
@@ -34,13 +36,12 @@ class Parameters(searching.Parameters):
 
     def placed(self, seed: int) -> Scenario:
         """Return the scenario with the targets, and with the starts of the run with *seed*, if it names any."""
-        scenario = self.chosen()
-        given = scenario.team.starts or ()
+        given = self.scenario.team.starts or ()
         off = Streams(seed)("placing").uniform(-self.placing_m, self.placing_m, (len(given), 2)).tolist()
         starts = [[x + dx, y + dy] for (x, y), (dx, dy) in zip(given, off, strict=True)] or None
-        targets = f"{getattr(scenario.protocol.parameters, 'target_place', None)}_{self.distribution}"
+        targets = f"{getattr(self.scenario.protocol.parameters, 'target_place', None)}_{self.distribution}"
         changes = {"team.starts": starts, "protocol.parameters.target_place": targets}
-        return changed(scenario, changes, "placing", Path(__file__).parent)
+        return changed(self.scenario, changes, "placing", Path(__file__).parent)
 
 
 @experiment_function

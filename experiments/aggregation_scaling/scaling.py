@@ -14,14 +14,14 @@ from typing import Any, Final
 from pydantic import Field
 
 from cosim.experiment import experiment_function
+from cosim.results import metric_fields
 from cosim.scenario import Scenario, changed, dump
-from cosim.settings import Count, Rate, Seconds
+from cosim.settings import Count, Rate, Seconds, Settings
+from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import simulate
-from experiments.aggregation import searching
-from experiments.aggregation.searching import COLUMNS
+from protocols.aggregation.metrics import METRICS
 
-__all__ = ["COLUMNS", "Parameters", "measure"]
-
+COLUMNS: Final = tuple(metric_fields((*EVERY_RUN, *METRICS)))
 LEAST_S: Final = 30.0
 """Shortest period: a host has to send its plan, and searchers have to go somewhere."""
 USUAL_M2: Final = 150.0**2 / 3
@@ -30,7 +30,7 @@ GROWING: Final = ("reconvene_s", "lost_s")
 """Periods of the protocol that are proportional to that area."""
 
 
-class Parameters(searching.Parameters):
+class Parameters(Settings):
     """A search, how large its area is, and how many sub-teams there are."""
 
     scenario: Scenario = Field(description="the run, with the bodies of a host and of a searcher as its two groups")
@@ -40,10 +40,9 @@ class Parameters(searching.Parameters):
     cap_s: Seconds = Field(default=300.0, gt=0, description="s, longest run on no area")
     cap_s_per_m2: Rate = Field(default=0.18, ge=0, description="s, so much longer by the square metre")
 
-    def chosen(self) -> Scenario:
-        """Return the run, with what is chosen; raise UserError for a setting that it does not have."""
-        scenario = super().chosen()
-        plain = dump(scenario)
+    def scaled(self) -> Scenario:
+        """Return the run on that area with so many sub-teams; raise UserError if there can be no such run."""
+        plain = dump(self.scenario)
         groups, periods = plain["team"]["groups"], plain["protocol"]["parameters"]
         area_m2 = float(self.side_m**2)
         times = area_m2 / self.sub_teams / USUAL_M2
@@ -55,14 +54,14 @@ class Parameters(searching.Parameters):
                 {**groups[1], "size": self.sub_teams * self.searchers},
             ],
             "protocol.parameters.hosts": self.sub_teams,
-            "protocol.parameters.sync_s": self.side_m / scenario.team.bodies[-1].speed_mps,
+            "protocol.parameters.sync_s": self.side_m / self.scenario.team.bodies[-1].speed_mps,
         }
         own |= {f"protocol.parameters.{name}": max(LEAST_S, periods[name] * times) for name in GROWING}
-        return changed(scenario, own, "scaling", Path(__file__).parent)
+        return changed(self.scenario, own, "scaling", Path(__file__).parent)
 
 
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
-    metrics = simulate(Parameters.model_validate(parameters).chosen(), seed).metrics
+    metrics = simulate(Parameters.model_validate(parameters).scaled(), seed).metrics
     return {column.name: metrics[column.name] for column in COLUMNS}

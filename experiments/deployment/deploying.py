@@ -1,10 +1,7 @@
-"""A deployment of paper 004 from places about base that are drawn, with some of its settings chosen otherwise.
+"""A deployment of paper 004 from places about base that are drawn.
 
 Nothing else in such a run is drawn, unless its channel draws: replicates differ by where the robots stand at base when
 the play is called. All arms of a replicate draw from one stream; teams of the same size start from the same places.
-
-What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
-values, as in :mod:`experiments.exploration.exploring`.
 """
 
 import math
@@ -20,7 +17,7 @@ from cosim.experiment import experiment_function
 from cosim.randomness import Streams
 from cosim.robots.placement import misfit
 from cosim.scenario import Scenario, changed
-from cosim.settings import Metres, PlainData, Settings
+from cosim.settings import Metres, Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES
@@ -70,10 +67,9 @@ class StartSettings(Settings):
 
 
 class Parameters(Settings):
-    """A deployment, and what is chosen in it."""
+    """A deployment, and where its robots start."""
 
-    scenario: Scenario = Field(description="the run before anything is chosen")
-    choice: dict[str, PlainData] = Field(default_factory=dict, description="settings by their paths")
+    scenario: Scenario = Field(description="the run, but for its starts")
     starts: StartSettings
     posts: str | None = Field(
         default=None, description="name of the floor's places, of which the first call gets as many as there are robots"
@@ -90,9 +86,9 @@ class Parameters(Settings):
         return self
 
     def placed(self, seed: int) -> Scenario:
-        """Return the scenario with all that is chosen, and its starts; raise UserError for what does not fit."""
+        """Return the scenario with its starts; raise UserError for what does not fit."""
         here = Path(__file__).parent
-        scenario = changed(self.scenario, self.choice, "choice", here)
+        scenario = self.scenario.placed(here)
         floor = load_floorplan(scenario.floorplan, scenario.folder)
         changes: dict[str, Any] = {"team.starts": drawn(self.starts, scenario, floor, seed)}
         if self.posts is not None:

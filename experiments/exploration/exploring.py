@@ -1,7 +1,4 @@
-"""An exploration of paper 001 with some of its settings chosen otherwise, and what its trace shows beside its metrics.
-
-What distinguishes two arms may be more than one setting: an axis gives a choice, a mapping of settings' paths to their
-values, as in :mod:`experiments.aggregation.searching`.
+"""An exploration of paper 001, and what its trace shows beside its metrics.
 
 An exploration that does not come to 95 % counts with the longest run: a lower bound of what it would have taken.
 """
@@ -12,13 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from cosim.arrays import Floats
-from cosim.errors import UserError
 from cosim.experiment import experiment_function
-from cosim.scenario import Scenario, changed
-from cosim.settings import Metres, PlainData, Seconds, Settings
+from cosim.scenario import Scenario
+from cosim.settings import Metres, Seconds, Settings
 from cosim.simulation import METRICS as EVERY_RUN
 from cosim.simulation import Simulation
 from cosim.trace import POSES, Trace
@@ -29,10 +25,14 @@ from protocols.exploration.spec import METRICS
 TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
 """Shares of what can be seen whose times give the curve of coverage over time."""
 _SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
-_OWN: Final = (
+ENDED: Final = (
     Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
     Column("reached", "float", "1", "1 if it was, else 0"),
     Column("completed", "float", "1", "1 if 99 % had been seen in time, else 0"),
+)
+"""Columns that tell how far a run came."""
+_OWN: Final = (
+    *ENDED,
     Column("stalls_no_force", "float", "1", "stalls for want of any force"),
     Column("paths", "float", "1", "paths laid out of local minima"),
     Column("paths_led_on", "float", "1", "share of them that were left since a frontier was in sight, or walked"),
@@ -64,43 +64,37 @@ class Partings(Settings):
 
 
 class Parameters(Settings):
-    """An exploration, and what is chosen in it."""
+    """An exploration, and what is asked about it."""
 
-    scenario: Scenario = Field(description="the run before anything is chosen")
-    choice: dict[str, PlainData] = Field(default_factory=dict, description="settings by their paths")
+    scenario: Scenario = Field(description="the run")
     partings: Partings = Partings()
-
-    @model_validator(mode="after")
-    def _makes_a_scenario(self) -> "Parameters":
-        try:
-            self.chosen()
-        except UserError as error:
-            raise ValueError(str(error)) from None
-        return self
-
-    def chosen(self) -> Scenario:
-        """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
-        return changed(self.scenario, self.choice, "choice", Path(__file__).parent)
 
 
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     own = Parameters.model_validate(parameters)
-    scenario = own.chosen()
+    scenario = own.scenario.placed(Path(__file__).parent)
     simulation = Simulation(scenario, seed, (POSES,))
     outcome = simulation.run()
     found = {column.name: outcome.metrics[column.name] for column in COLUMNS if column not in _OWN}
-    never = math.isnan(found["time_95_s"])
-    found["until_95_s"] = scenario.duration_s if never else found["time_95_s"]
-    found["reached"] = float(not never)
-    found["completed"] = float(not math.isnan(found["time_99_s"]))
     referee: Any = simulation.referee
     return (
         found
+        | ended(outcome.metrics, scenario.duration_s)
         | told(outcome.trace, own.partings)
         | dict(zip(_SEEN, referee.times_s(tuple(_SEEN.values())), strict=True))
     )
+
+
+def ended(metrics: Mapping[str, float], duration_s: float) -> dict[str, float]:
+    """Return ``ENDED`` of a run that may last so long."""
+    never = math.isnan(metrics["time_95_s"])
+    return {
+        "until_95_s": duration_s if never else metrics["time_95_s"],
+        "reached": float(not never),
+        "completed": float(not math.isnan(metrics["time_99_s"])),
+    }
 
 
 def told(trace: Trace, asked: Partings) -> dict[str, float]:

@@ -7,6 +7,7 @@ within a range, the same for all arms; bodies hide no one. A robot stands if it 
 import math
 from collections.abc import Mapping
 from itertools import permutations
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -15,13 +16,14 @@ from pydantic import Field
 from cosim.arrays import Floats
 from cosim.experiment import experiment_function
 from cosim.geometry.segments import SegmentGrid, sees
-from cosim.settings import Metres
+from cosim.scenario import Scenario
+from cosim.settings import Metres, Settings
 from cosim.simulation import simulate
 from cosim.trace import POSES, Trace
 from cosim.trace import Field as Column
 from cosim.units import S, from_seconds
 from cosim.world.floorplan import load_floorplan
-from experiments.exploration import exploring
+from experiments.exploration.exploring import ENDED, ended
 from protocols.exploration.spec import METRICS
 
 STANDS_M: Final = 0.02
@@ -32,17 +34,17 @@ _OWN: Final = (
     Column("standing", "float", "1", "share of the robots' time in which one stands"),
     Column("nearest_m", "float", "m", "distance to the nearest robot, on the mean"),
 )
-_ENDED: Final = ("until_95_s", "reached", "completed")
 COLUMNS: Final = (
     *(Column(metric.name, "float", metric.unit, metric.meaning) for metric in METRICS),
-    *(column for column in exploring.COLUMNS if column.name in _ENDED),
+    *ENDED,
     *_OWN,
 )
 
 
-class Parameters(exploring.Parameters):
-    """An exploration, what is chosen in it, and how far robots see each other."""
+class Parameters(Settings):
+    """An exploration, and how far robots see each other."""
 
+    scenario: Scenario = Field(description="the run")
     sight_m: Metres = Field(default=5.0, gt=0, description="m, farther robots do not count as seen")
 
 
@@ -50,22 +52,12 @@ class Parameters(exploring.Parameters):
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
     given = Parameters.model_validate(parameters)
-    scenario = given.chosen()
+    scenario = given.scenario.placed(Path(__file__).parent)
     outcome = simulate(scenario, seed, (POSES,))
-    found = ended(outcome.metrics, scenario.duration_s)
+    found = {metric.name: outcome.metrics[metric.name] for metric in METRICS}
+    found |= ended(outcome.metrics, scenario.duration_s)
     walls = load_floorplan(scenario.floorplan, scenario.folder).grid
     return found | shares(places(outcome.trace, found["until_95_s"]), walls, given.sight_m)
-
-
-def ended(metrics: Mapping[str, float], duration_s: float) -> dict[str, float]:
-    """Return the metrics of a run, and when it saw 95 %: the longest time, a lower bound, if it never did."""
-    found = {metric.name: metrics[metric.name] for metric in METRICS}
-    never = math.isnan(found["time_95_s"])
-    return found | {
-        "until_95_s": duration_s if never else found["time_95_s"],
-        "reached": float(not never),
-        "completed": float(not math.isnan(found["time_99_s"])),
-    }
 
 
 def places(trace: Trace, until_s: float) -> Floats:

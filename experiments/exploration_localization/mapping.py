@@ -10,18 +10,22 @@ robots start from a known place.
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from pydantic import Field
 
 from cosim.experiment import experiment_function
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.protocol import Surroundings
+from cosim.scenario import Scenario
+from cosim.settings import Settings
 from cosim.simulation import Simulation
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import from_seconds, to_seconds
-from experiments.exploration.exploring import Parameters
+from experiments.exploration.exploring import ENDED, ended
 from protocols.exploration.explorer import Explorer
 from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
@@ -48,9 +52,7 @@ _TOLD: Final = (
 )
 COLUMNS: Final = (
     *(Column(name, "float", unit, meaning) for name, unit, meaning in _TOLD),
-    Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
-    Column("reached", "float", "1", "1 if it was, else 0"),
-    Column("completed", "float", "1", "1 if 99 % had been seen in time, else 0"),
+    *ENDED,
     Column("waits", "float", "1", "times that a robot began to wait to be localised again"),
     Column("waits_localised", "float", "1", "share of the waits that are over that ended with that; NaN without any"),
     Column("map_error", "float", "1", "share of the cells of the final map that are wrong, mean of the robots"),
@@ -63,6 +65,12 @@ COLUMNS: Final = (
     *(Column(f"pose_error_{s}_s", "float", "m", f"mean pose error of the 100 s to {s} s") for s in TIMES_S),
 )
 Evidence: TypeAlias = np.ndarray[Any, np.dtype[np.int8]]
+
+
+class Parameters(Settings):
+    """An exploration."""
+
+    scenario: Scenario = Field(description="the run")
 
 
 class Compared(NamedTuple):
@@ -158,7 +166,7 @@ def _surroundings(simulation: Simulation) -> Surroundings:
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     """Make the run and return ``COLUMNS``. Raise UserError for a run that cannot be set up."""
-    scenario = Parameters.model_validate(parameters).chosen()
+    scenario = Parameters.model_validate(parameters).scenario.placed(Path(__file__).parent)
     simulation = Simulation(scenario, seed)
     watch = Watch(simulation)
     outcome = simulation.run()
@@ -171,9 +179,7 @@ def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
     errors_m = np.array(watch.pose_errors_m)
     return {
         **{name: metrics[name] for name, *_ in _TOLD},
-        "until_95_s": scenario.duration_s if never else metrics["time_95_s"],
-        "reached": float(not never),
-        "completed": float(not math.isnan(metrics["time_99_s"])),
+        **ended(metrics, scenario.duration_s),
         **waits(outcome.trace),
         "map_error": watch.map_errors[-1],
         "map_error_95": at(watch.map_times_s, watch.map_errors, until),

@@ -3,7 +3,7 @@
     python -P -m experiments.exploration_teams.growing PICTURE.png [--seed N] [--set PATH=VALUE ...]
 
 The run is that of the experiment; ``--set`` chooses as with ``cosim sweep``: ``map=office``, ``robots=8``,
-``algorithm=utility``, ``scenario.floorplan.map=my.yaml``, ``'choice={protocol.parameters.escape.enabled: false}'``.
+``algorithm=utility``, ``scenario.floorplan.map=my.yaml``, ``scenario.protocol.parameters.escape.enabled=false``.
 """
 
 import argparse
@@ -22,7 +22,6 @@ from cosim.scenario import Scenario
 from cosim.simulation import Simulation
 from cosim.trace import POSES
 from cosim.units import S, Time, to_seconds
-from experiments.exploration.exploring import Parameters
 
 USUAL: Final = ("map=office", "robots=4", "algorithm=schemas")
 """Choices that are drawn by default."""
@@ -68,7 +67,7 @@ def main(words: Sequence[str] | None = None) -> None:
 def chosen(sets: Sequence[str]) -> Scenario:
     """Return the scenario of the experiment's run that *sets* choose; raise UserError for what cannot be chosen."""
     experiment = load_experiment(Path(__file__).parent / "sweep.yaml", [*USUAL, *sets])
-    return Parameters.model_validate(experiment.arms[0].parameters).chosen()
+    return Scenario.model_validate(experiment.arms[0].parameters["scenario"]).placed(experiment.source.parent)
 
 
 def watch(scenario: Scenario, seed: int, shares: Sequence[float] = SHARES) -> Exploration:

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from cosim.channels.bluetooth.bits.errors import throughput_kbps
 from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.inquiry import known_offset
 from cosim.channels.bluetooth.packets import ACL, AclName, PacketType
 from cosim.channels.bluetooth.reach import POWER_DBM
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -26,7 +27,6 @@ from cosim.settings import Count, Gain, Settings
 from cosim.trace import Field as Column
 from cosim.trace import Trace
 from cosim.units import MS, SLOT, S, Time, to_seconds
-from experiments.radio.clocks import known_offset
 
 MASTER: Final[Address] = 0
 SLAVE: Final[Address] = 1

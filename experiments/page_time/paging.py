@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from pydantic import Field
 
 from cosim.channels.bluetooth.device import BluetoothChannel
-from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
+from cosim.channels.bluetooth.inquiry import CLOCK_RANGE, known_offset
 from cosim.channels.bluetooth.paging import PageSettings
 from cosim.channels.bluetooth.scanning import ScanSettings, first_transmission
 from cosim.channels.bluetooth.settings import BluetoothSettings
@@ -24,7 +24,6 @@ from cosim.settings import Count, Settings
 from cosim.trace import FRAMES, Trace
 from cosim.trace import Field as Column
 from cosim.units import MS, Time, to_seconds
-from experiments.radio.clocks import known_offset
 
 Mode: TypeAlias = Literal["R0", "R1", "R2"]
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 from cosim.channels.bluetooth.device import BluetoothChannel
+from cosim.channels.bluetooth.inquiry import known_offset
 from cosim.channels.bluetooth.packets import DH1
 from cosim.channels.bluetooth.settings import BluetoothSettings
 from cosim.errors import CosimError
@@ -12,7 +13,6 @@ from cosim.machine import Address, Connected, LinkEvent, Outgoing, Page, PageFai
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, SLOT, S
-from experiments.radio.clocks import known_offset
 
 SET_UP_WITHIN: Final = 60 * S
 SUPERVISION_S: Final = 2.0

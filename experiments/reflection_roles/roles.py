@@ -16,7 +16,7 @@ from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection.choices import steps_with_target
+from protocols.reflection.spec import steps_with_target
 
 COLUMNS: Final = (
     Column("steps", "float", "1", "motion steps a target; one that is given up counts with the steps until then"),

@@ -12,7 +12,7 @@ from cosim.scenario import Scenario, changed
 from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
-from experiments.reflection.choices import steps_with_target
+from protocols.reflection.spec import steps_with_target
 
 COLUMNS: Final = (
     Column("bytes_a_frame", "float", "B", "mean size of what a robot tells at once, the payload of a frame"),

@@ -1,7 +1,7 @@
 """What cosim must know of goal reflection: the entry point ``reflection`` names ``SPEC``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -202,6 +202,11 @@ class TargetReferee(Referee):
 def referee(parameters: Parameters, setup: Setup, surroundings: Surroundings) -> TargetReferee:
     """Return the judge of the explorers."""
     return TargetReferee(setup, parameters.epsilon_m)
+
+
+def steps_with_target(metrics: Mapping[str, float]) -> float:
+    """Return the motion steps that explorers have made while they had a target, from the *metrics* of a run."""
+    return sum(metrics[f"steps_to_{target.name.lower()}"] for target in Target)
 
 
 def measure(machines: Sequence[Reflection]) -> dict[str, float]:

@@ -2,7 +2,6 @@
 
 import csv
 import math
-from copy import deepcopy
 from itertools import product
 from typing import Any
 
@@ -23,12 +22,9 @@ NONE = pd.DataFrame()
 
 
 def parameters(network: str, killed: str, executive: str) -> dict[str, Any]:
-    plain: dict[str, Any] = deepcopy(SWEEP["parameters"])
-    plain["scenario"]["floorplan"]["map"] = str(FOLDER.parent / "floors" / "deploy.yaml")
-    plain["choice"] = SWEEP["sweep"]["network"]["values"][network]
-    plain["scenario"]["faults"] = SWEEP["sweep"]["killed"]["values"][killed]
-    plain["scenario"]["protocol"]["parameters"]["executive"] = executive
-    return plain
+    sets = (f"network={network}", f"killed={killed}", f"executive={executive}")
+    (arm,) = load_experiment(FOLDER / "sweep.yaml", sets).arms
+    return arm.parameters
 
 
 def runs_of(right: bool, replicates: int) -> pd.DataFrame:

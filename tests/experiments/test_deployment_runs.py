@@ -71,8 +71,8 @@ def test_robots_start_in_their_square_and_apart(name: str) -> None:
 
 def test_starts_come_from_the_seed_alone() -> None:
     assert starts("deployment_wean", 3) == starts("deployment_wean", 3) != starts("deployment_wean", 4)
-    chosen = parameters("deployment_wean") | {"choice": {"channel": {"kind": "adhoc", "range_m": 50}}}
-    assert Parameters.model_validate(chosen).placed(3).team.starts == starts("deployment_wean", 3)
+    other = parameters("deployment_wean", channel={"kind": "adhoc", "range_m": 50})
+    assert Parameters.model_validate(other).placed(3).team.starts == starts("deployment_wean", 3)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,6 @@ def test_starts_come_from_the_seed_alone() -> None:
         ({"starts": {"base": "nowhere", "half_m": [2, 2], "apart_m": 1}}, "nowhere"),
         ({"starts": {"base": "base", "half_m": [1, 1], "apart_m": 9}}, "room"),
         ({"posts": "base"}, "base"),
-        ({"choice": {"team.sise": 3}}, "sise"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes: Mapping[str, Any], wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:

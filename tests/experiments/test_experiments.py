@@ -9,22 +9,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim.experiment import Arm, find_function, load_experiment
+from cosim.experiment import Arm, load_experiment
 from cosim.geometry.planning import cost_to_go, wall_planning_grid
 from cosim.report.by_choice import verdicts
 from cosim.report.claims import published_claims
+from cosim.scenario import Scenario
+from cosim.simulation import simulate
 from cosim.world.floorplan import FloorplanSettings, load_floorplan
-from experiments.aggregation import searching
 from experiments.aggregation_laboratory import placing
 from experiments.aggregation_scaling import floors, scaling
 from tests.checkout import EXPERIMENTS
 
 SWEEPS = sorted(EXPERIMENTS.glob("aggregation_*/*.yaml"))
 TINY = {
-    "aggregation_channels": (70, ["scenario.duration_s=70"]),  # jammed from 60 s on
+    "aggregation_channels": (70, ["duration_s=70"]),  # jammed from 60 s on
     "aggregation_laboratory": (20, ["scenario.duration_s=20"]),
     "aggregation_scaling": (20, ["cap_s=20", "cap_s_per_m2=0"]),
-    "aggregation_search": (20, ["scenario.duration_s=20", "case=normal"]),
+    "aggregation_search": (20, ["duration_s=20", "case=normal"]),
 }
 """By experiment: seconds, and what makes its runs last so long."""
 
@@ -37,6 +38,15 @@ def arm(name: str, *sets: str, sheet: str = "sweep") -> Arm:
     """Return the only arm that *sets* leave of an experiment."""
     (found,) = load_experiment(EXPERIMENTS / name / f"{sheet}.yaml", sets).arms
     return found
+
+
+def scenario_of(one: Arm, seed: int = 1) -> Scenario:
+    """Return what an arm runs."""
+    if one.scenario is not None:
+        return one.scenario
+    if str(one.run).startswith(placing.__name__):
+        return placing.Parameters.model_validate(one.parameters).placed(seed)
+    return scaling.Parameters.model_validate(one.parameters).scaled()
 
 
 # ---------------------------------------------------------------- all of them
@@ -58,25 +68,21 @@ def test_every_arm_is_a_run_that_can_be_set_up_and_the_quick_sweep_is_smaller(pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", SWEEPS, ids=title)
-def test_an_arm_runs_as_long_as_it_may_and_returns_its_columns(path: Path):
+def test_an_arm_runs_as_long_as_it_may(path: Path):
     seconds, sets = TINY[path.parent.name]
     one = load_experiment(path, [*sets, "strategy=srp"], quick=True).arms[-1]
-    found = find_function(str(one.run), str(path))(one.parameters, 3)
-    assert set(found) == {column.name for column in searching.COLUMNS}
+    scenario = scenario_of(one, 3)
+    found = simulate(scenario, 3).metrics
     assert found["simulated_s"] == seconds
     assert found["search_time_min"] <= seconds / 60
-    assert (
-        0
-        < found["distance_m"]
-        <= seconds * sum(body["speed_mps"] * size for body, size in bodies(one.parameters["scenario"], one.labels))
-    )
+    assert 0 < found["distance_m"] <= seconds * sum(body.speed_mps for body in scenario.team.bodies)
 
 
-def bodies(scenario: dict[str, Any], labels: dict[str, Any]) -> list[tuple[dict[str, Any], int]]:
-    """Return body and number of each group; of scaling, where the number is an axis, that of the arm."""
-    numbers = [labels["sub_teams"], 2 * labels["sub_teams"]] if "sub_teams" in labels else None
-    groups = scenario["team"]["groups"]
-    return [(group["body"], numbers[at] if numbers else group["size"]) for at, group in enumerate(groups)]
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "name"), [(placing, "aggregation_laboratory"), (scaling, "aggregation_scaling")])
+def test_a_function_returns_its_columns(module: Any, name: str):
+    one = load_experiment(EXPERIMENTS / name / "sweep.yaml", TINY[name][1], quick=True).arms[0]
+    assert set(module.measure(one.parameters, 3)) == {column.name for column in module.COLUMNS}
 
 
 # ---------------------------------------------------------------- the laboratory
@@ -105,7 +111,15 @@ def test_all_robots_of_the_laboratory_are_in_contact_at_the_start():
 
 def test_a_distribution_is_a_number_behind_the_name_of_the_places():
     assert laboratory(1, distribution=3).protocol.parameters.target_place == "targets_3"
-    other = laboratory(1, distribution=3, choice={"protocol.parameters.target_place": "targets_b"})
+    other = scenario_of(
+        arm(
+            "aggregation_laboratory",
+            "choice=one target moves away",
+            "strategy=srp",
+            "distribution=3",
+            sheet="alternatives",
+        )
+    )
     assert other.protocol.parameters.target_place == "targets_b_3"
 
 
@@ -139,18 +153,14 @@ def test_a_floor_has_an_even_number_of_rooms_along_a_side():
             floors.floor(side_m)
 
 
-def scaled(**more: Any) -> Any:
-    one = arm("aggregation_scaling", "strategy=mrp", "side_m=150", "sub_teams=2")
-    return scaling.Parameters.model_validate({**one.parameters, **more}).chosen()
+def scaled(*sets: str, **more: Any) -> Any:
+    one = arm("aggregation_scaling", "strategy=mrp", "side_m=150", "sub_teams=2", *sets)
+    return scaling.Parameters.model_validate({**one.parameters, **more}).scaled()
 
 
 def test_what_grows_with_the_area_is_that_of_aggregation_search_where_the_area_is():
-    found, usual = (
-        scaled(sub_teams=3),
-        searching.Parameters.model_validate(
-            arm("aggregation_search", "strategy=mrp", "case=normal").parameters
-        ).chosen(),
-    )
+    found: Any = scaled(sub_teams=3)
+    usual: Any = scenario_of(arm("aggregation_search", "strategy=mrp", "case=normal"))
     for name in ("reconvene_s", "sync_s", "lost_s", "hosts", "camera_m"):
         assert getattr(found.protocol.parameters, name) == getattr(usual.protocol.parameters, name)
     assert [group.size for group in found.team.groups] == [group.size for group in usual.team.groups]
@@ -166,8 +176,8 @@ def test_runs_get_longer_with_the_area():
 def test_what_is_chosen_grows_with_the_area_as_the_usual_does():
     """Periods twice as long are so on every area, but never below 30 s; a host waits for slow searchers longer."""
     for side_m in floors.SIDES_M:
-        usual, slow = (scaled(side_m=side_m, choice=choice) for choice in ({}, {"team.groups[1].body.speed_mps": 0.5}))
-        later = scaled(side_m=side_m, choice={"protocol.parameters.reconvene_s": 300})
+        usual, slow = scaled(side_m=side_m), scaled("scenario.team.groups[1].body.speed_mps=0.5", side_m=side_m)
+        later = scaled("scenario.protocol.parameters.reconvene_s=300", side_m=side_m)
         reconvene_s, lost_s = 0.02 * side_m**2 / 2, 0.12 * side_m**2 / 2
         assert usual.protocol.parameters.reconvene_s == pytest.approx(max(30.0, reconvene_s))
         assert later.protocol.parameters.reconvene_s == pytest.approx(max(30.0, 2 * reconvene_s))
@@ -180,8 +190,7 @@ def test_what_is_chosen_grows_with_the_area_as_the_usual_does():
 
 
 def network(name: str) -> Any:
-    one = arm("aggregation_channels", "strategy=mi", f"network={name}")
-    return searching.Parameters.model_validate(one.parameters).chosen()
+    return scenario_of(arm("aggregation_channels", "strategy=mi", f"network={name}"))
 
 
 def test_networks_differ_in_their_radios_and_jammers_only():
@@ -212,8 +221,8 @@ def test_jammers_reach_every_place_where_hosts_may_be_and_only_the_short_radio_a
 def test_alternatives_are_of_the_runs_that_the_sweep_makes(name: str):
     sheets = [load_experiment(EXPERIMENTS / name / f"{sheet}.yaml") for sheet in ("sweep", "alternatives")]
     usual, other = (sheet.base for sheet in sheets)
-    assert usual["scenario"].pop("name") != other["scenario"].pop("name")
-    assert other.pop("choice") == {}
+    named = [base.get("scenario", base) for base in (usual, other)]
+    assert named[0].pop("name") != named[1].pop("name")
     assert other == usual
     known, chosen = ({axis.name: dict(axis.values) for axis in sheet.axes} for sheet in sheets)
     assert set(chosen) == {"choice", *known}
@@ -223,17 +232,15 @@ def test_alternatives_are_of_the_runs_that_the_sweep_makes(name: str):
 
 @pytest.mark.parametrize("name", TINY)
 def test_no_choice_is_what_the_sweep_has(name: str):
-    """The first of each choice's arms, made with the choice and without it."""
-    arms = {
-        one.labels["choice"]: one for one in reversed(load_experiment(EXPERIMENTS / name / "alternatives.yaml").arms)
-    }
-    model = {"aggregation_laboratory": placing, "aggregation_scaling": scaling}.get(name, searching).Parameters
-    assert len(arms) >= 2
-    for one in arms.values():
-        assert (
-            model.model_validate(one.parameters).chosen()
-            != model.model_validate(one.parameters | {"choice": {}}).chosen()
-        )
+    """The first of each choice's arms, and the arm that is left of it if nothing is chosen."""
+    path = EXPERIMENTS / name / "alternatives.yaml"
+    chosen, usual = (
+        {one.labels["choice"]: scenario_of(one) for one in reversed(load_experiment(path, sets).arms)}
+        for sets in ((), ("choice={}",))
+    )
+    (without,) = usual.values()
+    assert len(chosen) >= 2
+    assert without not in chosen.values()
 
 
 @pytest.mark.parametrize("name", ["aggregation_channels", "aggregation_scaling"])

@@ -116,7 +116,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def small(room: Path, *sets: str) -> Scenario:
-    starts = "choice={team.starts: [[1, 1], [1, 2]]}"
+    starts = "scenario.team.starts=[[1, 1], [1, 2]]"
     return chosen([f"scenario.floorplan.map={room}", "robots=2", starts, "scenario.duration_s=120", *sets])
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from cosim.experiment import load_experiment
 from cosim.protocol import Surroundings
 from cosim.units import MS
 from experiments.exploration_localization import figures
@@ -110,13 +111,10 @@ def test_waits_are_counted_by_how_they_end() -> None:
 
 
 def parameters(position: str, duration_s: float) -> dict[str, Any]:
-    sweep = yaml.safe_load((EXPERIMENT / "sweep.yaml").read_text(encoding="utf-8"))
-    given: dict[str, Any] = sweep["parameters"]
-    given["choice"] = sweep["sweep"]["position"]["values"][position]
-    given["scenario"]["duration_s"] = duration_s
-    given["scenario"]["floorplan"]["map"] = str(EXPERIMENT.parent / "floors" / "localize_corridor.yaml")
-    given["scenario"]["protocol"]["parameters"]["positioning"]["filter"]["particles"] = 3
-    return given
+    particles = "scenario.protocol.parameters.positioning.filter.particles=3"
+    sets = ("map=corridor", f"position='{position}'", f"scenario.duration_s={duration_s}", particles)
+    (arm,) = load_experiment(EXPERIMENT / "sweep.yaml", sets).arms
+    return arm.parameters
 
 
 @pytest.mark.slow
@@ -213,4 +211,4 @@ def test_the_sweep_has_the_arms_that_the_claims_are_about() -> None:
     assert set(sweep["map"]["values"]) == set(figures.MAPS)
     for tenths, name in figures.STOPS.items():
         chosen = sweep["position"]["values"][name]
-        assert chosen["protocol.parameters.positioning.control.stop_m"] == pytest.approx(tenths / 10)
+        assert chosen["scenario.protocol.parameters.positioning.control.stop_m"] == pytest.approx(tenths / 10)

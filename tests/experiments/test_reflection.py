@@ -14,7 +14,7 @@ from cosim.report.claims import judge, published_claims
 from cosim.report.sweep_report import Report, report
 from cosim.simulation import simulate
 from cosim.sweep import run_sweep
-from experiments.reflection import choices
+from experiments.reflection import reflecting
 from experiments.reflection_channels import figures as channels
 from experiments.reflection_noise import figures as noise
 from experiments.reflection_roles import figures as roles
@@ -264,24 +264,28 @@ def test_claims_are_judged_choice_by_choice_with_the_usual_runs_where_a_choice_m
 
 
 def test_a_choice_sets_what_it_names_and_nothing_else():
-    base = load_experiment(EXPERIMENTS / "reflection_tables" / "alternatives.yaml").base
-    usual = choices.Parameters.model_validate(base | {"floor": "second"})
-    assert usual.chosen().floorplan.map == "../floors/nested.yaml"
-    other = {"floors": {"second": "../floors/nested_wide.yaml"}, "set": {"protocol.parameters.trouble_limit": 15}}
-    changed = choices.Parameters.model_validate(base | {"floor": "second", "team": "smallest", "choice": other})
-    assert changed.chosen().floorplan.map == "../floors/nested_wide.yaml"
-    assert changed.chosen().team.size == 2  # of the potential field
-    plain: Any = changed.chosen().protocol.parameters
+    sets = ["algorithm=potential_field", "floor=second"]
+    usual, changed = (
+        reflecting.Parameters.model_validate(
+            load_experiment(EXPERIMENTS / "reflection_tables" / "alternatives.yaml", [*sets, *more]).arms[0].parameters
+        ).chosen()
+        for more in (
+            ["choice=as in the tables", "team=whole"],
+            ["choice='doors twice as wide, Cr 15'", "team=smallest"],
+        )
+    )
+    assert usual.floorplan.map == "../floors/nested.yaml"
+    assert changed.floorplan.map == "../floors/nested_wide.yaml"
+    assert (usual.team.size, changed.team.size) == (4, 2)  # of the potential field
+    plain: Any = changed.protocol.parameters
     assert plain.trouble_limit == 15
-    assert plain.model_copy(update={"trouble_limit": 30}) == usual.chosen().protocol.parameters
-    with pytest.raises(ValueError, match="trouble_limits"):
-        choices.Parameters.model_validate(base | {"choice": {"set": {"protocol.parameters.trouble_limits": 15}}})
+    assert plain.model_copy(update={"trouble_limit": 30}) == usual.protocol.parameters
 
 
 def test_no_run_is_made_of_an_algorithm_that_a_choice_does_not_concern():
     base = load_experiment(EXPERIMENTS / "reflection_tables" / "alternatives.yaml").base
-    told = choices.measure(base | {"choice": {"concerns": ["visbug"]}}, 1)  # the base is the potential field's
-    assert set(told) == {column.name for column in choices.COLUMNS}
+    told = reflecting.measure(base | {"concerns": ["visbug"]}, 1)  # the base is the potential field's
+    assert set(told) == {column.name for column in reflecting.COLUMNS}
     assert all(math.isnan(value) for value in told.values())
 
 
@@ -289,7 +293,7 @@ def test_no_run_is_made_of_an_algorithm_that_a_choice_does_not_concern():
 def test_a_run_with_nothing_chosen_is_the_run_of_the_scenario():
     sets = ["targets=2", "algorithm=visbug"]
     base = load_experiment(EXPERIMENTS / "reflection_tables" / "alternatives.yaml", sets).arms[0].parameters
-    told = choices.measure(base | {"team": "whole"}, 1)
+    told = reflecting.measure(base | {"team": "whole"}, 1)
     sets = ["floor=first", "robots=4", "algorithm=visbug", "targets=2"]
     arm = load_experiment(EXPERIMENTS / "reflection_tables" / "sweep.yaml", sets).arms[0]
     assert arm.scenario is not None
@@ -336,7 +340,7 @@ def test_every_arm_is_valid(name: str, arms: int, quick: int):
 
 def test_over_bluetooth_robots_make_links():
     arms = load_experiment(EXPERIMENTS / "reflection_channels" / "sweep.yaml", ["floor=first"]).arms
-    chosen = {arm.labels["link"]: choices.Parameters.model_validate(arm.parameters).chosen() for arm in arms}
+    chosen = {arm.labels["link"]: reflecting.Parameters.model_validate(arm.parameters).chosen() for arm in arms}
     for link, scenario in chosen.items():
         parameters: Any = scenario.protocol.parameters
         assert parameters.links is (scenario.channel.kind == "bluetooth") is str(link).startswith("Bluetooth")

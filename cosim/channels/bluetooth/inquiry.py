@@ -22,6 +22,7 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from cosim.channels.bluetooth.bits.errors import HEADER
+from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import (
     GIAC,
     NARROW,
@@ -341,3 +342,12 @@ class Inquiry:
     def _complete(self) -> None:
         self.cancel()
         self._on_complete(tuple(self.found))
+
+
+def known_offset(inquirer: NativeClock, scanner: NativeClock, now: Time) -> int:
+    """Return how far *scanner* is ahead of *inquirer* in ticks, as an inquiry at *now* would report it to a host.
+
+    An FHS carries bits 27-2 of a clock, so the offset is a multiple of 4.
+    """
+    first = first_transmission(inquirer, now)
+    return ((scanner.tick(inquirer.time_of(first)) - first) & ~3) % CLOCK_RANGE

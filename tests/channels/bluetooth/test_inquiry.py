@@ -5,7 +5,13 @@ import pytest
 
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import train_phase
-from cosim.channels.bluetooth.inquiry import Inquiry, InquiryScanner, InquiryScanSettings, InquirySettings
+from cosim.channels.bluetooth.inquiry import (
+    Inquiry,
+    InquiryScanner,
+    InquiryScanSettings,
+    InquirySettings,
+    known_offset,
+)
 from cosim.channels.bluetooth.radio import Heard, Identity, Radio
 from cosim.errors import LocalProtocolError
 from cosim.kernel import WAKE
@@ -353,6 +359,21 @@ def test_the_reported_estimate_is_the_scanners_clock_to_four_ticks():
         assert 0 <= estimate < 1 << 28
         error = (field.clock.tick(time) + estimate - clock.tick(time) + (1 << 27)) % (1 << 28) - (1 << 27)
         assert abs(error) <= 4
+
+
+def test_what_an_inquiry_would_have_reported_is_what_one_reports():
+    for case in range(30):
+        rng = np.random.default_rng([4, case])
+        field = InquiryField(random_clock(rng))
+        clock = random_clock(rng)
+        field.scanner(clock)
+        field.inquire(ticks=16384)
+        field.kernel.run(6 * S)
+        time, estimate = field.found[1]
+        known = known_offset(field.clock, clock, time)
+        assert known % 4 == 0
+        assert 0 <= known < 1 << 28
+        assert (known - estimate) % (1 << 28) in (0, 4, (1 << 28) - 4)  # bits 27-2 of each clock, at other instants
 
 
 @pytest.mark.parametrize("ticks", [0, -4, 30])

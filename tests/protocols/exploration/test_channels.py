@@ -28,7 +28,7 @@ def test_every_network_is_claimed_and_swept_and_has_its_radio() -> None:
     found = arms("map=office", "robots=4")
     assert tuple(found) == figures.NETWORKS
     for network, arm in found.items():
-        scenario = exploring.Parameters.model_validate(arm.parameters).chosen()
+        scenario = exploring.Parameters.model_validate(arm.parameters).scenario
         own: Any = scenario.protocol.parameters
         channel: Any = scenario.channel
         assert channel.kind == (network if network in ("adhoc", "bluetooth") else "ideal")

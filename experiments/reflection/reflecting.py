@@ -1,8 +1,7 @@
-"""A run of goal reflection with some of its settings chosen otherwise: several at once, under one name.
+"""A run of goal reflection on one of two floors, by the whole team or by the smallest that the paper has numbers for.
 
-An axis of a sweep changes one setting. What the paper leaves open often takes several (gains), or something else on
-each floor (doors), or concerns one algorithm only (Cr); what a message travels over takes the channel and the rule by
-which robots make links. So an axis gives a choice, and :func:`measure` makes the run that it describes.
+What the paper leaves open may be something else on each floor (doors), or concern one algorithm only (Cr): such runs of
+other algorithms are not made.
 """
 
 import math
@@ -15,7 +14,7 @@ from pydantic import Field, model_validator
 from cosim.errors import UserError
 from cosim.experiment import experiment_function
 from cosim.scenario import Scenario, changed
-from cosim.settings import Count, PlainData, Settings
+from cosim.settings import Count, Settings
 from cosim.simulation import simulate
 from cosim.trace import Field as Column
 
@@ -48,20 +47,10 @@ _AS_THEY_ARE: Final = (
 )
 
 
-class Choice(Settings):
-    """What is chosen otherwise than in the scenario."""
-
-    set: dict[str, PlainData] = Field(default_factory=dict, description="settings of the scenario by their paths")
-    floors: dict[Floor, str] = Field(default_factory=dict, description="other maps for some floors")
-    concerns: tuple[Algorithm, ...] | None = Field(
-        default=None, description="the algorithms that it makes a difference for; all, if not given"
-    )
-
-
 class Parameters(Settings):
-    """A run of goal reflection, and what is chosen in it."""
+    """A run of goal reflection, its floor and its team."""
 
-    scenario: Scenario = Field(description="the run before anything is chosen")
+    scenario: Scenario = Field(description="the run, but for floor and team")
     floors: dict[Floor, str] = Field(description="the map of each floor")
     floor: Floor = Field(default="first", description="which of them")
     smallest: dict[Algorithm, Count] = Field(
@@ -70,7 +59,9 @@ class Parameters(Settings):
     team: Literal["whole", "smallest"] = Field(
         default="whole", description="as many robots as the scenario says, or the smallest team"
     )
-    choice: Choice = Field(default=Choice(), description="what is chosen otherwise")
+    concerns: tuple[Algorithm, ...] | None = Field(
+        default=None, description="the algorithms that the arm is of interest for; all, if not given"
+    )
 
     @model_validator(mode="after")
     def _makes_a_scenario(self) -> "Parameters":
@@ -87,26 +78,21 @@ class Parameters(Settings):
         return found
 
     def chosen(self) -> Scenario:
-        """Return the scenario with all that is chosen; raise UserError for a setting that it does not have."""
-        changes: dict[str, Any] = {"floorplan.map": (self.floors | self.choice.floors)[self.floor]} | self.choice.set
+        """Return the scenario with floor and team; raise UserError if there can be no such run."""
+        changes: dict[str, Any] = {"floorplan.map": self.floors[self.floor]}
         if self.team == "smallest":
             changes["team.size"] = self.smallest.get(self.algorithm, 1)
-        return changed(self.scenario, changes, "choice", Path(__file__).parent)
-
-
-def steps_with_target(metrics: Mapping[str, float]) -> float:
-    """Return the motion steps that robots have made while they had a target, by their own count."""
-    return sum(steps for name, steps in metrics.items() if name.startswith("steps_to_"))
+        return changed(self.scenario, changes, "floor and team", Path(__file__).parent)
 
 
 @experiment_function
 def measure(parameters: Mapping[str, Any], seed: int) -> dict[str, float]:
-    """Make the run and return ``COLUMNS``; all are NaN, and no run is made, if the choice does not concern it.
+    """Make the run and return ``COLUMNS``; all are NaN, and no run is made, if the arm does not concern it.
 
     Raise UserError for a run that cannot be set up.
     """
     given = Parameters.model_validate(parameters)
-    if given.choice.concerns is not None and given.algorithm not in given.choice.concerns:
+    if given.concerns is not None and given.algorithm not in given.concerns:
         return {column.name: math.nan for column in COLUMNS}
     scenario = given.chosen()
     metrics = simulate(scenario, seed).metrics
