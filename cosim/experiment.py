@@ -64,6 +64,9 @@ class AxisSettings(Settings):
         description="the setting that the axis changes; if not given, each value is several, by their paths",
     )
     values: PlainData = Field(description="a list of values, or a mapping of names to values")
+    titles: dict[Label, str] = Field(
+        default_factory=dict, description="what a figures.py calls them, by value or name, if not by that"
+    )
 
     @field_validator("values")
     @classmethod
@@ -197,6 +200,20 @@ def find_beside(text: str, name: str | None) -> Path:
         return path
     beside = path.with_name(name)
     return beside if beside.is_file() else path
+
+
+def axis_titles(folder: Path) -> dict[str, dict[Any, str]]:
+    """Return what figures call the values of each axis of the sweep.yaml in *folder*, by the column of the axis.
+
+    Values without a title are called by their names. Both are in the order of the sweep.
+    """
+    path = folder / "sweep.yaml"
+    settings = validated(ExperimentSettings, read_yaml(path), str(path))
+    columns = _columns(settings.sweep, str(path))
+    return {
+        columns[key]: {label: axis.titles.get(label, str(label)) for label in axis.values}
+        for key, axis in settings.sweep.items()
+    }
 
 
 def is_experiment(plain: Mapping[str, Any]) -> bool:

@@ -12,6 +12,7 @@ from cosim.documents import read_yaml
 from cosim.errors import UserError
 from cosim.experiment import (
     Experiment,
+    axis_titles,
     base_scenario,
     experiment_folders,
     find_beside,
@@ -23,7 +24,7 @@ from cosim.experiment import (
 from tests.checkout import DATA
 
 SCENARIO = {"duration_s": 5, "protocol": {"use": "beacon:SPEC"}}
-SWEEP = {
+SWEEP: dict[str, Any] = {
     "scenario": SCENARIO,
     "sweep": {
         "team.size": [2, 4],
@@ -355,3 +356,12 @@ def test_parameters_of_a_function_have_their_defaults_so_that_axes_may_name_them
         "adhoc",
         5,
     )
+
+
+def test_figures_call_the_values_of_an_axis_by_their_titles(folder: Path):
+    size = {"path": "team.size", "values": [2, 4], "titles": {4: "four"}}
+    titled = SWEEP["sweep"]["radio"] | {"titles": {"far": "far off"}}
+    plain = load_experiment(written(SWEEP))
+    named = load_experiment(written(SWEEP | {"sweep": {"size": size, "radio": titled}}))
+    assert axis_titles(folder) == {"size": {2: "2", 4: "four"}, "radio": {"near": "near", "far": "far off"}}
+    assert [arm.configuration for arm in named.arms] == [arm.configuration for arm in plain.arms]  # the same runs

@@ -5,7 +5,8 @@
 (``figures_module``).
 
 The other modules are for such a figures.py. ``estimates`` has means with confidence intervals. ``comparison`` has
-paired tests between a sweep's arms, which answer a claim. ``drawing`` has the usual figures, and parts of others.
+paired tests between a sweep's arms, which answer a claim. ``drawing`` has the usual figures, and parts of others;
+``cosim.experiment.axis_titles`` what figures call the values of axes.
 
 ``by_choice`` judges the claims once for each value of an axis ``choice``:
 ``python -P -m cosim.report.by_choice RESULTS``.

@@ -280,6 +280,16 @@ def _exceeds(share: Limits, least: float) -> bool | None:
     return share.lower > least if enough or share.upper < least else None
 
 
+def never(runs: pd.DataFrame, arms: Sequence[Arm], metric: str, label: str = "", unit: str = "") -> Answer:
+    """Answer whether *metric*, a count, is 0 in every run of all *arms*: a single run refutes it."""
+    found = [by_replicate(runs, arm, metric) for arm in arms]
+    if not found or any(part.empty for part in found):
+        return NO_DATA
+    every = pd.concat(found)
+    words = f"{label} {every.mean():.3g} {unit}".strip()
+    return f"{words} a run, in {int((every > 0).sum())} of {len(every)}", not every.any()
+
+
 # ---------------------------------------------------------------- words of an answer
 
 

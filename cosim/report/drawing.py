@@ -22,6 +22,10 @@ OFFSET = 0.06
 """Distance between the points of neighbouring lines, in steps of the axis."""
 MOST_LABELS = 4
 """Largest number of names that stand side by side below a figure; more are turned upright."""
+BAND = (25, 75)
+"""Percentiles of the band about a median over time."""
+INSTANTS = 200
+"""Number of times at which it is drawn."""
 
 
 def draw(
@@ -118,6 +122,72 @@ def draw_panels(
     legend_outside(figure, plots)
     figure.savefig(path, dpi=120)
     return [path]
+
+
+def share_over_time(run: "pd.Series[Any]", known: Mapping[str, float], end: tuple[str, str], at_s: Floats) -> Floats:
+    """Return the share of something that was done at the times *at_s* (n,) of one *run*, a row of the results.
+
+    *known* are the shares by the columns that hold when they were done, ascending; *end* the columns of when the run
+    ended and of the share that was done then. In between it grows evenly; from the run's end on it stays as it was.
+    """
+    points = [(float(run[name]), share) for name, share in known.items() if not np.isnan(run[name])]
+    last = float(run[end[0]]), float(run[end[1]])
+    times, shares = zip((0.0, 0.0), *points, last, strict=True)
+    found: Floats = np.interp(at_s, times, shares)
+    return found
+
+
+def draw_shares(
+    runs: pd.DataFrame,
+    path: Path,
+    shares: tuple[str, Mapping[str, float], tuple[str, str]],
+    lines: Named,
+    panels: Named,
+    rows: Named,
+) -> list[Path]:
+    """Draw a share over time into the file *path*: the median of the runs, and the band of their middle half.
+
+    *shares* is (label, known, end), as :func:`share_over_time` has them. There is a panel for each value of *panels*, a
+    row of them for each value of *rows*, and a line for each value of *lines*; values that *runs* do not have are left
+    out. Return the path, or nothing if there is nothing to draw.
+    """
+    (label, known, end), (axis, titles), (row_axis, row_titles) = shares, panels, rows
+    if runs.empty or not {*known, *end, axis, row_axis, lines[0]} <= set(runs):
+        return []
+    across = [each for each in titles if each in set(runs[axis])]
+    down = [each for each in row_titles if each in set(runs[row_axis])]
+    if not across or not down:
+        return []
+    figure = Figure(figsize=(4.0 * len(across) + 2.0, 3.0 * len(down) + 0.6), layout="constrained")
+    plots = figure.subplots(len(down), len(across), squeeze=False, sharey=True)
+    for row, below in zip(plots, down, strict=True):
+        for plot, beside in zip(row, across, strict=True):
+            _curves(plot, runs[(runs[axis] == beside) & (runs[row_axis] == below)], known, end, lines)
+            plot.set_title(f"{titles[beside]}, {row_titles[below]}", fontsize="medium")
+        row[0].set_ylabel(label)
+    for plot in plots[-1]:
+        plot.set_xlabel("time, s")
+    legend_outside(figure, plots.flat)
+    figure.savefig(path, dpi=120)
+    return [path]
+
+
+def _curves(plot: Any, runs: pd.DataFrame, known: Mapping[str, float], end: tuple[str, str], lines: Named) -> None:
+    """Draw the lines of one panel, until all runs in it have come to the last of the *known* shares or have ended."""
+    if runs.empty:
+        return
+    (axis, names), last = lines, list(known)[-1]
+    at_s = np.linspace(0.0, float(runs[last].fillna(runs[end[0]]).max()), INSTANTS)
+    for rank, (value, title) in enumerate(names.items()):
+        part = runs[runs[axis] == value]
+        if part.empty:
+            continue
+        curves = np.array([share_over_time(run, known, end, at_s) for _, run in part.iterrows()])
+        low, high = np.percentile(curves, BAND, axis=0)
+        plot.plot(at_s, np.median(curves, axis=0), color=f"C{rank}", label=title)
+        plot.fill_between(at_s, low, high, color=f"C{rank}", alpha=0.2, linewidth=0)
+    plot.set(xlim=(0, at_s[-1]), ylim=(0, 1.02))
+    plot.grid(alpha=0.3)
 
 
 def legend_outside(figure: Any, plots: Iterable[Any]) -> None:

@@ -13,6 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from cosim.arrays import Floats
+from cosim.experiment import axis_titles
 from cosim.report.comparison import (
     NO_DATA,
     Answer,
@@ -21,13 +22,27 @@ from cosim.report.comparison import (
     bootstrap_limits,
     by_replicate,
     confidence_limits,
+    less,
     mostly,
     paired,
     spread_of_means,
 )
 from cosim.report.estimates import estimate, estimates
-from experiments.aggregation.claims import NAMES, OURS, TIME, UNITS, less
 
+TIME: Final = "search_time_min"
+"""A search that finds no end counts with the cap, as in the paper: a lower bound of what it would have taken."""
+NAMES: Final = axis_titles(Path(__file__).parent)["strategy"]
+"""Names of the strategies in figures and answers."""
+OURS: Final = ("srp", "mrp", "mi")
+"""The strategies that the paper compares with each other."""
+UNITS: Final = {
+    "distance_m": "m",
+    "distance_after_m": "m",
+    "payload_bytes": "bytes",
+    "frames": "frames",
+    "energy_j": "J",
+}
+"""Units of what strategies cost, in answers."""
 CASES: Final = ("normal", "out_of_range", "failed")
 FAULTS: Final = CASES[1:]
 STRATEGIES: Final = ("srp", "mrp", "mi", "mito")
@@ -52,7 +67,9 @@ def _arm(strategy: str, case: str) -> Arm:
 
 def fastest(case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has a lower mean search time than SRP and than MRP."""
-    return less(runs, [(f"{NAMES[other]}:", _arm("mi", case), _arm(other, case)) for other in ("srp", "mrp")])
+    return less(
+        runs, [(f"{NAMES[other]}:", _arm("mi", case), _arm(other, case)) for other in ("srp", "mrp")], TIME, unit="min"
+    )
 
 
 def consistent(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -90,27 +107,27 @@ def _least(runs: pd.DataFrame, cases: list[str], statistic: Any) -> Answer:
 
 def slower_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a higher mean search time than SRP."""
-    return less(runs, [(f"SRP against {NAMES[strategy]}:", _arm("srp", case), _arm(strategy, case))])
+    return less(runs, [(f"SRP against {NAMES[strategy]}:", _arm("srp", case), _arm(strategy, case))], TIME, unit="min")
 
 
 def faster_than_srp(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than SRP."""
-    return less(runs, [("", _arm(strategy, case), _arm("srp", case))])
+    return less(runs, [("", _arm(strategy, case), _arm("srp", case))], TIME, unit="min")
 
 
 def rejoins_later(runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether the searchers of a failed host take longer to join another team with MRP than with SRP."""
-    return less(runs, [("SRP against MRP:", _arm("srp", "failed"), _arm("mrp", "failed"))], "rejoin_time_s")
+    return less(runs, [("SRP against MRP:", _arm("srp", "failed"), _arm("mrp", "failed"))], "rejoin_time_s", unit="s")
 
 
 def faster_than_random(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a strategy has a lower mean search time than random search."""
-    return less(runs, [("", _arm(strategy, case), _arm("random", case))])
+    return less(runs, [("", _arm(strategy, case), _arm("random", case))], TIME, unit="min")
 
 
 def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a fault costs less time than writing the sub-team off would, and searches still come to an end."""
-    slower, bearable = less(runs, [("", _arm(strategy, case), _arm(strategy, "normal"))], factor=WRITTEN_OFF)
+    slower, bearable = less(runs, [("", _arm(strategy, case), _arm(strategy, "normal"))], TIME, WRITTEN_OFF, "min")
     ends, in_time = mostly(runs, [("", _arm(strategy, case))], IN_TIME)
     if "-" in (slower, ends):
         return NO_DATA
@@ -120,17 +137,17 @@ def robust(strategy: str, case: str, runs: pd.DataFrame, observations: pd.DataFr
 
 def says_more(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has more of *metric* than MRP."""
-    return less(runs, [("MRP against MI:", _arm("mrp", case), _arm("mi", case))], metric)
+    return less(runs, [("MRP against MI:", _arm("mrp", case), _arm("mi", case))], metric, unit=UNITS[metric])
 
 
 def needs_less(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MI has less of *metric* than MRP."""
-    return less(runs, [("MI against MRP:", _arm("mi", case), _arm("mrp", case))], metric)
+    return less(runs, [("MI against MRP:", _arm("mi", case), _arm("mrp", case))], metric, unit=UNITS[metric])
 
 
 def spares(metric: str, case: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether MITO has less of *metric* than MI."""
-    return less(runs, [("MITO against MI:", _arm("mito", case), _arm("mi", case))], metric)
+    return less(runs, [("MITO against MI:", _arm("mito", case), _arm("mi", case))], metric, unit=UNITS[metric])
 
 
 def motion_dominates(strategy: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -140,7 +157,7 @@ def motion_dominates(strategy: str, runs: pd.DataFrame, observations: pd.DataFra
     both = pd.concat([motion, radio], axis=1, join="inner", keys=range(2)).dropna()
     if both.empty:
         return NO_DATA
-    return against(both, UNITS["motion_j"]), confidence_limits(both[0] - MUCH * both[1]).exceeds(0)
+    return against(both, "J"), confidence_limits(both[0] - MUCH * both[1]).exceeds(0)
 
 
 # ---------------------------------------------------------------- tables and figures

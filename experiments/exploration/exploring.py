@@ -25,6 +25,12 @@ from protocols.exploration.spec import METRICS
 TENTHS: Final = tuple(tenth / 10 for tenth in range(1, 10))
 """Shares of what can be seen whose times give the curve of coverage over time."""
 _SEEN: Final = {f"seen_{round(100 * share)}_s": share for share in TENTHS}
+COVERAGE: Final = (
+    "share of what can be seen",
+    _SEEN | {"time_95_s": 0.95, "time_99_s": 0.99},
+    ("simulated_s", "coverage"),
+)
+"""Coverage over time, as :func:`cosim.report.drawing.draw_shares` wants it."""
 ENDED: Final = (
     Column("until_95_s", "float", "s", "until 95 % had been seen; the longest run if it never was"),
     Column("reached", "float", "1", "1 if it was, else 0"),

@@ -6,11 +6,20 @@ from typing import Final
 
 import pandas as pd
 
-from cosim.report.comparison import Answer, Arm, mostly
-from cosim.report.drawing import draw_panels
-from experiments.exploration.claims import IN_TIME, MUCH, PANELS, SLIGHT, TIME, sooner_than
+from cosim.experiment import axis_titles
+from cosim.report.comparison import Answer, Arm, less_censored, mostly
+from cosim.report.drawing import Named, draw_panels
 
-FLOORS: Final = ("corridor", "office")
+TIME: Final = "until_95_s"
+"""The time until 95 % had been seen; of a run that never came so far the longest, a lower bound."""
+MAPS: Final = axis_titles(Path(__file__).parent)["map"]
+PANELS: Final[Named] = ("map", MAPS)
+MUCH: Final = 0.75
+"""Share of one robot's time below which a team is much quicker."""
+SLIGHT: Final = 1.1
+"""Factor below which a longer exploration costs little."""
+IN_TIME: Final = 0.7
+"""Share of the runs that must come to 99 % for a floor to count as explored; 9 of 9 show it."""
 NETWORKS: Final = ("shared", "ideal", "near", "adhoc", "bluetooth")
 MANY: Final = 4
 LINES: Final = {1: "1 robot", MANY: f"{MANY} robots"}
@@ -27,12 +36,12 @@ def _arm(floor: str, network: str, robots: int = MANY) -> Arm:
 
 def faster(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a team needs less than ``MUCH`` of a single robot's time."""
-    return sooner_than(runs, [("", _arm(floor, network), _arm(floor, network, 1))], MUCH)
+    return less_censored(runs, [("", _arm(floor, network), _arm(floor, network, 1))], TIME, MUCH)
 
 
 def costs_little(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether merging maps by messages makes the exploration less than ``SLIGHT`` longer."""
-    return sooner_than(runs, [("", _arm(floor, network), _arm(floor, "shared"))], SLIGHT)
+    return less_censored(runs, [("", _arm(floor, network), _arm(floor, "shared"))], TIME, SLIGHT)
 
 
 def covers(floor: str, network: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -53,6 +62,6 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
 # ---------------------------------------------------------------- the tests that published.csv names
 
 globals().update(
-    {f"{t.__name__}_{floor}_{n}": partial(t, floor, n) for t in (faster, covers) for floor in FLOORS for n in NETWORKS}
+    {f"{t.__name__}_{floor}_{n}": partial(t, floor, n) for t in (faster, covers) for floor in MAPS for n in NETWORKS}
 )
-globals().update({f"costs_little_{f}_{n}": partial(costs_little, f, n) for f in FLOORS for n in NETWORKS[1:]})
+globals().update({f"costs_little_{f}_{n}": partial(costs_little, f, n) for f in MAPS for n in NETWORKS[1:]})

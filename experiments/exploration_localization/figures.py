@@ -9,12 +9,16 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.report.comparison import NO_DATA, Answer, Arm, Pair, above, by_replicate, less_censored, mostly
+from cosim.experiment import axis_titles
+from cosim.report.comparison import NO_DATA, Answer, Arm, Pair, above, by_replicate, less_censored, mostly, never
 from cosim.report.drawing import legend_outside
-from experiments.exploration.claims import IN_TIME, sooner_than, untouched
 from experiments.exploration_localization.mapping import TIMES_S
 
-MAPS: Final = {"corridor": "corridor with rooms", "office": "office"}
+TIME: Final = "until_95_s"
+"""The time until 95 % had been seen; of a run that never came so far the longest, a lower bound."""
+IN_TIME: Final = 0.7
+"""Share of the runs that must come to 99 % for a floor to count as explored; 9 of 9 show it."""
+MAPS: Final = axis_titles(Path(__file__).parent)["map"]
 TRUE: Final = "true"
 ODOMETRY: Final = "odometry"
 CONSTANT: Final = "constant speed"
@@ -60,12 +64,12 @@ def places(floor: str, stop: int, runs: pd.DataFrame, observations: pd.DataFrame
 
 def costs(floor: str, stop: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a constant speed explores sooner."""
-    return sooner_than(runs, [("", _arm(floor, CONSTANT), _arm(floor, STOPS[stop]))])
+    return less_censored(runs, [("", _arm(floor, CONSTANT), _arm(floor, STOPS[stop]))], TIME)
 
 
 def stricter_slower(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a threshold of a cell takes longer than one of four."""
-    return sooner_than(runs, [("", _arm(floor, STOPS[4]), _arm(floor, STOPS[1]))])
+    return less_censored(runs, [("", _arm(floor, STOPS[4]), _arm(floor, STOPS[1]))], TIME)
 
 
 def stricter_truer(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -84,7 +88,7 @@ def undisrupted(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> A
     """Answer whether the floor is still covered with the filter's speeds, and no robot held up."""
     arms = [(f"{stop}:", _arm(floor, stop)) for stop in STOPS.values()]
     covered, all_covered = mostly(runs, arms, IN_TIME)
-    touched, free = untouched(runs, [arm for _, arm in arms])
+    touched, free = never(runs, [arm for _, arm in arms], "blocked_ticks", "held up in", "ticks")
     if free is None or covered == NO_DATA[0]:
         return NO_DATA
     holds = False if free is False or all_covered is False else all_covered

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from cosim.experiment import axis_titles
 from cosim.report.comparison import (
     NO_DATA,
     Answer,
@@ -18,17 +19,26 @@ from cosim.report.comparison import (
     above,
     by_replicate,
     confidence_limits,
+    less_censored,
     levels,
     more,
     mostly,
+    never,
     paired,
     slopes,
 )
-from cosim.report.drawing import draw_panels
-from experiments.exploration.claims import IN_TIME, MAPS, MUCH, PANELS, TIME_LABEL, sooner_than, untouched
-from experiments.exploration.curves import coverage_over_time
+from cosim.report.drawing import Named, draw_panels, draw_shares
+from experiments.exploration.exploring import COVERAGE
 from experiments.exploration_teams.growing import chosen, draw_growth, draw_ways, watch
 
+TIME: Final = "until_95_s"
+"""The time until 95 % had been seen; of a run that never came so far the longest, a lower bound."""
+MAPS: Final = axis_titles(Path(__file__).parent)["map"]
+PANELS: Final[Named] = ("map", MAPS)
+MUCH: Final = 0.75
+"""Share of one robot's time below which a team is much quicker."""
+IN_TIME: Final = 0.7
+"""Share of the runs that must come to 99 % for a floor to count as explored; 9 of 9 show it."""
 NAMES: Final = {
     "schemas": "motor schemas (the paper)",
     "nearest": "nearest frontier",
@@ -49,7 +59,7 @@ def _arm(floor: str, robots: int, algorithm: str = "schemas") -> Arm:
 
 def faster(floor: str, robots: int, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a team needs less than ``MUCH`` of a single robot's time."""
-    return sooner_than(runs, [("", _arm(floor, robots), _arm(floor, 1))], MUCH)
+    return less_censored(runs, [("", _arm(floor, robots), _arm(floor, 1))], TIME, MUCH)
 
 
 def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -59,12 +69,12 @@ def covers(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer
 
 def touches_nothing(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether no robot was held up in any run, with the layer of the sensors' own."""
-    return untouched(runs, [_arm(floor, n) for n in levels(runs, "robots")])
+    return never(runs, [_arm(floor, n) for n in levels(runs, "robots")], "blocked_ticks", "held up in", "ticks")
 
 
 def greedy(floor: str, rival: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
     """Answer whether a rival needs less time than the schemas, with four and with eight robots."""
-    return sooner_than(runs, [(f"{n} robots:", _arm(floor, n, rival), _arm(floor, n)) for n in LARGE])
+    return less_censored(runs, [(f"{n} robots:", _arm(floor, n, rival), _arm(floor, n)) for n in LARGE], TIME)
 
 
 def parts(floor: str, runs: pd.DataFrame, observations: pd.DataFrame) -> Answer:
@@ -109,10 +119,11 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
     """
     sizes, lines = ("robots", levels(runs, "robots")), ("algorithm", NAMES)
     twice = ("covered_twice", "share covered twice")
+    rows = ("robots", {1: "1 robot"} | {n: f"{n} robots" for n in LARGE})
     return [
-        *draw_panels(runs, folder / "time_by_size.png", TIME_LABEL, sizes, lines, PANELS),
+        *draw_panels(runs, folder / "time_by_size.png", (TIME, "time to 95 %, s"), sizes, lines, PANELS),
         *draw_panels(runs, folder / "twice_by_size.png", twice, sizes, lines, PANELS),
-        *coverage_over_time(runs, folder, "coverage_over_time.png", (1, *LARGE), lines),
+        *draw_shares(runs, folder / "coverage_over_time.png", COVERAGE, lines, PANELS, rows),
         *_from_above(runs, folder),
     ]
 

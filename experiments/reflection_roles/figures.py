@@ -12,11 +12,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from cosim.experiment import axis_titles
 from cosim.report.comparison import Answer, Arm, confidence_limits, saves, saving, saving_text
 from cosim.report.drawing import legend_outside, limit_ordinate
 from cosim.report.estimates import estimate, estimates
-from experiments.reflection.tables import ALGORITHMS, NAMES, STEPS
 
+STEPS: Final = "steps"
+ALGORITHMS: Final = axis_titles(Path(__file__).parent)["algorithm"]
 TEAM: Final = 4
 """Size of the teams in which dedicated helpers are compared with explorers."""
 AXES: Final = ("algorithm", "explorers", "helpers")
@@ -82,7 +84,7 @@ def draw(runs: pd.DataFrame, observations: pd.DataFrame, folder: Path) -> list[P
             halves = np.nan_to_num([value.half for value in points["steps"]])
             label = f"{explorers} explorer{'s' if explorers != 1 else ''}"
             plot.errorbar(points["helpers"], means, yerr=halves, marker="o", capsize=3, label=label)
-        plot.set(title=NAMES[name], xlabel="helpers", ylabel="motion steps a target")
+        plot.set(title=ALGORITHMS[name], xlabel="helpers", ylabel="motion steps a target")
         plot.set_xticks(sorted(runs["helpers"].unique()))
         limit_ordinate(plot, list(runs[runs["algorithm"] == name].groupby(["explorers", "helpers"])["steps"].mean()))
         plot.grid(alpha=0.3)

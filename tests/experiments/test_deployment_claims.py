@@ -1,6 +1,5 @@
 """The tests that the published.csv of the deployments of paper 004 name hold, fail and stay open."""
 
-import csv
 import math
 from collections.abc import Callable
 from itertools import product
@@ -11,6 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from cosim.report.claims import Verdict, judge, published_claims
 from experiments.deployment.deploying import lead_s, left
 from experiments.deployment_strategies import figures as strategies
 from experiments.deployment_wean import figures as wean
@@ -21,17 +21,13 @@ NONE = pd.DataFrame()
 REPLICATES = 12
 MOST = 8
 EXACT = ("deployed", "stages", "collisions", "wall_contacts", *(f"moving_{n}" for n in range(1, MOST + 1)))
-DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "touches_nothing")
+DECIDED_BY_ONE = ("moving", "four_to_b", "ahead", "equal")
 """Where every single run decides, one is enough."""
 Row = dict[str, Any]
 
 
-def claims(name: str) -> list[dict[str, str]]:
-    with (EXPERIMENTS / name / "published.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-ROWS = [(name, row["test"]) for name in MODULES for row in claims(name)]
+CLAIMS = {name: {claim.id: claim for claim in published_claims(EXPERIMENTS / name)} for name in MODULES}
+ROWS = [(name, claim) for name, claims in CLAIMS.items() for claim in claims]
 
 
 def sweep(axes: dict[str, tuple[Any, ...]], row: Callable[[Row], Row], replicates: int) -> pd.DataFrame:
@@ -100,29 +96,27 @@ def runs_of(name: str, sign: int, replicates: int) -> pd.DataFrame:
     return found
 
 
-def answer(name: str, test: str, sign: int, replicates: int = REPLICATES * 3) -> tuple[str, bool | None]:
-    found: tuple[str, bool | None] = getattr(MODULES[name], test)(runs_of(name, sign, replicates), NONE)
-    return found
+def judged(name: str, claim: str, sign: int, replicates: int = REPLICATES * 3) -> Verdict:
+    return judge(CLAIMS[name][claim], runs_of(name, sign, replicates), NONE, MODULES[name])
 
 
-@pytest.mark.parametrize(("name", "test"), ROWS)
-def test_a_claim_holds_where_the_paper_is_right(name: str, test: str) -> None:
-    words, holds = answer(name, test, 1)
-    assert holds is True, words
+@pytest.mark.parametrize(("name", "claim"), ROWS)
+def test_a_claim_holds_where_the_paper_is_right(name: str, claim: str) -> None:
+    found = judged(name, claim, 1)
+    assert found.verdict == "holds", found.ours
 
 
-@pytest.mark.parametrize(("name", "test"), ROWS)
-def test_a_claim_fails_where_the_paper_is_wrong(name: str, test: str) -> None:
-    words, holds = answer(name, test, -1)
-    assert holds is False, words
+@pytest.mark.parametrize(("name", "claim"), ROWS)
+def test_a_claim_fails_where_the_paper_is_wrong(name: str, claim: str) -> None:
+    found = judged(name, claim, -1)
+    assert found.verdict == "fails", found.ours
 
 
-@pytest.mark.parametrize(("name", "test"), ROWS)
-def test_a_claim_has_no_data_without_runs_and_stays_open_with_one_replicate(name: str, test: str) -> None:
-    assert getattr(MODULES[name], test)(NONE, NONE) == ("-", None)
-    words, holds = answer(name, test, 1, replicates=1)
-    assert words != "-"
-    assert holds is (True if test.startswith(DECIDED_BY_ONE) else None)
+@pytest.mark.parametrize(("name", "claim"), ROWS)
+def test_a_claim_has_no_data_without_runs_and_stays_open_with_one_replicate(name: str, claim: str) -> None:
+    assert judge(CLAIMS[name][claim], NONE, NONE, MODULES[name]).verdict == "no data"
+    by_one = CLAIMS[name][claim].test.startswith(DECIDED_BY_ONE)
+    assert judged(name, claim, 1, replicates=1).verdict == ("holds" if by_one else "open")
 
 
 @pytest.mark.parametrize(
@@ -189,9 +183,9 @@ def test_the_table_has_a_row_for_each_strategy_and_size() -> None:
 
 def test_the_claims_are_those_of_the_paper() -> None:
     for name in MODULES:
-        rows = claims(name)
-        assert len({row["id"] for row in rows}) == len(rows)
-        assert {row["paper"] for row in rows} == {"004"}
+        rows = published_claims(EXPERIMENTS / name)
+        assert len({row.id for row in rows}) == len(rows)
+        assert {row.paper for row in rows} == {"004"}
 
 
 def test_the_bodies_of_the_sweeps_are_those_of_the_platforms() -> None:

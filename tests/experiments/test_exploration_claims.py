@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.exploration.claims import MAPS
 from experiments.exploration_behaviour import figures as behaviour
 from experiments.exploration_channels import figures as channels
 from experiments.exploration_speed import figures as speed
@@ -26,6 +25,7 @@ MODULES = {
     "exploration_channels": channels,
 }
 NONE = pd.DataFrame()
+MAPS = ("empty", "corridor", "office")
 REPLICATES = 12
 Row = dict[str, Any]
 Runs = dict[str, pd.DataFrame]

@@ -86,7 +86,7 @@ def answer(name: str, test: str, sign: int, replicates: int = REPLICATES) -> tup
         found = getattr(gains, test)(NONE, observed(sign, replicates))
         return found
     kinds = ("schemas", "information", "choice", "visibility", "leapfrog")
-    axes = {"map": extensions.FLOORS, "robots": (2, 4), "extension": kinds}
+    axes = {"map": tuple(extensions.MAPS), "robots": (2, 4), "extension": kinds}
     found = getattr(extensions, test)(sweep(axes, lambda arm: extended(sign, arm), replicates), NONE)
     return found
 
@@ -118,14 +118,14 @@ def test_gains_that_are_no_slower_stay_open_where_their_runs_were_cut() -> None:
 
 
 def test_leapfrog_is_not_reproduced_by_who_sees_standing_robots_as_often_without() -> None:
-    axes = {"map": extensions.FLOORS, "robots": (2, 4), "extension": ("schemas", "leapfrog")}
+    axes = {"map": tuple(extensions.MAPS), "robots": (2, 4), "extension": ("schemas", "leapfrog")}
     runs = sweep(axes, lambda arm: extended(1, arm), REPLICATES).assign(beacon_in_sight=0.8)
     assert extensions.leapfrog("office", runs, NONE)[1] is False
 
 
 def test_figures_and_tables_are_made(tmp_path: Path) -> None:
     kinds = ("schemas", "visibility")
-    runs = sweep({"map": extensions.FLOORS, "robots": (2, 4), "extension": kinds}, lambda arm: extended(1, arm), 2)
+    runs = sweep({"map": tuple(extensions.MAPS), "robots": (2, 4), "extension": kinds}, lambda arm: extended(1, arm), 2)
     seen = observed(1, 3)
     drawn = extensions.draw(runs, NONE, tmp_path) + gains.draw(NONE, seen, tmp_path)
     assert len(drawn) == 4

@@ -1,9 +1,7 @@
 """Figures of explorations: what had been seen when, the map as it grows, and the report that draws them."""
 
-import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,96 +9,13 @@ import pytest
 import yaml
 
 from cosim.geometry.marking import EMPTY, OCCUPIED, UNKNOWN
-from cosim.report.drawing import draw_panels
 from cosim.scenario import Scenario
 from cosim.units import S
-from experiments.exploration.claims import PANELS, TIME
-from experiments.exploration.curves import POINTS, coverage_over_time, curve
 from experiments.exploration.exploring import COLUMNS, measure
 from experiments.exploration_teams import figures, growing
 from experiments.exploration_teams.growing import SHARES, Exploration, chosen, watch
 
 NONE = pd.DataFrame()
-
-
-def row(pace_s: float, ended_s: float, coverage: float, **axes: Any) -> dict[str, Any]:
-    """Return a run that sees a hundredth of the floor in every *pace_s*, until it has seen *coverage*."""
-    times = {name: 100 * share * pace_s if share <= coverage else math.nan for name, share in POINTS.items()}
-    return axes | times | {"simulated_s": ended_s, "coverage": coverage}
-
-
-def test_the_curve_of_a_run_passes_through_all_that_its_row_tells():
-    run = pd.Series(row(10.0, 800.0, 0.64))
-    assert curve(run, np.array([0.0, 50.0, 100.0, 250.0, 600.0])).tolist() == pytest.approx([0, 0.05, 0.1, 0.25, 0.6])
-    # from 60 % on nothing is told but where it ended, 200 s and four hundredths later
-    assert curve(run, np.array([700.0, 800.0, 9000.0])).tolist() == pytest.approx([0.62, 0.64, 0.64])
-
-
-@pytest.fixture
-def runs() -> pd.DataFrame:
-    paces = {"schemas": 10.0, "nearest": 8.0, "utility": 7.0, "assignment": 6.0}
-    rows = [
-        row(pace * (1 + replicate / 10) / robots, 1500.0, 1.0, map=floor, algorithm=name, robots=robots)
-        | {"replicate": replicate, "until_95_s": 95 * pace / robots, "covered_twice": 0.1 * robots}
-        for floor in ("empty", "office")
-        for name, pace in paces.items()
-        for robots in (1, 4)
-        for replicate in range(4)
-    ]
-    return pd.DataFrame(rows)
-
-
-def drawn(runs: pd.DataFrame, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return the panels of the figure of the coverage over time."""
-    kept: list[Any] = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
-    coverage_over_time(runs, folder, "curves.png", (1, 4, 8), ("algorithm", figures.NAMES))
-    return kept
-
-
-def test_coverage_over_time_has_a_panel_a_map_and_team_with_a_line_an_algorithm(
-    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    panels = drawn(runs, tmp_path, monkeypatch)
-    titles = ["empty map, 1 robot", "office, 1 robot", "empty map, 4 robots", "office, 4 robots"]
-    assert [panel.get_title() for panel in panels] == titles
-    for panel in panels:
-        assert [line.get_label() for line in panel.get_lines()] == list(figures.NAMES.values())
-
-
-def test_all_points_stand_inside_the_panels_of_the_time_by_size(
-    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    kept: list[Any] = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **how: kept.extend(figure.axes))
-    runs.loc[runs["map"] == "office", TIME] *= 5.0  # the last panel has the largest
-    draw_panels(runs, tmp_path / "x.png", (TIME, "s"), ("robots", (1, 4)), ("algorithm", figures.NAMES), PANELS)
-    assert len(kept) == 2
-    for panel in kept:
-        assert panel.get_ylim()[0] == 0.0 < 5 * 950 <= panel.get_ylim()[1]
-
-
-def test_its_lines_are_medians_in_the_band_of_the_middle_half(
-    runs: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    panel = drawn(runs, tmp_path, monkeypatch)[0]
-    line, band = panel.get_lines()[0], panel.collections[0].get_paths()[0].vertices
-    times, median = line.get_data()
-    assert times[-1] == pytest.approx(99 * 13.0)  # the slowest of schemas, 13 s a hundredth
-    middle = np.searchsorted(times, 400.0)
-    at = times[middle]
-    shares = np.sort([at / pace / 100 for pace in (10.0, 11.0, 12.0, 13.0)])
-    assert median[middle] == pytest.approx(np.median(shares))
-    heights = np.sort(np.unique(band[np.isclose(band[:, 0], at), 1].round(9)))
-    assert heights.tolist() == pytest.approx(np.percentile(shares, [25, 75]).tolist())
-
-
-def test_results_without_what_the_curves_need_have_none(runs: pd.DataFrame, tmp_path: Path):
-    lines = ("algorithm", figures.NAMES)
-    assert coverage_over_time(NONE, tmp_path, "curves.png", (1, 4), lines) == []
-    assert coverage_over_time(runs.drop(columns="seen_30_s"), tmp_path, "curves.png", (1, 4), lines) == []
-    assert coverage_over_time(runs, tmp_path, "curves.png", (8,), lines) == []
-    assert not list(tmp_path.iterdir())
 
 
 # ---------------------------------------------------------------- one run

@@ -14,6 +14,7 @@ from cosim.report.comparison import (
     less,
     mean_ratio,
     mostly,
+    never,
     ratio_of_means,
     saves,
     saving,
@@ -130,3 +131,14 @@ def test_the_quotient_of_means_has_the_limits_of_the_delta_method() -> None:
     error = 0.5 / 10 / np.sqrt(400)
     assert found.mean == pytest.approx(2.0, abs=4 * error)
     assert found.upper - found.mean == pytest.approx(stats.t.ppf(0.95, 399) * error, rel=0.15)
+
+
+def test_a_count_that_is_ever_above_0_was_not_never() -> None:
+    arms = [{"strategy": "srp"}, {"strategy": "mi"}]
+    runs = sweep({"srp": 1.0, "mi": 1.0, "mrp": 1.0}).assign(contacts=0.0)
+    assert never(runs, arms, "contacts", "held up in", "ticks") == ("held up in 0 ticks a run, in 0 of 60", True)
+    runs.loc[runs.index[-1], "contacts"] = 3.0  # of MRP, which is not asked of
+    assert never(runs, arms, "contacts")[1] is True
+    runs.loc[runs.index[:2], "contacts"] = [6.0, 0.0]
+    assert never(runs, arms, "contacts", unit="ticks") == ("0.1 ticks a run, in 1 of 60", False)
+    assert never(runs, [*arms, {"strategy": "mito"}], "contacts") == never(runs, [], "contacts") == ("-", None)
