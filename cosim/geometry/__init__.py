@@ -2,7 +2,7 @@
 
 ``segments`` has walls in a uniform grid, for rays, lines of sight and clearances; ``boundary`` walks along them as a
 disc does. ``grids`` has the cells that a team covers, ``marking`` the evidence grid that scans are marked into, with
-its frontiers, and ``frontiers`` Yamauchi's.
+its frontiers.
 
 Ways: ``planning`` is where to begin (free cells, the wavefront, way points); ``value_iteration`` adds prices, ``astar``
 a goal and an estimate, all three by the search of ``grid_search``. ``roadmap`` finds ways between corners of obstacles,

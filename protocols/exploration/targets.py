@@ -1,7 +1,10 @@
 """The targets of a team by one map, for the algorithms that choose frontiers.
 
-Frontiers are Yamauchi's (:mod:`cosim.geometry.frontiers`), without cells that a robot has reached, or that are in sight
-from there, and that are frontiers all the same. A target is a cell of one:
+Frontiers are Yamauchi's: adjacent empty cells beside the unknown, about as many as a robot is large, or more
+(B. Yamauchi, "A frontier-based approach for autonomous exploration", Proc. IEEE CIRA 1997, pp. 146-151). That cells are
+adjacent also diagonally is our reading; the schemas have another definition (:mod:`cosim.geometry.marking`). Cells that
+a robot has reached, or that are in sight from there, and that are frontiers all the same, are left out. A target is a
+cell of one:
 
 - ``nearest``: the cell of the cheapest way; robots share maps and do not coordinate (B. Yamauchi, "Frontier-based
   exploration using multiple robots", Agents 1998).
@@ -25,16 +28,17 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 
 from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.astar import in_sight, nearest
-from cosim.geometry.frontiers import yamauchi_frontiers
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
 from cosim.machine import Address
 from protocols.exploration.parameters import RivalParameters
 from protocols.exploration.terrain import Terrain
+from protocols.mapping.belief import Evidence
 
 
 class Targets:
@@ -70,7 +74,7 @@ class Targets:
     def groups(self) -> list[Int32s]:
         """Return the cells of all frontiers, without those that are vain."""
         frontiers = yamauchi_frontiers(self.belief.evidence, self._own.least_cells)
-        groups = [frontier.cells[~self._vain.flat[frontier.cells]] for frontier in frontiers]
+        groups = [cells[~self._vain.flat[cells]] for cells in frontiers]
         return [group for group in groups if len(group)]
 
     def open(self, cell: Cell) -> bool:
@@ -176,6 +180,23 @@ class Targets:
 
 
 # ---------------------------------------------------------------- who goes where
+
+
+def yamauchi_frontiers(evidence: Evidence, least_cells: int) -> list[Int32s]:
+    """Return the cells, ascending, of each frontier of at least *least_cells* in *evidence* (ny, nx).
+
+    Frontiers are in the order of their lowest cells, which are numbered ``iy * nx + ix``. What lies beyond the grid is
+    not unknown: no frontier is there.
+    """
+    unknown = np.pad(evidence == 0, 1)
+    rows = unknown[:-2] | unknown[1:-1] | unknown[2:]
+    beside = rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+    group, _ = ndimage.label((evidence < 0) & beside, structure=np.ones((3, 3), np.int8))
+    cells = np.flatnonzero(group).astype(np.int32)
+    of_cell = group.ravel()[cells]
+    order = np.argsort(of_cell, kind="stable")
+    starts = np.flatnonzero(np.diff(of_cell[order])) + 1
+    return [part for part in np.split(cells[order], starts) if len(part) >= max(least_cells, 1)]
 
 
 def by_utility(costs: Floats, places: Floats, reach: float, weight: float) -> list[int | None]:
