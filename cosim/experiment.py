@@ -216,6 +216,11 @@ def axis_titles(folder: Path) -> dict[str, dict[Any, str]]:
     }
 
 
+def named(labels: Mapping[str, Any]) -> str:
+    """Return the values of an arm's axes as a text."""
+    return ", ".join(f"{name}={label}" for name, label in labels.items())
+
+
 def is_experiment(plain: Mapping[str, Any]) -> bool:
     """Return whether a document is a sweep.yaml rather than a scenario."""
     return bool({"sweep", "run", "replicates", "scenario"} & plain.keys())

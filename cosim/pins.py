@@ -28,7 +28,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from cosim.documents import is_file, read_text, read_yaml
 from cosim.errors import LocalProtocolError, UserError
-from cosim.experiment import Experiment, find_experiment, is_experiment, load_experiment
+from cosim.experiment import Experiment, find_experiment, is_experiment, load_experiment, named
 from cosim.jit import processor
 from cosim.results import versions
 from cosim.scenario import Scenario, load
@@ -151,7 +151,7 @@ def _arms(experiment: Experiment) -> dict[str, Scenario]:
     for arm in experiment.arms:
         if arm.scenario is None:
             raise UserError(f"{experiment.source}: is no run of robots but of {arm.run}")
-        scenarios[", ".join(f"{axis}={label}" for axis, label in arm.labels.items())] = arm.scenario
+        scenarios[named(arm.labels)] = arm.scenario
     return scenarios
 
 

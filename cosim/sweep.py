@@ -20,7 +20,7 @@ from time import monotonic, perf_counter
 from typing import Any, NamedTuple, TypeAlias
 
 from cosim.errors import UserError
-from cosim.experiment import Arm, Experiment, find_function
+from cosim.experiment import Arm, Experiment, find_function, named
 from cosim.installed import check_libraries
 from cosim.results import (
     PACKAGES,
@@ -148,11 +148,7 @@ def check_set_up(experiment: Experiment) -> None:
         try:
             Simulation(arm.scenario, experiment.seed)
         except UserError as error:
-            raise UserError(f"{experiment.source} with {_named(arm.labels)}: {error}") from None
-
-
-def _named(labels: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={label}" for name, label in labels.items())
+            raise UserError(f"{experiment.source} with {named(arm.labels)}: {error}") from None
 
 
 def run_sweep(
@@ -252,7 +248,7 @@ def _axis_kind(values: Sequence[tuple[Any, Any]]) -> Any:
 def _failures(store: RunStore, experiment: Experiment) -> tuple[str, ...]:
     rows = store.present().query("status == 'failed'").to_dict("records")
     names = [axis.name for axis in experiment.axes]
-    return tuple(f"{_named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
+    return tuple(f"{named({n: row[n] for n in names})}, seed {row['seed']}: {row['error']}" for row in rows)
 
 
 def _description(experiment: Experiment, code: str) -> SweepDescription:
