@@ -79,7 +79,7 @@ class Elector(Drains):
 
     def observe(self, observation: Observation, now: Time) -> None:
         """Keep the links, once a world tick."""
-        self._transport.tick((observation.x_m, observation.y_m), observation.visible, now)
+        self._transport.tick(observation.visible, now)
         self._act(now)
 
     def wake(self, now: Time) -> None:

@@ -123,7 +123,7 @@ class Runner(Drains):
             self.transport.publish(topic, payload, now)
         for picture in self.member.camera.pictures(self.me, observation):
             self._show(picture, now)
-        self.transport.tick(self.member.here, observation.visible, now)
+        self.transport.tick(observation.visible, now)
         self.host.tick(self._heard, self._whereabouts(), now)
         self.calls.tick(now)
         if now >= self._next_news or now < self._next_news - self._period:

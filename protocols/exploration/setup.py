@@ -20,7 +20,7 @@ from protocols.exploration.targets import Targets
 from protocols.exploration.terrain import Terrain
 from protocols.mapping.belief import Belief, Frame, frame_of
 from protocols.mapping.frames import MOST_CELLS
-from protocols.transport.star import MOST_ROBOTS
+from protocols.transport.links import MOST_ROBOTS
 
 
 class WorldModel:

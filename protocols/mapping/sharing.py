@@ -46,13 +46,17 @@ from protocols.mapping.frames import (
     from_runs,
     to_runs,
 )
-from protocols.transport.star import MASTER, Piconet, PiconetParameters
+from protocols.transport.links import Links
+from protocols.transport.parameters import LinkParameters, PagingParameters
+from protocols.transport.transport import SteadyClock
 from protocols.wire import BadBytes
 
 AWAY_PERIODS: Final = 3
 """Periods of silence after which a robot counts as out of reach."""
 QUIET_PERIODS: Final = 5
 """Periods without anything new, sent or received, after which all has been sent."""
+NEAR_SHARE: Final = 0.5
+"""Share of the greatest distance of a robot that was heard, within which robots are likely to be in reach."""
 _NEWEST: Final = np.iinfo(np.int64).max
 
 
@@ -74,7 +78,7 @@ class SharingParameters(Settings):
     period_s: Period = Field(default=1.0, gt=0, description="s, from one sending to the next")
     octets: int = Field(default=200, ge=21, le=65535, description="bytes, the longest frame")
     again: Count = Field(default=4, ge=1, description="pieces that are sent again in answer to one summary")
-    links: PiconetParameters | None = Field(
+    links: PagingParameters | None = Field(
         default=None, description="send over the links of a piconet: what Bluetooth needs; by default to all in reach"
     )
 
@@ -174,7 +178,15 @@ class Sharing:
         self.places_m: dict[Address, Point] = {}
         """Where the others were when they were heard or seen last."""
         self._here: Point | None = None
-        self._piconet = None if parameters.links is None else Piconet(me, size, parameters.links)
+        self._reach_m = 0.0
+        """The greatest distance of a robot that was heard."""
+        self._clock = SteadyClock(start)
+        self._links: Links | None = None
+        if parameters.links is not None:
+            # Nobody takes over, and the radio alone says which links are lost. The frames are few and small: robots
+            # that were lost are found sooner if a page in vain is followed by the next one.
+            star = LinkParameters(takeover=False, silence_s=None, service=0, **dict(parameters.links))
+            self._links = Links(me, size, star, start)
         self._outbox: list[Outgoing | LinkCommand] = []
 
     def places(self, now: Time) -> list[tuple[Address, Point, float]]:
@@ -206,8 +218,8 @@ class Sharing:
         self._here = x_m, y_m
         for other, at_x, at_y in sightings:
             self._note_place(other, (at_x, at_y), now)
-        if self._piconet is not None:
-            self._piconet.tick(self._here, self.places_m, [other for other, _, _ in sightings], now)
+        if self._links is not None:
+            self._links.tick({other for other, _, _ in sightings} | self._near(self._here), self._clock.read(now))
         if 0 <= now - self._last < self._period:
             return
         self._last = now
@@ -219,6 +231,11 @@ class Sharing:
         entries = list(self._known())
         for at in range(0, max(len(entries), 1), self._entries):
             self._send(encode(self.me, Summary(x_m, y_m, tuple(entries[at : at + self._entries]))))
+
+    def _near(self, here: Point) -> set[Address]:
+        """Return the robots that were last where they are likely to be in reach."""
+        near_m = NEAR_SHARE * self._reach_m
+        return {other for other, place in self.places_m.items() if math.dist(here, place) <= near_m}
 
     def _pieces(self, now: Time) -> Iterator[Piece]:
         """Yield the unsent changes in as many pieces as it takes."""
@@ -247,8 +264,9 @@ class Sharing:
         """Return which robot of those *having* more to ask: each in turn, but a master rather than its slaves."""
         if not having:
             return self.me
-        if self._piconet is not None and MASTER in having:
-            return MASTER
+        master = None if self._links is None else self._links.master
+        if master is not None and master in having:
+            return master
         return having[self._beat % len(having)]
 
     def _send_piece(self, piece: Piece) -> None:
@@ -258,7 +276,7 @@ class Sharing:
 
     def _send(self, data: bytes) -> None:
         """Send a frame to all robots that can be reached, if any can."""
-        audience = BROADCAST if self._piconet is None else self._piconet.audience
+        audience = BROADCAST if self._links is None else self._links.audience
         if audience is not None:
             self._counters.frames += 1
             self._counters.payload_bytes += len(data)
@@ -267,12 +285,12 @@ class Sharing:
     def drain(self) -> list[Outgoing | LinkCommand]:
         """Drain what is to be sent; link commands come first."""
         outbox = drained(self._outbox)
-        return outbox if self._piconet is None else [*self._piconet.drain(), *outbox]
+        return outbox if self._links is None else [*self._links.drain(), *outbox]
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take news about links, if any are needed."""
-        if self._piconet is not None:
-            self._piconet.link(event, now)
+        if self._links is not None:
+            self._links.link(event, self._clock.read(now))
 
     # ------------------------------------------------------------ receiving
 
@@ -286,7 +304,7 @@ class Sharing:
             return None
         if sender == self.me:
             return None
-        if self._piconet is not None and self._piconet.relays(sender, reception):
+        if self._links is not None and self._links.relays(sender, reception):
             self._send(data)
         if isinstance(message, Piece):
             return self._learn(message)
@@ -300,8 +318,8 @@ class Sharing:
         for stream, count, _ in message.entries:
             if stream != self._stream:  # no robot has more of that
                 self._claims.setdefault(stream, {})[sender] = count, self._beat
-        if self._piconet is not None and self._here is not None:
-            self._piconet.heard(math.dist(self._here, self.places_m[sender]))
+        if self._here is not None:
+            self._reach_m = max(self._reach_m, math.dist(self._here, self.places_m[sender]))
 
     def _note_place(self, other: Address, place_m: Point, now: Time) -> None:
         self._places[other] = place_m, now, self._beat

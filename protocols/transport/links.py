@@ -1,15 +1,17 @@
-"""A piconet of a team whose members are known beforehand, in which another robot takes over when the master dies.
+"""A piconet of a team whose members are known beforehand; another robot takes over when the master dies, if wanted.
 
-Radios such as Bluetooth's carry nothing without a link, and their slaves talk to the master alone. There is an order of
-masters: the robot that the parameters name first, then all others by their addresses. The first pages the others by
-their addresses, which needs no inquiry, and pages again those that it has lost; the others scan. The master relays what
-a slave sends to others. A robot that has been without a master for a while takes over: it waits the longer, the more
-robots before it in the order may be alive, so that the next living robot succeeds a dead master. A master goes on
-scanning. When two masters find each other, because one was out of the other's reach or was booted again, the one that
-is later in the order gives up its piconet and joins the other's, whose master then pages its slaves.
+Radios such as Bluetooth's carry nothing without a link, and their slaves talk to the master alone. The robot that the
+parameters name first is the master: it pages the others by their addresses, which needs no inquiry, and pages again
+those that it has lost; the others scan. A page suspends the piconet, and one of a robot out of reach takes seconds. So
+the master waits ever longer from one page of a robot to the next, unless that robot is likely to be near, and is there
+for its slaves for a while after a page in vain. The master relays what a slave sends to others.
 
-The specification asks for this (the host may die in mid-play); the paper (004) has a network that needs no links.
-``protocols.transport.star`` is the same without a takeover.
+With ``takeover`` there is an order of masters: the first, then all others by their addresses. A robot that has been
+without a master for a while takes over: it waits the longer, the more robots before it in the order may be alive, so
+that the next living robot succeeds a dead master. A master goes on scanning. When two masters find each other, because
+one was out of the other's reach or was booted again, the one that is later in the order gives up its piconet and joins
+the other's, whose master then pages its slaves. The specification asks for this (the host may die in mid-play); the
+paper (004) has a network that needs no links.
 """
 
 from collections.abc import Collection, Iterable
@@ -25,6 +27,7 @@ from cosim.machine import (
     Lost,
     Page,
     PageFailed,
+    Reception,
     Role,
     Scan,
 )
@@ -33,8 +36,6 @@ from protocols.transport.parameters import LinkParameters
 
 MOST_ROBOTS: Final = 8
 """A master and seven active slaves."""
-SERVICE: Final = 3
-"""Least time that a master is there for its slaves, in multiples of that which it has just paged in vain."""
 
 
 class Links:
@@ -51,10 +52,12 @@ class Links:
         self.left: tuple[Address, ...] = ()
         """Its former slaves, which it has left to follow its master; the master is to learn of them."""
         self._first = parameters.first
+        self._takeover = parameters.takeover
         self._patience = from_seconds(parameters.patience_s)
+        self._service = parameters.service
         self._least = from_seconds(parameters.page_s)
         self._most = from_seconds(parameters.page_most_s)
-        self._silence = from_seconds(parameters.silence_s)
+        self._silence = None if parameters.silence_s is None else from_seconds(parameters.silence_s)
         self._alone = from_seconds(parameters.alone_s)
         self._stagger = from_seconds(parameters.stagger_s)
         self._others = [other for other in range(size) if other != me]
@@ -72,7 +75,8 @@ class Links:
         """The robot that is being paged, and since when."""
         self._rests_until = start
         """Until when, after a page in vain, a master is there for its slaves, or can be paged itself."""
-        self._out: list[LinkCommand] = [Scan(enabled=True)]
+        # no robot pages the first unless another can be a master, too
+        self._out: list[LinkCommand] = [Scan(enabled=self._takeover or not self.leading)]
 
     # ------------------------------------------------------------ who hears whom
 
@@ -88,6 +92,11 @@ class Links:
         if self.master is not None:
             return self.master
         return BROADCAST if self.slaves else None
+
+    def relays(self, author: Address, reception: Reception) -> bool:
+        """Return whether to relay a frame: *author* has sent it to this master alone, and there are other slaves."""
+        direct = reception.source == author and not reception.broadcast
+        return direct and not self.slaves <= {author}
 
     def before(self, other: Address) -> bool:
         """Return whether *other* is before this robot in the order of masters."""
@@ -119,27 +128,32 @@ class Links:
         if other in self._waits:
             self._waits[other] = self._most
 
-    def tick(self, seen: Collection[Address], now: Time) -> None:
-        """Take over if that is due, or page a robot that is due; *seen* are those in sight."""
+    def tick(self, near: Collection[Address], now: Time) -> None:
+        """Take over if that is due, or page a robot that is due; those *near* are likely to be in reach."""
         # a radio that was off has forgotten its links, and does not report it
-        for peer in sorted(peer for peer in self._linked if now - self._heard[peer] >= self._silence):
+        for peer in self._silent(now):
             self._out.append(Disconnect(peer))
             self._lost(peer, now)
-        if self.master is None and not self.leading:
+        if self._takeover and self.master is None and not self.leading:
             rank = sum(self.before(other) and other not in self._dead for other in self._others)
             if now - self._since >= self._alone + rank * self._stagger:
                 self.leading = True
                 self._dead.update(filter(self.before, self._others))  # else they would have taken over
         if self.leading:
-            self._page(seen, now)
+            self._page(near, now)
 
-    def _page(self, seen: Collection[Address], now: Time) -> None:
+    def _silent(self, now: Time) -> list[Address]:
+        if self._silence is None:
+            return []
+        return sorted(peer for peer in self._linked if now - self._heard[peer] >= self._silence)
+
+    def _page(self, near: Collection[Address], now: Time) -> None:
         if self._paging is not None:
             peer, since = self._paging
-            if now - since < self._patience:
+            if now - since < self._patience:  # a radio that is dead does not answer its host
                 return
             self._failed(peer, now)
-        due = [peer for peer in self._others if peer not in self.slaves and self._due(peer, peer in seen, now)]
+        due = [peer for peer in self._others if peer not in self.slaves and self._due(peer, peer in near, now)]
         if now < self._rests_until:
             due = [peer for peer in due if self.slaves and self._hopeful(peer)]
         if due:
@@ -201,7 +215,8 @@ class Links:
                 self._waits = dict.fromkeys(self._others, self._least)
             self.slaves.add(peer)
             self._waits[peer] = self._least
-            self._out.append(Scan(enabled=True))  # a device that gets a link stops scanning
+            if self._takeover:
+                self._out.append(Scan(enabled=True))  # a device that gets a link stops scanning
         elif role is Role.SLAVE and self._prefers(peer):
             self._follow(peer)
         else:
@@ -210,6 +225,8 @@ class Links:
 
     def _prefers(self, other: Address) -> bool:
         """Return whether *other*, which has paged this robot, is to be its master."""
+        if not self._takeover:
+            return other == self._first
         if self.leading:
             return self.before(other)
         return self.master is None or self._place(other) <= self._place(self.master)
@@ -232,7 +249,8 @@ class Links:
         self._tried[peer] = now
         self._waits[peer] = min(2 * self._waits[peer], self._most)
         if self.slaves or self.me != self._first:
-            times = 2 * (SERVICE if self.slaves else 1) + self.me  # so that two that page each other fall out of step
+            # half of the address more, so that two that page each other fall out of step
+            times = 2 * (self._service if self.slaves else 1) + self.me
             self._rests_until = now + times * spent // 2
 
     def drain(self) -> list[LinkCommand]:

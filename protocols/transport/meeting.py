@@ -4,9 +4,13 @@ A robot with goals inquires as long as it sees a robot of a higher number to whi
 it has found; explorers have the lowest numbers. It becomes the master. A slave neither inquires nor scans, so piconets
 form round explorers, and no device is in two of them (a helper serves one explorer at a time). Links are kept as long
 as the radio keeps them. The paper (000) has none of this: its messages need a line of sight and nothing else.
+
+``protocols.transport.links`` is for teams that form one piconet of known members, whose master remembers whom it has
+paged in vain and pages them again. Here nothing is remembered: robots out of sight are not looked for.
 """
 
 from collections.abc import Collection
+from typing import Final
 
 from cosim.machine import (
     Address,
@@ -24,8 +28,9 @@ from cosim.machine import (
     Scan,
 )
 from cosim.units import Time
+from protocols.transport.links import MOST_ROBOTS
 
-MOST_SLAVES = 7
+MOST_SLAVES: Final = MOST_ROBOTS - 1
 
 
 class Meeting:

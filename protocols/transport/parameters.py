@@ -8,7 +8,31 @@ from cosim.settings import Count, Period, Seconds, Settings, error_at
 from protocols.transport.frames import LEAST_OCTETS, MOST_OCTETS, WINDOW
 
 
-class LinkParameters(Settings):
+class PagingParameters(Settings):
+    """How the master of a piconet pages robots to which it has no link, for radios that carry nothing without one."""
+
+    patience_s: Seconds = Field(
+        default=6.0,
+        gt=0,
+        description="s, the longest that a master waits for the end of a page; longer than any page lasts",
+    )
+    page_s: Seconds = Field(
+        default=5.0, gt=0, description="s from a page in vain to the next one, of a robot that is likely to be near"
+    )
+    page_most_s: Seconds = Field(
+        default=60.0,
+        gt=0,
+        description="s, the longest such wait for any other robot, which doubles with each page in vain",
+    )
+
+    @model_validator(mode="after")
+    def _waits_grow(self) -> Self:
+        if not self.page_s <= self.page_most_s:
+            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
+        return self
+
+
+class LinkParameters(PagingParameters):
     """How robots keep a piconet of all, for radios that need links; another robot becomes master if the first dies.
 
     A robot without a master takes over after ``alone_s``, and ``stagger_s`` more for each robot that is before it in
@@ -18,27 +42,28 @@ class LinkParameters(Settings):
     first: Count = Field(
         default=0, ge=0, description="the first in the order of masters; the others follow by their addresses"
     )
-    patience_s: Seconds = Field(
-        default=6.0, gt=0, description="s, the longest that a master waits for the end of a page"
+    takeover: bool = Field(
+        default=True, description="False: the first is the master for good, and if it dies there is none"
     )
-    page_s: Seconds = Field(default=5.0, gt=0, description="s from a page in vain to the next one, of a robot in sight")
-    page_most_s: Seconds = Field(
-        default=60.0,
-        gt=0,
-        description="s, the longest such wait for any other robot, which doubles with each page in vain",
+    service: Count = Field(
+        default=3,
+        ge=0,
+        description="least time for its slaves after a master has paged in vain, in multiples of that page's",
     )
     beat_s: Period = Field(default=2.0, gt=0, description="s without a publication until a robot sends a heartbeat")
-    silence_s: Seconds = Field(default=15.0, gt=0, description="s without any frame until a link is given up")
+    silence_s: Seconds | None = Field(
+        default=15.0,
+        gt=0,
+        description="s without any frame until a link is given up; null: only when the radio reports its loss",
+    )
     alone_s: Seconds = Field(default=10.0, gt=0, description="s without a master until the next in order takes over")
     stagger_s: Seconds = Field(
         default=10.0, gt=0, description="s more for each robot before it in the order that may be alive"
     )
 
     @model_validator(mode="after")
-    def _sound(self) -> Self:
-        if not self.page_s <= self.page_most_s:
-            raise error_at(("page_s",), self.page_s, f"is not <= {self.page_most_s}, page_most_s")
-        if not self.beat_s < self.silence_s:
+    def _beats_break_silence(self) -> Self:
+        if self.silence_s is not None and not self.beat_s < self.silence_s:
             raise error_at(("silence_s",), self.silence_s, f"is not > {self.beat_s}, beat_s")
         return self
 

@@ -12,7 +12,7 @@ returns what ``drain`` does::
     transport = Transport(me, size, TransportParameters(), start)
     transport.receive(data, reception, now)     # in Machine.receive
     transport.link(event, now)                  # in Machine.link
-    transport.tick(here, visible, now)          # in Machine.observe
+    transport.tick(visible, now)                # in Machine.observe
     transport.wake(now)                         # in Machine.wake, and wake_at() among the deadlines of Machine.wake_at
     transport.send(3, b"to robot 3", now)
     transport.publish(0, b"topic 0 is this", now)
@@ -26,7 +26,6 @@ from collections.abc import Collection, Iterator
 from typing import Final, NamedTuple
 
 from cosim.errors import LocalProtocolError, WireError
-from cosim.geometry.planning import Point
 from cosim.machine import Address, Connected, Event, Fate, LinkCommand, LinkEvent, Outgoing, Reception
 from cosim.units import Time, from_seconds
 from protocols.transport.frames import (
@@ -69,6 +68,23 @@ class Published(NamedTuple):
     """When it has arrived."""
 
 
+class SteadyClock:
+    """A clock that goes as the host's does, and stands still when that is set back: deadlines can be kept by it."""
+
+    def __init__(self, start: Time) -> None:
+        """Agree with the host's clock at *start*."""
+        self.now = start
+        """The time when it was read last."""
+        self.behind: Time = 0
+        """By how much the host's clock was set back altogether."""
+
+    def read(self, now: Time) -> Time:
+        """Return the time by this clock, *now* by the host's."""
+        self.behind += max(self.now - self.behind - now, 0)
+        self.now = now + self.behind
+        return self.now
+
+
 class Transport:
     """One robot's transport; of all its methods *now* is the time by the host's clock."""
 
@@ -85,9 +101,7 @@ class Transport:
         self._patience = from_seconds(parameters.ack_s)
         self._beat = None if parameters.links is None else from_seconds(parameters.links.beat_s)
         self._floods = parameters.flood and self.links is None
-        self._now = start
-        self._behind: Time = 0
-        """By how much the host's clock was set back altogether."""
+        self._clock = SteadyClock(start)
         self._inbound: dict[Address, dict[int, Inbound]] = defaultdict(dict)
         """Messages that come in, by author and incarnation; the incarnation that was heard last is last."""
         self._known: dict[tuple[Address, int], dict[int, int]] = defaultdict(dict)
@@ -119,7 +133,7 @@ class Transport:
         Raise LocalProtocolError if there is no robot *destination*, or if *payload* has more than 65,535 parts.
         """
         self._check(destination)
-        time = self._time(now)
+        time = self._clock.read(now)
         self._sent += 1
         if destination == self.me:
             self._messages.append(Message(self.me, payload))
@@ -135,7 +149,7 @@ class Transport:
         """
         if not 0 <= topic < BEAT or len(payload) > self._publication_octets:
             raise LocalProtocolError(f"cannot be published: {len(payload)} bytes, topic {topic}")
-        time = self._time(now)
+        time = self._clock.read(now)
         self._publish(topic, payload, time)
         self._act(time)
 
@@ -148,7 +162,7 @@ class Transport:
     def forget(self, other: Address, now: Time) -> None:
         """Give up all messages for *other*, which is taken for dead."""
         self._check(other)
-        time = self._time(now)
+        time = self._clock.read(now)
         self._returned += [(other, number) for number in self._sender.forget(other)]
         if self.links is not None:
             self.links.forget(other)
@@ -178,7 +192,7 @@ class Transport:
     def heard(self, other: Address) -> Time | None:
         """Return when any frame of *other* arrived last, by the host's clock as it is set now; None if none has."""
         at = self._heard.get(other)
-        return None if at is None else at - self._behind
+        return None if at is None else at - self._clock.behind
 
     def drain(self) -> list[Outgoing | LinkCommand]:
         """Return frames and link commands for the machine's outbox, once."""
@@ -188,7 +202,7 @@ class Transport:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a frame; bytes that are no frame of the team become an event in ``bad``."""
-        time = self._time(now)
+        time = self._clock.read(now)
         acts = self.links is not None or self._floods or (self._wake is not None and self._wake <= time)
         try:
             frame = decode(data)
@@ -202,7 +216,7 @@ class Transport:
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take an event of a link, or the fate of a frame."""
-        time = self._time(now)
+        time = self._clock.read(now)
         if isinstance(event, Fate):
             self._sender.fate(event, time)
         elif self.links is not None:
@@ -214,9 +228,9 @@ class Transport:
                 self.links.left = ()
         self._act(time)
 
-    def tick(self, here: Point, seen: Collection[Address], now: Time) -> None:
-        """Keep the links, once a world tick; *seen* are robots in sight, *here* (m) is not used yet."""
-        time = self._time(now)
+    def tick(self, seen: Collection[Address], now: Time) -> None:
+        """Keep the links, once a world tick; *seen* are robots in sight."""
+        time = self._clock.read(now)
         if self.links is not None and self._beat is not None:
             self.links.tick(seen, time)
             if self.links.audience is not None and time - self._published_at >= self._beat:
@@ -225,11 +239,11 @@ class Transport:
 
     def wake(self, now: Time) -> None:
         """Act on all deadlines up to *now*."""
-        self._act(self._time(now))
+        self._act(self._clock.read(now))
 
     def wake_at(self) -> Time | None:
         """Return the earliest deadline; None if there is none."""
-        return None if self._wake is None else self._wake - self._behind
+        return None if self._wake is None else self._wake - self._clock.behind
 
     @property
     def settled(self) -> bool:
@@ -238,14 +252,8 @@ class Transport:
         Publications are not waited for: a radio that is off never reports what has become of them.
         """
         waits = any(outbound.deadline is not None for outbound in self._sender.outbound.values())
-        time = self._now + self._behind
+        time = self._clock.now
         return not waits and not any(each.due is not None and each.due > time for _, each in self._streams())
-
-    def _time(self, now: Time) -> Time:
-        """Return *now* by the own clock, which never goes back."""
-        self._behind += max(self._now - now, 0)
-        self._now = now
-        return now + self._behind
 
     def _act(self, time: Time) -> None:
         """Act on deadlines that are over, send what may be sent, and find the next deadline."""
@@ -274,7 +282,7 @@ class Transport:
             self._hear(frame, data, time)
         if self.links is not None:
             self.links.heard(reception.source, time)
-            if reception.source == author and not reception.broadcast:
+            if self.links.relays(author, reception):
                 self._relay(frame, data, self.links, time)
         self._heard[author] = time
         outbound = self._sender.outbound.get(author)
@@ -286,8 +294,7 @@ class Transport:
     def _relay(self, frame: Frame, data: bytes, links: Links, time: Time) -> None:
         """Relay, as a master, what a slave has sent to others."""
         if isinstance(frame.body, Publication):
-            if not links.slaves <= {frame.author}:
-                self._sender.publish(frame.author, frame.body, data, time)
+            self._sender.publish(frame.author, frame.body, data, time)
         elif frame.destination in links.slaves:
             self._sender.relay(frame.destination, data)
 
@@ -314,7 +321,7 @@ class Transport:
         if len(known) > INCARNATIONS:
             del known[next(iter(known))]
         if topic != BEAT:
-            self._published.append(Published(frame.author, topic, payload, time - self._behind))
+            self._published.append(Published(frame.author, topic, payload, time - self._clock.behind))
         elif self.links is not None:
             self.links.find(payload)
         if self._floods:

@@ -9,9 +9,10 @@ from cosim.machine import BROADCAST, Address, Connected, LinkCommand, Lost, Outg
 from cosim.units import MS, S, Time
 from protocols.mapping.frames import Message, Piece, decode
 from protocols.mapping.sharing import Sharing, SharingCounters, SharingParameters
-from protocols.transport.star import MASTER, PiconetParameters
+from protocols.transport.parameters import PagingParameters
 
 CELLS = 400
+MASTER: Address = 0
 PERIOD: Time = S
 TICK: Time = 100 * MS
 UNKNOWN, EMPTY, OCCUPIED = 0, 1, 2
@@ -46,7 +47,7 @@ class Team:
 
     def _robot(self, me: Address, size: int) -> Sharing:
         certain, octets, again, links = self._settings
-        own = PiconetParameters(patience_s=6.0, page_s=1.0, page_most_s=8.0) if links else None
+        own = PagingParameters(patience_s=6.0, page_s=1.0, page_most_s=8.0) if links else None
         parameters = SharingParameters(octets=octets, again=again, links=own)
         return Sharing(parameters, me, size, CELLS, self.counters[me], self.now, certain)
 

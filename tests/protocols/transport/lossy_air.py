@@ -12,8 +12,6 @@ from cosim.units import MS, S, Time
 from protocols.transport.parameters import TransportParameters
 from protocols.transport.transport import Message, Published, Transport
 
-HERE = (0.0, 0.0)
-
 
 class Air:
     """Transports of a team, each driven by its own deadlines and a tick each 100 ms."""
@@ -83,7 +81,7 @@ class Air:
             if self._tick_at <= self.now:
                 self._tick_at += 100 * MS
                 for me in self._living():
-                    self.transports[me].tick(HERE, (), self.now)
+                    self.transports[me].tick((), self.now)
                     self._drain(me)
             for me in self._living():
                 deadline = self.transports[me].wake_at()

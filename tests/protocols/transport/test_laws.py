@@ -10,7 +10,7 @@ from protocols.transport.frames import Ack, Frame, Part, Publication, encode
 from protocols.transport.streams import Outbound, Pace
 from protocols.wire import BadBytes
 from tests.protocols.deployment.tiers import tiers
-from tests.protocols.transport.lossy_air import HERE, Air
+from tests.protocols.transport.lossy_air import Air
 from tests.protocols.transport.transport_alone import PLAN, all_sent, hears, transport
 
 # ---------------------------------------------------------------- laws
@@ -97,11 +97,11 @@ def test_a_later_start_makes_all_later_by_as_much() -> None:
 def test_a_clock_that_is_set_back_delays_what_is_sent_again_by_no_more_than_a_tick() -> None:
     robot = transport()
     start = 1000 * S
-    robot.tick(HERE, (), start)
+    robot.tick((), start)
     robot.send(1, b"x", start)
     all_sent(robot, start)
     hears(robot, 2, Publication(0, 1, b""), start)
-    robot.tick(HERE, (), 10 * S)
+    robot.tick((), 10 * S)
     assert robot.wake_at() == 11 * S
     assert robot.heard(2) == 10 * S
     robot.wake(11 * S)

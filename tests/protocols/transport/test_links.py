@@ -1,4 +1,4 @@
-"""A piconet whose master is succeeded when it dies: whom it pages and when, who takes over, and who hears whom."""
+"""A piconet, with and without a takeover: whom its master pages and when, who succeeds it, and who hears whom."""
 
 from typing import Any
 
@@ -15,19 +15,22 @@ from cosim.machine import (
     Lost,
     Page,
     PageFailed,
+    Reception,
     Role,
     Scan,
 )
 from cosim.units import S, Time
 from protocols.transport.links import Links
-from protocols.transport.parameters import LinkParameters, TransportParameters
+from protocols.transport.parameters import LinkParameters, PagingParameters, TransportParameters
 from tests.protocols.transport.transport_alone import TIMES
+
+both = pytest.mark.parametrize("takeover", [True, False])
 
 
 def part(me: Address, size: int = 4, **changes: Any) -> Links:
-    """Return the part of a robot that has said that it scans."""
+    """Return the part of a robot that has said whether it scans."""
     links = Links(me, size, LinkParameters.model_validate({**TIMES, **changes}), 0)
-    assert links.drain() == [Scan(enabled=True)]
+    assert links.drain() == [Scan(enabled=changes.get("takeover", True) or me != 0)]
     return links
 
 
@@ -47,7 +50,8 @@ def at(links: Links, now: Time, *seen: Address) -> list[LinkCommand]:
 
 def with_slaves(links: Links, *slaves: Address) -> Links:
     for slave in slaves:
-        assert told(links, Connected(slave, Role.MASTER)) == [Scan(enabled=True)]
+        scans = [Scan(enabled=True)] if links._takeover else []
+        assert told(links, Connected(slave, Role.MASTER)) == scans
     return links
 
 
@@ -70,12 +74,14 @@ def pages_of_one_that_never_answers(links: Links, seconds: int, *seen: Address) 
 # ---------------------------------------------------------------- paging
 
 
-def test_the_first_in_order_leads_and_pages_all_one_after_the_other() -> None:
-    links = part(0)
+@both
+def test_the_first_in_order_leads_and_pages_all_one_after_the_other(takeover: bool) -> None:
+    """It goes on scanning if another may be a master too, and find it."""
+    links = part(0, takeover=takeover)
     for peer in (1, 2, 3):
         assert at(links, 0) == [Page(peer)]
         assert at(links, 0) == []
-        assert told(links, Connected(peer, Role.MASTER)) == [Scan(enabled=True)]
+        assert told(links, Connected(peer, Role.MASTER)) == ([Scan(enabled=True)] if takeover else [])
     assert at(links, 100 * S) == []
     assert links.slaves == {1, 2, 3}
 
@@ -86,33 +92,60 @@ def test_another_may_be_the_first() -> None:
     assert not any(part(me, first=2).leading for me in (0, 1, 3))
 
 
-def test_who_does_not_answer_is_paged_ever_more_rarely_and_if_in_sight_often() -> None:
-    assert pages_of_one_that_never_answers(part(0, 2), 60) == [0, 10, 30, 50]
-    assert pages_of_one_that_never_answers(part(0, 2), 21, 1) == [0, 5, 10, 15, 20]
+@both
+def test_who_does_not_answer_is_paged_ever_more_rarely_and_if_near_often(takeover: bool) -> None:
+    assert pages_of_one_that_never_answers(part(0, 2, takeover=takeover), 100) == [0, 10, 30, 50, 70, 90]
+    assert pages_of_one_that_never_answers(part(0, 2, takeover=takeover), 21, 1) == [0, 5, 10, 15, 20]
 
 
-def test_a_radio_that_does_not_answer_is_waited_for_only_so_long() -> None:
-    links = part(0)
+def test_parameters_become_times() -> None:
+    assert pages_of_one_that_never_answers(part(0, 2, page_s=1.0, page_most_s=3.0), 12) == [0, 2, 5, 8, 11]
+
+
+@both
+def test_of_those_who_are_due_those_are_paged_first_who_have_waited_longest(takeover: bool) -> None:
+    links = part(0, takeover=takeover)
+    order = []
+    for second in (0, 1, 2, 30, 60, 90):
+        (page,) = at(links, second * S, *() if second else (3,))
+        assert isinstance(page, Page)
+        order.append(page.peer)
+        links.link(PageFailed(page.peer), second * S)
+    assert order == [1, 2, 3, 1, 2, 3]
+
+
+@both
+def test_a_radio_that_does_not_answer_is_waited_for_only_so_long(takeover: bool) -> None:
+    links = part(0, takeover=takeover)
     assert at(links, 0) == [Page(1)]
     assert at(links, 6 * S - 1) == []
     assert at(links, 6 * S) == [Page(2)]
 
 
-def test_the_end_of_another_page_ends_none() -> None:
-    links = part(0)
+@both
+def test_the_end_of_another_page_ends_none(takeover: bool) -> None:
+    links = part(0, takeover=takeover)
     assert at(links, 0) == [Page(1)]
     assert told(links, PageFailed(2)) == []
     assert at(links, S) == []
+    with_slaves(links, 2)
+    assert at(links, S) == []
     links.link(PageFailed(1), S)
-    assert at(links, S) == [Page(2)]
+    assert at(links, S) == [Page(3)]
 
 
-def test_who_was_lost_is_paged_after_the_shortest_time() -> None:
-    links = with_slaves(part(0, 2), 1)
+@both
+def test_who_was_lost_is_paged_again_after_the_shortest_time_and_then_more_rarely(takeover: bool) -> None:
+    links = part(0, 2, takeover=takeover)
+    pages_of_one_that_never_answers(links, 40)
+    with_slaves(links, 1)
     assert told(links, Lost(1), 40 * S) == []
     assert links.slaves == set()
     assert at(links, 45 * S - 1) == []
     assert at(links, 45 * S) == [Page(1)]
+    links.link(PageFailed(1), 50 * S)
+    assert at(links, 60 * S - 1) == []
+    assert at(links, 60 * S) == [Page(1)]
 
 
 def test_the_dead_are_paged_last_and_rarely_until_they_are_linked_again() -> None:
@@ -274,6 +307,52 @@ def test_who_was_lost_is_paged_at_once_although_another_was_paged_in_vain() -> N
     assert at(links, 5 * S) == [Page(2)]
 
 
+# ---------------------------------------------------------------- without a takeover
+
+
+def test_without_a_takeover_the_master_does_not_scan_and_the_others_do() -> None:
+    parameters = LinkParameters(first=1, takeover=False)
+    assert [Links(me, 3, parameters, 0).drain() for me in range(3)] == [[Scan(True)], [Scan(False)], [Scan(True)]]
+
+
+def test_without_a_takeover_nobody_succeeds_a_master_that_is_dead_and_slaves_page_nobody() -> None:
+    links = part(1, takeover=False)
+    assert takes_over(links) is None
+    with_master(links, 0, 200 * S)
+    assert told(links, Lost(0), 300 * S) == [Scan(enabled=True)]
+    links.forget(0)
+    for second in range(300, 600):
+        assert at(links, second * S, 0, 2) == []
+    assert with_master(links, 0, 600 * S).master == 0
+
+
+@pytest.mark.parametrize(
+    ("me", "event"),
+    [
+        (0, Connected(1, Role.SLAVE)),
+        (2, Connected(0, Role.MASTER)),
+        (2, Connected(1, Role.SLAVE)),
+        (2, Connected(1, Role.MASTER)),
+        (0, Connected(4, Role.MASTER)),
+    ],
+)
+def test_without_a_takeover_all_links_but_those_of_the_first_to_the_others_are_closed(
+    me: Address, event: Connected
+) -> None:
+    links = part(me, takeover=False)
+    assert told(links, event) == [Disconnect(event.peer)]
+    assert links.slaves == set()
+    assert links.master is None
+
+
+def test_without_a_longest_silence_links_last_until_the_radio_reports_their_loss() -> None:
+    master, slave = with_slaves(part(0, 2, silence_s=None), 1), with_master(part(1, 2, silence_s=None))
+    for links in (master, slave):
+        links.tick((), 1000 * S)
+        assert links.drain() == []
+    assert (master.slaves, slave.master) == ({1}, 0)
+
+
 # ---------------------------------------------------------------- two masters that find each other
 
 
@@ -346,6 +425,16 @@ def test_a_master_talks_to_its_slaves_and_they_to_all_by_way_of_it() -> None:
     assert second.audience is None
 
 
+def test_a_master_relays_what_a_slave_has_sent_to_it_alone_if_there_are_others() -> None:
+    links = with_slaves(part(0), 1)
+    assert not links.relays(1, Reception(1, False))
+    with_slaves(links, 2)
+    assert links.relays(1, Reception(1, False))
+    assert not links.relays(1, Reception(1, True))
+    assert not links.relays(1, Reception(2, False))  # another has relayed it
+    assert not with_master(part(2)).relays(1, Reception(1, False))
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
@@ -356,6 +445,22 @@ def test_a_master_talks_to_its_slaves_and_they_to_all_by_way_of_it() -> None:
 def test_times_that_contradict_each_other_are_refused(changes: dict[str, float], why: str) -> None:
     with pytest.raises(ValidationError, match=why):
         LinkParameters.model_validate(changes)
+
+
+def test_the_times_of_pages_are_checked_where_nothing_else_is_set() -> None:
+    with pytest.raises(ValidationError, match=r"page_s\n  is not <= 1\.0, page_most_s"):
+        PagingParameters(page_s=2.0, page_most_s=1.0)
+
+
+def test_slaves_may_be_left_no_time_between_two_pages_in_vain() -> None:
+    links = with_slaves(part(0, 4, service=0), 1)
+    for second, peer in ((0, 2), (5, 3), (10, 2), (15, 3)):
+        assert at(links, second * S, 2, 3) == [Page(peer)]
+        links.link(PageFailed(peer), (second + 5) * S)
+
+
+def test_heartbeats_may_be_as_rare_as_wanted_where_no_silence_ends_a_link() -> None:
+    assert LinkParameters(beat_s=100.0, silence_s=None).silence_s is None
 
 
 def test_waits_that_do_not_grow_are_refused() -> None:

@@ -5,7 +5,6 @@ import pytest
 from cosim.machine import BROADCAST, Connected, Lost, Page, PageFailed, Reception, Role
 from cosim.units import S
 from protocols.transport.frames import ALL, Ack, Frame, Publication, encode
-from tests.protocols.transport.lossy_air import HERE
 from tests.protocols.transport.transport_alone import bluetooth_transport, linked, sent
 
 
@@ -17,9 +16,9 @@ def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged
     second.links.leading = True  # type: ignore[union-attr]
     linked(second, Role.MASTER, 2, 3)
     first.forget(2, 0)
-    first.tick(HERE, (), 0)
+    first.tick((), 0)
     first.link(PageFailed(1), 0)
-    first.tick(HERE, (), 0)
+    first.tick((), 0)
     first.link(PageFailed(3), 5 * S)
     first.drain()
     second.link(Connected(0, Role.SLAVE), 6 * S)
@@ -27,10 +26,10 @@ def test_a_master_that_follows_another_tells_it_of_its_slaves_and_they_are_paged
     assert (to, frame.body) == (0, Publication(255, 1, bytes([2, 3])))
     first.link(Connected(1, Role.MASTER), 6 * S)
     first.receive(encode(frame), Reception(1, False), 6 * S)
-    first.tick(HERE, (), 6 * S)
+    first.tick((), 6 * S)
     assert Page(2) in first.drain()
     first.link(Connected(2, Role.MASTER), 7 * S)
-    first.tick(HERE, (), 7 * S)
+    first.tick((), 7 * S)
     assert Page(3) in first.drain()
 
 
@@ -101,7 +100,7 @@ def test_a_master_that_has_nothing_to_say_lets_itself_be_heard_and_nobody_takes_
     beats = []
     for tick in range(100):
         now = tick * S // 10
-        master.tick(HERE, (), now)
+        master.tick((), now)
         for destination, frame in sent(master):
             beats.append(tick)
             assert destination == BROADCAST
@@ -116,5 +115,5 @@ def test_a_master_that_has_nothing_to_say_lets_itself_be_heard_and_nobody_takes_
 def test_without_slaves_no_master_speaks() -> None:
     master = bluetooth_transport(0)
     for tick in range(100):
-        master.tick(HERE, (), tick * S)
+        master.tick((), tick * S)
         assert sent(master) == []

@@ -75,7 +75,7 @@ class Writer:
         if now - self._told >= NEWS_PERIOD:
             self._told = now
             self.transport.publish(0, bytes(60), now)
-        self.transport.tick((observation.x_m, observation.y_m), observation.visible, now)
+        self.transport.tick(observation.visible, now)
         self._read(now)
 
     def wake(self, now: Time) -> None:
