@@ -110,10 +110,11 @@ def earliest(arcs: Sequence[Arc], fixed: Mapping[Point, Time], floor: Time | Non
     for _ in range(len(arcs) + 1):
         changed = False
         for earlier, later, least, _ in arcs:
-            since = times.get(earlier, floor)
-            if since is None or later in fixed:
+            if later in fixed or (since := times.get(earlier, floor)) is None:
                 continue
-            at = since + least if floor is None else max(since + least, floor)
+            at = since + least
+            if floor is not None and at < floor:
+                at = floor
             known = times.get(later)
             if known is None or at > known:
                 times[later] = at
