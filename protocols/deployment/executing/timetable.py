@@ -74,6 +74,9 @@ class Timetable:
         """Fix the end of a task; drop the constraints on one that has never started."""
         if (name, "start") in self._happened:
             self.happened(name, "end", at)
+            # a wait that was cut short has broken its own length, which would hide every other contradiction
+            own = (name, "start"), (name, "end")
+            self._structure = [arc for arc in self._structure if (arc.earlier, arc.later) != own]
         else:
             self._void(name)
 

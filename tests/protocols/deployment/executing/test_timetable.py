@@ -110,6 +110,15 @@ def test_a_deadline_that_cannot_be_kept_any_more_is_reported_before_it_has_passe
     assert [(breach.constraint, breach.at) for breach in scene.breaches] == [(0, 5 * S + 1)]
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_wait_that_was_cut_short_hides_no_missed_deadline(order: int):
+    short = wait("a", 9).model_copy(update={"time_out_s": 3.0, "on_failure": "skip"})
+    root = parallel("root", *[short, go("b", 1, 20.0)][::order])
+    scene = run(root, between("", "b.end", 0.0, 5.0))
+    assert times_of(scene)["a", "end"] == 3.0
+    assert [(breach.constraint, breach.at) for breach in scene.breaches] == [(0, 5 * S + 1)]
+
+
 def test_windows_that_contradict_each_other_are_reported_at_once():
     scene = run(parallel("root", wait("a", 1), wait("b", 1)), between("a", "b", 10.0), between("a", "b.end", 0.0, 5.0))
     assert [(breach.constraint, breach.at) for breach in scene.breaches] == [(1, 0)]
