@@ -25,7 +25,7 @@ from cosim.simulation import Simulation
 from tests import document_judge
 from tests.document_cases import FLOOR, PLAIN, ROOT, Document, drawn
 from tests.document_judge import Verdict, judged, run
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 CASES = 20_000
 SILENCE_S = 300.0

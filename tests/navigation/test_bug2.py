@@ -12,7 +12,7 @@ from cosim.navigation.bug2 import bug2_path, bug2_step, crossings
 from cosim.navigation.status import Status
 from tests.navigation.bug2_oracle import bug2_by_hand
 from tests.navigation.scenes import scenes, spiral
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 SQUARE = [(4, -1), (6, -1), (6, 2), (4, 2)]
 ROOM = [(0, -5), (10, -5), (10, 5), (0, 5)]

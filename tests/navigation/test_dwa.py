@@ -4,7 +4,6 @@ The bodies are those of the simulator, whose own drive and contacts are the judg
 """
 
 import math
-import os
 
 import numpy as np
 import pytest
@@ -33,10 +32,10 @@ from cosim.robots.motion import braking_way as drive_braking_way
 from cosim.robots.motion import chord as drive_chord
 from cosim.robots.motion import towards as drive_towards
 from cosim.units import MS
+from tests.tiers import soak_count
 
 TICK = 100 * MS
-SHARE = float(os.environ.get("SOAK_SHARE", "1"))
-LONG = settings(max_examples=max(round(200 * SHARE), 1))
+LONG = settings(max_examples=soak_count(200))
 T = 0.1
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (6, 6, 0, 6), (0, 6, 0, 0), (2, 2, 4, 2.5), (3, 4, 3, 6)], float)
 MARGIN = 0.02

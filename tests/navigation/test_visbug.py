@@ -12,7 +12,7 @@ from cosim.navigation.bug2 import bug2_path
 from cosim.navigation.status import Status
 from cosim.navigation.visbug import LOST, target_of, visbug_path, visbug_step
 from tests.navigation.scenes import Scene, scenes, spiral
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 SQUARE = [(4, -1), (6, -1), (6, 2), (4, 2)]
 TOWER = [(4, -1), (5.5, -1), (5.4, 1), (5.2, 1), (5.2, 0.5), (5, 0.5), (5, 4), (4, 4)]

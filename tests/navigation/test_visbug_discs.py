@@ -17,7 +17,7 @@ from cosim.geometry.boundary import boundary, inflated
 from cosim.navigation.bug2 import bug2_path
 from cosim.navigation.status import Status
 from cosim.navigation.visbug import visbug_path
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 SIZE_M, STEP_M = 12.0, 0.1
 QUARTER = 4

@@ -5,9 +5,8 @@ A case is drawn from a ``Choice``, of hypothesis (which shrinks what it finds) o
 """
 
 import ast
-import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -116,21 +115,6 @@ def draw_noise(choice: Choice, frames: Sequence[Seen]) -> tuple[Jammer, ...]:
         if begin >= 0:
             noise.append(Jammer("constant", begin, begin + length, (frame.channel,)))
     return tuple(noise)
-
-
-def soak_count(full: int) -> int:
-    """Return how many of *full* cases the environment's SOAK_SHARE asks for."""
-    return max(1, round(full * float(os.environ.get("SOAK_SHARE", "1"))))
-
-
-def two_tiers(cases: Iterable[Any], few: int) -> list[Any]:
-    """Return the parameters of a slow test: a *few* of *cases*, evenly spread, and of the others the soak's share."""
-    every = [case if isinstance(case, tuple) else (case,) for case in cases]
-    chosen = {number * len(every) // few for number in range(few)}
-    others = [case for number, case in enumerate(every) if number not in chosen]
-    soak = others[: int(len(others) * float(os.environ.get("SOAK_SHARE", "1")))]  # CI's share of so few is none
-    share = [pytest.param(*case, marks=pytest.mark.soak) for case in soak]
-    return [*(pytest.param(*every[number]) for number in sorted(chosen)), *share]
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> ModuleType:

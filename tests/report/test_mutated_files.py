@@ -16,7 +16,7 @@ from cosim.report import sweep_report
 from cosim.report.claims import judge, published_claims
 from cosim.report.sweep_report import report
 from cosim.results import ReportSettings, RunStore, SweepDescription
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 PLAIN_RUNS: list[dict[str, Any]] = [
     {"seed": seed, "size": size, "radio": radio, "status": "done", "found": found, "delay_s": size * seed / 2}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.channels.adhoc.dcf_cases import drawn, fast, slow
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 
 @pytest.mark.slow

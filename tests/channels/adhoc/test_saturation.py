@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.saturation_throughput.saturation import chances, measure
-from tests.oracles.campaign import two_tiers
+from tests.tiers import two_tiers
 
 BIANCHI = {"phy": "fhss", "overhead_octets": 34, "cw_min": 31, "cw_max": 1023, "bianchi_counting": True}
 DSSS = {"phy": "dsss", "rate_mbps": 1, "basic_rates_mbps": (1,)}

@@ -18,7 +18,7 @@ from cosim.kernel import WAKE
 from cosim.randomness import Draws
 from cosim.units import MS, SLOT, TICK, US, S
 from tests.channels.bluetooth.bluetooth_field import Field, clock_in_block, random_clock
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 ID, FHS = 68 * US, 366 * US
 CONTINUOUS = 0.01125

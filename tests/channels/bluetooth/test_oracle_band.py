@@ -16,7 +16,8 @@ from tests.channels.bluetooth.band_channel import Outcome, outcome_of, run_chann
 from tests.oracles.band_cases import Case, draw_case
 from tests.oracles.band_corners import corners
 from tests.oracles.band_scene import KINDS
-from tests.oracles.campaign import Drawn, Seeded, soak_count
+from tests.oracles.campaign import Drawn, Seeded
+from tests.tiers import soak_count
 
 DEFAULT = 314
 FIRST_SEED = 20

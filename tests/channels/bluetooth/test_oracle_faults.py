@@ -9,9 +9,10 @@ import pytest
 from cosim.errors import LocalProtocolError
 from tests.channels.bluetooth import test_oracle_band, test_oracle_inquiry, test_oracle_page, test_oracle_polling
 from tests.channels.bluetooth.band_channel import run_channel
-from tests.oracles.campaign import plant, soak_count
+from tests.oracles.campaign import plant
 from tests.oracles.faults_band import BAND_FAULTS, Fault
 from tests.oracles.faults_rooms import ROOM_FAULTS
+from tests.tiers import soak_count
 
 COMPARISONS = {
     "band": test_oracle_band,

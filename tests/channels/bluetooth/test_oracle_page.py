@@ -15,20 +15,9 @@ from tests.channels.bluetooth.band_channel import Outcome, outcome_of, run_chann
 from tests.oracles.band_air import Jammer
 from tests.oracles.band_cases import Case, settled
 from tests.oracles.band_scene import Body, PageFor, Scan, ScanWindows, Scene
-from tests.oracles.campaign import (
-    CLEAR,
-    Choice,
-    Drawn,
-    Outages,
-    Seeded,
-    chance,
-    draw_noise,
-    draw_outages,
-    nudge,
-    pick,
-    soak_count,
-)
+from tests.oracles.campaign import CLEAR, Choice, Drawn, Outages, Seeded, chance, draw_noise, draw_outages, nudge, pick
 from tests.oracles.medium import TICK, Clock
+from tests.tiers import soak_count
 
 PAGER, PAGED = 0, 1
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from tests.channels.bluetooth.band_channel import Outcome, outcome_of, run_channel
 from tests.oracles.band_cases import Case, settled
 from tests.oracles.band_scene import ALL, KINDS, Body, Flush, Input, Join, ScanWindows, Scene, Send, Suspend
-from tests.oracles.campaign import CLEAR, Choice, Drawn, Outages, Seeded, chance, draw_outages, pick, soak_count
+from tests.oracles.campaign import CLEAR, Choice, Drawn, Outages, Seeded, chance, draw_outages, pick
 from tests.oracles.medium import SLOT, TICK, US, Clock
+from tests.tiers import soak_count
 
 MASTER = 0
 

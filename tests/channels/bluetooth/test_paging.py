@@ -11,7 +11,7 @@ from cosim.channels.bluetooth.scanning import ScanSettings
 from cosim.kernel import WAKE
 from cosim.units import MS, TICK, US, S
 from tests.channels.bluetooth.bluetooth_field import CLOCK_RANGE, Field, clock_in_block, random_clock
-from tests.oracles.campaign import two_tiers
+from tests.tiers import two_tiers
 
 ID, FHS, POLL = 68 * US, 366 * US, 126 * US
 CONTINUOUS = 0.01125

@@ -18,7 +18,7 @@ from tests.navigation.localization.drive import (
     recovered_after_s,
     site,
 )
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 SITES = ("depot.yaml", "willow.yaml")
 HOLDS = (1, 20)

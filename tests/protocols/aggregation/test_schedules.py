@@ -6,9 +6,9 @@ import pytest
 
 from cosim.scenario import Scenario
 from protocols.aggregation.host import Host
-from tests.oracles.campaign import soak_count
 from tests.protocols.aggregation.fault_judge import Look, Watched, lost_reports, outsiders
 from tests.protocols.aggregation.fault_schedules import HIDDEN_M, USE, Schedule, schedule
+from tests.tiers import soak_count
 
 BLOCKS = 10
 EVENTS_PER_S = 100.0

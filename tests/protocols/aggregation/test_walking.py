@@ -11,8 +11,8 @@ from cosim.observation import Observation, Sighting
 from cosim.robots.motion import Carry
 from protocols.aggregation.parameters import WalkingParameters
 from protocols.aggregation.walking import Walker, in_the_way, retreat, way_round
-from tests.oracles.campaign import soak_count
 from tests.protocols.aggregation.ground_scene import TICK, Stage, floor, ground_of, hall
+from tests.tiers import soak_count
 
 PARAMETERS = WalkingParameters()
 DRIVES = ["grid", "differential", "omni"]

@@ -1,6 +1,5 @@
 """The soak: random deployments end deployed, and touch nothing, with robots killed and orders lost."""
 
-import os
 from collections import Counter
 from typing import Any
 
@@ -11,9 +10,9 @@ from cosim.randomness import Streams
 from cosim.scenario import Scenario
 from tests.protocols.deployment.soak_scene import Case, Floor, absent, box, deserted, drawn, failure, judged, touched
 from tests.protocols.deployment.soak_wider import Party, widened
+from tests.tiers import soak_count
 
 RUNS = 300
-SHARE = float(os.environ.get("SOAK_SHARE", "1"))
 
 
 OPEN = {
@@ -25,7 +24,7 @@ OPEN = {
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", range(max(1, round(RUNS * SHARE))))
+@pytest.mark.parametrize("seed", range(soak_count(RUNS)))
 def test_a_random_deployment_ends_deployed_and_touches_nothing(seed: int, record_property: Any) -> None:
     case = drawn(seed)
     record_property("random deployments through the whole stack", 1)

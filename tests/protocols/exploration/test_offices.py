@@ -28,7 +28,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.units import S
 from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 USE = "protocols.exploration.spec:SPEC"
 BLOCKS = 10

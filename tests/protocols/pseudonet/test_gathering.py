@@ -23,8 +23,8 @@ from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Action, Kind, Message, Verdict, decode
 from protocols.pseudonet.parameters import Parameters as CoverageParameters
 from protocols.pseudonet.setup import View
-from tests.oracles.campaign import two_tiers
 from tests.protocols.pseudonet.floors import floor, view_of
+from tests.tiers import two_tiers
 
 ROOMS: dict[str, Any] = {
     "map": "walls",

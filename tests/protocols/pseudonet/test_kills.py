@@ -20,8 +20,8 @@ from cosim.geometry.grids import coverage_grid
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.trace import POSES
-from tests.oracles.campaign import soak_count, two_tiers
 from tests.protocols.pseudonet.link_air import LinkAir
+from tests.tiers import soak_count, two_tiers
 
 FLOOR: dict[str, Any] = {
     "map": "walls",

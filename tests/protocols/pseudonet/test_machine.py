@@ -37,7 +37,7 @@ from protocols.pseudonet.messages import Action, Kind, Message, Packet, Reply, S
 from protocols.pseudonet.parameters import Parameters, timing
 from protocols.pseudonet.setup import Setup
 from protocols.pseudonet.spec import COLUMN_LIMIT, SPEC, measure
-from tests.oracles.campaign import two_tiers
+from tests.tiers import two_tiers
 
 ALGORITHMS = ("oscard", "random_walk", "boustrophedon", "spanning_tree")
 FREE = (Verdict.POSSIBLE,) * 4

@@ -8,8 +8,8 @@ from protocols.pseudonet.messages import Action, Kind
 from protocols.pseudonet.plans.boustrophedon import boustrophedon
 from protocols.pseudonet.plans.spanning_tree import spanning_tree
 from protocols.pseudonet.setup import Setup
-from tests.oracles.campaign import soak_count
 from tests.protocols.pseudonet.floors import TIMES, PaperTeam, flood, floor, grid_of, maze, view_of
+from tests.tiers import soak_count
 
 PLANNERS = (boustrophedon, spanning_tree)
 SLOW_CASES = 300

@@ -15,7 +15,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.trace import CALLS, POSES, Table
 from cosim.units import MS, SLOT, S, to_seconds
 from tests.checkout import MAPS
-from tests.oracles.campaign import soak_count
+from tests.tiers import soak_count
 
 ROOMS: dict[str, Any] = {
     "map": "walls",

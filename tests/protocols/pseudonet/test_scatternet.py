@@ -29,8 +29,8 @@ from protocols.pseudonet.machine import Pseudonet
 from protocols.pseudonet.messages import Kind, Message, Missing
 from protocols.pseudonet.topology import Directory, Piconet
 from protocols.pseudonet.wide import Assignment, Census, Dissolution, Welcome, WidePacket, decode, encode
-from tests.oracles.campaign import two_tiers
 from tests.protocols.pseudonet.test_machine import maker, messages, started, surroundings
+from tests.tiers import two_tiers
 
 NOBODY = Directory(())
 CLOCKS = 1 << 28

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from cosim.units import MS, from_seconds
 from protocols.reflection.setup import into_frame
-from tests.oracles.campaign import soak_count
 from tests.protocols.reflection.arena import out_of_frame
 from tests.protocols.reflection.stage import STEP_M, TICK, Stage
+from tests.tiers import soak_count
 
 LIFE_S = 1.5
 LATEST = 7

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.oracles.campaign import soak_count
 from tests.protocols.transport.transport_toy import payload_of, run
+from tests.tiers import soak_count
 
 PLAN = 18_000
 POSTS = [(10.0, 0, 1, PLAN), (12.0, 0, 3, PLAN), (20.0, 3, 2, 5000), (20.0, 2, 0, 300), (20.0, 1, 0, 0)]

@@ -9,9 +9,9 @@ from cosim.units import MS, S, Time
 from protocols.transport.frames import Ack, Frame, Part, Publication, encode
 from protocols.transport.streams import Outbound, Pace
 from protocols.wire import BadBytes
-from tests.protocols.deployment.tiers import tiers
 from tests.protocols.transport.lossy_air import Air
 from tests.protocols.transport.transport_alone import PLAN, all_sent, hears, transport
+from tests.tiers import tiers
 
 # ---------------------------------------------------------------- laws
 

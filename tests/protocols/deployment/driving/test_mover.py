@@ -1,7 +1,6 @@
 """Movers on real bodies: they arrive, touch nothing and nobody, pass each other, and make way."""
 
 import math
-import os
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ from protocols.deployment.driving.yielding import in_the_way, off_way_m, refuge
 from protocols.motion.floor import Blocker, Floor
 from protocols.motion.parameters import DrivingParameters
 from tests.protocols.deployment.driving_scene import TICK, Scene, body, box, line, random_office
+from tests.tiers import soak_count
 
-SOAK_SHARE = float(os.environ.get("SOAK_SHARE", "1"))
 LOW, HIGH = 9.0, 11.0
 CROSSING = line(
     *((0, LOW), (LOW, LOW), (LOW, 0), (HIGH, 0), (HIGH, LOW), (20, LOW)),
@@ -232,7 +231,7 @@ def test_robots_of_all_sizes_reach_their_goals_in_an_office(seed):
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", range(1000, 1000 + max(2, round(200 * SOAK_SHARE))))
+@pytest.mark.parametrize("seed", range(1000, 1000 + max(2, soak_count(200))))
 def test_any_robots_reach_their_goals_in_any_office(seed, record_property):
     scene = random_office(seed, 1 + seed % 6, sizes=seed % 2 == 0)
     scene.run(300, scene.all_there)

@@ -9,7 +9,7 @@ from protocols.deployment.tasks.plan import Plan
 from tests.protocols.deployment.play_scene import Scene, Troubles, posts_of
 from tests.protocols.deployment.plays_scene import Scene as Office
 from tests.protocols.deployment.random_plays import RandomCall, random_calls
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 WEAN = {"crossing": [9.0, 1.0], "leap_places": [[20.0, 9.0], [30.0, 9.0]], "group_places": [[20.0, -9.0], [30.0, -9.0]]}
 

@@ -1,7 +1,6 @@
 """Random plans with everything that can go wrong: they end, and what they come to depends on the facts alone."""
 
 import math
-import os
 import random
 
 import pytest
@@ -13,10 +12,10 @@ from protocols.deployment.tasks.facts import Heard, Record
 from protocols.deployment.tasks.plan import Deployment, Plan, Task
 from tests.protocols.deployment.plan_strategies import deployments, plans
 from tests.protocols.deployment.play_scene import Scene, Troubles, crew_of, posts_of
+from tests.tiers import soak_count
 
 QUICK = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
-SHARE = float(os.environ.get("SOAK_SHARE", "1"))
-LONG = settings(max_examples=max(round(2000 * SHARE), 10), suppress_health_check=[HealthCheck.too_slow])
+LONG = settings(max_examples=max(soak_count(2000), 10), suppress_health_check=[HealthCheck.too_slow])
 
 
 @st.composite

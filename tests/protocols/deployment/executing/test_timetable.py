@@ -7,7 +7,7 @@ from cosim.units import S, from_seconds
 from protocols.deployment.tasks.plan import Between, Go, Instant, Plan, Task, Wait
 from tests.protocols.deployment.plan_strategies import betweens
 from tests.protocols.deployment.play_scene import Scene, Troubles, crew_of
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 Times = dict[tuple[str, str], float]
 """When the instants of a plan are, in s."""

@@ -13,7 +13,7 @@ from cosim.units import S, Time
 from protocols.deployment.executing.tree import TABLE, Edge, Input, Node, State, TaskTree, claims
 from protocols.deployment.tasks.orders import Result
 from protocols.deployment.tasks.plan import Go, Task, Wait
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 
 class Open:

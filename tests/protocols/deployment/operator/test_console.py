@@ -14,8 +14,8 @@ from cosim.simulation import Simulation
 from cosim.units import S
 from protocols.deployment.runner import Runner
 from protocols.wire import BadBytes
-from tests.oracles.campaign import two_tiers
 from tests.protocols.deployment.crew_scene import BY_CABLE, HEIGHT_M, PLACES_M, STARTS_M, WIDTH_M, scenario, setup
+from tests.tiers import two_tiers
 
 CALL = {"play": "deploy/group", "places": PLACES_M}
 

@@ -14,7 +14,7 @@ from protocols.deployment.tasks.plan import ORIGIN, Plan, actors
 from tests.protocols.deployment.planner_scene import NEAR_FAR, WEAN, assert_mends, schedule
 from tests.protocols.deployment.plays_scene import Scene
 from tests.protocols.deployment.random_plays import RandomCall, random_calls
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 
 @tiers(15, 100, random_calls())

@@ -13,7 +13,7 @@ from protocols.deployment.tasks.plan import Deployment, Explore, Face, Go, Photo
 from tests.protocols.deployment.planner_scene import scene_of
 from tests.protocols.deployment.plays_scene import Scene, built_in, paths_of, playbook_of, reader
 from tests.protocols.deployment.random_plays import RandomCall, random_calls
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 WEAN = {
     "crossing": [10, 0],

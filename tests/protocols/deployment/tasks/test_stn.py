@@ -26,7 +26,7 @@ from protocols.deployment.tasks.stn import (
     latest,
 )
 from tests.protocols.deployment.plan_strategies import tasks
-from tests.protocols.deployment.tiers import tiers
+from tests.tiers import tiers
 
 STARTS: list[Point] = [(name, "start") for name in "abcd"]
 ENDS: list[Point] = [(name, "end") for name in "abcd"]

@@ -19,9 +19,9 @@ from protocols.deployment.tasks.orders import Halt, Order
 from protocols.deployment.tasks.plan import Photo, Plan, Task
 from protocols.deployment.team import replica as replicas
 from protocols.deployment.team.replica import TABLE, Agreed, Input, Led, Replica, State, Term, Waits
-from tests.oracles.campaign import soak_count
 from tests.protocols.deployment.team import model
 from tests.protocols.deployment.team.model import BrokenError, Budget, explored, wander
+from tests.tiers import soak_count
 
 SILENCE, ALONE, AGAIN = 10 * S, 30 * S, 5 * S
 WAITS = Waits(SILENCE, ALONE, AGAIN, 2 * S)

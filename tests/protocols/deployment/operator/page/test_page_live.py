@@ -13,6 +13,7 @@ from cosim.scenario import load
 from cosim.web.live import Live
 from tests.protocols.deployment.operator.page.hand import PAGE, choose, until
 from tests.protocols.deployment.operator.page.scene import FLOOR, begun, written
+from tests.tiers import SOAK_SHARE
 from tests.web.browser import LABELS, Browser, tab
 from tests.web.commanded import ROOT, commanded
 from tests.web.served import Served
@@ -300,7 +301,7 @@ def test_the_team_of_wean_is_deployed_from_a_laptop_and_called_home_from_a_phone
 
 
 @pytest.mark.soak
-@pytest.mark.skipif(float(os.environ.get("SOAK_SHARE", "1")) < 1.0, reason="compiles all kernels: only in a whole soak")
+@pytest.mark.skipif(SOAK_SHARE < 1.0, reason="compiles all kernels: only in a whole soak")
 def test_from_an_empty_cache_the_first_play_is_played_without_a_false_alarm(browser: Browser, tmp_path: Path):
     begun_cold = commanded("playbook", WEAN, long_s=400.0, NUMBA_CACHE_DIR=str(tmp_path))
     with begun_cold as shown, tab(browser, shown, own=True) as page:
