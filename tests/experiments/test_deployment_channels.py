@@ -14,6 +14,7 @@ from cosim.units import S
 from experiments.deployment_channels import figures
 from experiments.deployment_channels.recovering import COLUMNS, measure, recovery
 from tests.checkout import EXPERIMENTS
+from tests.tiers import each_value
 
 FOLDER = EXPERIMENTS / "deployment_channels"
 CLAIMS = {claim.id: claim for claim in published_claims(FOLDER)}
@@ -126,9 +127,12 @@ def test_a_team_that_meets_again_has_recovered() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("executive", figures.EXECUTIVES)
-@pytest.mark.parametrize(("network", "killed"), [("ideal", "none"), ("adhoc", "robot"), ("bluetooth", "host")])
-def test_a_team_deploys_whoever_dies(network: str, killed: str, executive: str) -> None:
+@pytest.mark.parametrize(
+    ("case", "executive"),
+    each_value([("ideal", "none"), ("adhoc", "robot"), ("bluetooth", "host")], figures.EXECUTIVES),
+)
+def test_a_team_deploys_whoever_dies(case: tuple[str, str], executive: str) -> None:
+    network, killed = case
     found = measure(parameters(network, killed, executive), 2)
     assert set(found) == {column.name for column in COLUMNS}
     assert found["deployed"] == 1.0

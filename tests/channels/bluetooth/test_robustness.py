@@ -42,6 +42,7 @@ from tests.channels.bluetooth.bluetooth_arena import (
     paging,
     strike,
 )
+from tests.tiers import all_pairs
 
 # ---------------------------------------------------------------- pages
 
@@ -276,9 +277,7 @@ def talking(share: bool) -> tuple[Arena, Time]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lasting", [None, 5 * MS, 100 * MS])
-@pytest.mark.parametrize("share", [False, True])
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(("fault", "share", "lasting"), all_pairs(FAULTS, [False, True], [None, 5 * MS, 100 * MS]))
 def test_a_link_that_is_struck_at_any_instant_ends_or_goes_on_and_every_payload_has_one_fate(
     fault: str, share: bool, lasting: Time | None
 ):

@@ -12,6 +12,7 @@ from protocols.aggregation.setup import Setup
 from protocols.aggregation.strategies import Strategy
 from protocols.aggregation.subteam import Work
 from tests.protocols.aggregation.team_scene import prepared
+from tests.tiers import tiers
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +95,7 @@ def test_all_posts_of_silent_hosts_fall_to_exactly_one_of_the_living(hosts: int,
         assert all(owners[post] == [host] for post in floor(hosts)[1].regions[host])
 
 
-@given(hosts=st.integers(1, 3), asking=st.integers(1, 5), data=st.data())
+@tiers(30, 300, st.integers(1, 3), st.integers(1, 5), st.data())
 def test_those_who_ask_one_after_the_other_end_up_with_all_the_posts_and_none_twice(
     hosts: int, asking: int, data: st.DataObject
 ) -> None:

@@ -14,6 +14,7 @@ from protocols.aggregation.ground import Ground
 from protocols.aggregation.messages import Plan, Plans
 from protocols.aggregation.touring import Motion
 from tests.protocols.aggregation.team_scene import TARGETS_M, WALLS_M, Alone, Point, prepared, run, scenario
+from tests.tiers import each_value
 
 STARTS_M = [(9.5, 9.0), (10.5, 9.0), (9.5, 10.4), (10.0, 10.4), (10.5, 10.4)]
 """Two hosts, three searchers, close together: 2 and 4 are led by host 0, 3 by host 1."""
@@ -185,8 +186,7 @@ def test_a_sight_that_nobody_can_have_is_refused(wrong: dict[str, Any], message:
 
 @pytest.mark.compiles
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["srp", "mi", "random"])
-@pytest.mark.parametrize("humans", [(3,), (2, 3, 4)])
+@pytest.mark.parametrize(("strategy", "humans"), each_value(["srp", "mi", "random"], [(3,), (2, 3, 4)]))
 def test_a_search_with_people_of_shorter_sight_ends(strategy: str, humans: tuple[int, ...]) -> None:
     search = run(strategy, humans=humans, human_camera_m=2.5, human_vision_m=1.0)
     assert search.ended

@@ -8,6 +8,7 @@ import pytest
 from shapely import LineString
 
 from tests.protocols.aggregation.team_scene import SHORT_M, STRATEGIES, TARGETS_M, WALLS_M, Run, ideal_radios, run
+from tests.tiers import two_tiers
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +33,7 @@ def assert_all_found_and_stopped(search: Run) -> None:
         assert search.way_m(searcher, stopped_s, end_s) < 2.5  # it brakes from 2 m/s at 1 m/s^2
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", two_tiers([1, 2, 3], 1))
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_finds_all_targets_and_stops_everybody(strategy: str, seed: int) -> None:
     assert_all_found_and_stopped(plain(strategy, seed))

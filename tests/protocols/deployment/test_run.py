@@ -10,6 +10,7 @@ import pytest
 from cosim.simulation import Outcome
 from protocols.deployment.tasks.plan import Place
 from tests.protocols.deployment.crew_scene import CHANNELS, PLACES_M, STARTS_M, call, rows, run
+from tests.tiers import all_pairs
 
 QUICK = {"silence_s": 4.0, "alone_s": 12.0, "again_s": 2.0}
 """For robots that miss each other sooner, so that runs are short."""
@@ -91,10 +92,7 @@ def test_a_robot_that_dies_is_lost_and_its_role_is_taken() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(  # all pairs
-    ("robot", "for_s", "executive"),
-    [(0, 2.0, "central"), (1, 9.0, "central"), (0, 9.0, "distributed"), (1, 2.0, "distributed")],
-)
+@pytest.mark.parametrize(("robot", "for_s", "executive"), all_pairs([0, 1], [2.0, 9.0], EXECUTIVES))
 def test_who_boots_again_is_told_the_plan_and_joins_in(robot: int, for_s: float, executive: str) -> None:
     crash = {"kind": "crash", "robot": robot, "at_s": 6.0, "for_s": for_s}
     outcome = run("ideal", [crash], executive=executive, calls=[call("deploy/wave")], **QUICK)

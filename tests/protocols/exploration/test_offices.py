@@ -28,7 +28,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.units import S
 from protocols.exploration.referee import coverable_cells
 from protocols.mapping.belief import Frame
-from tests.tiers import soak_count
+from tests.tiers import soak_count, two_tiers
 
 USE = "protocols.exploration.spec:SPEC"
 BLOCKS = 10
@@ -138,7 +138,7 @@ def unnamed(explorer: Any) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [2, 9, 12, 18])
+@pytest.mark.parametrize("number", two_tiers([9, 12, 18, 2], 2))
 def test_a_team_sees_all_of_an_office_and_touches_nothing(number: int) -> None:
     assert wrongs(number) == []
 

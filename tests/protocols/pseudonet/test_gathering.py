@@ -315,7 +315,7 @@ def check_gathered(simulation: Simulation, outcome: Outcome, living: Sequence[in
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", two_tiers([1, 2], 1))
 @pytest.mark.parametrize(("size", "channel"), [(3, "ideal"), (8, "ideal"), (3, "bluetooth"), (8, "bluetooth")])
 def test_a_team_gathers_in_rooms_and_corridors(size: int, channel: str, seed: int) -> None:
     check_gathered(*run(size, channel, seed), range(size))

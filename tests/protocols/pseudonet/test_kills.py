@@ -6,7 +6,6 @@ bodies, not by the protocol's own referee, which is compared with that.
 """
 
 from collections.abc import Sequence
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
 from cosim.trace import POSES
 from tests.protocols.pseudonet.link_air import LinkAir
-from tests.tiers import soak_count, two_tiers
+from tests.tiers import each_value, soak_count, two_tiers
 
 FLOOR: dict[str, Any] = {
     "map": "walls",
@@ -118,14 +117,14 @@ def check(case: Case, channel: str, monkeypatch: pytest.MonkeyPatch, loss: float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", two_tiers(range(10), 4))
+@pytest.mark.parametrize("seed", two_tiers(range(10), 2))
 def test_teams_of_a_piconet_finish_without_those_who_die(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     check(draw(seed, range(2, 9), 40), "ideal", monkeypatch)
     check(draw(100 + seed, range(2, 9), 60), "links", monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", two_tiers(range(6), 3))
+@pytest.mark.parametrize("seed", two_tiers(range(6), 1))
 def test_scatternets_finish_without_those_who_die(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     check(draw(seed, (9, 12, 16), 40), "ideal", monkeypatch)
     check(draw(100 + seed, (9, 12, 16), 60), "links", monkeypatch)
@@ -138,7 +137,7 @@ def test_over_bluetooth_too(seed: int, sizes: tuple[int, ...], monkeypatch: pyte
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "topology"), two_tiers(product((0, 1), TOPOLOGIES), 3))
+@pytest.mark.parametrize(("number", "topology"), each_value((0, 1), TOPOLOGIES))
 def test_a_master_dies_at_work(topology: str, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(5, 12, (), {"topology": topology})
     undisturbed, _ = run(case, "links", monkeypatch)
@@ -156,7 +155,7 @@ def events(outcome: Outcome) -> list[tuple[int, str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("topology", two_tiers(TOPOLOGIES, 1))
 def test_nobody_loses_its_team_for_lost_broadcasts(topology: str, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(3, 12, (), {"topology": topology})
     simulation, outcome = run(case, "links", monkeypatch, loss=0.3)

@@ -15,7 +15,7 @@ from cosim.simulation import Outcome, Simulation
 from cosim.trace import CALLS, POSES, Table
 from cosim.units import MS, SLOT, S, to_seconds
 from tests.checkout import MAPS
-from tests.tiers import soak_count
+from tests.tiers import all_pairs, each_value, soak_count, two_tiers
 
 ROOMS: dict[str, Any] = {
     "map": "walls",
@@ -99,16 +99,13 @@ def check_covered(simulation: Simulation, outcome: Outcome) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", range(1, 9))
-@pytest.mark.parametrize("channel", CHANNELS)
-@pytest.mark.parametrize("algorithm", COMPLETE)
+@pytest.mark.parametrize(("algorithm", "channel", "size"), all_pairs(COMPLETE, CHANNELS, range(1, 9)))
 def test_the_complete_algorithms_cover_rooms_and_corridors(algorithm: str, channel: str, size: int) -> None:
     check_covered(*run(scenario(algorithm, size, channel)))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("channel", CHANNELS)
-@pytest.mark.parametrize("algorithm", COMPLETE)
+@pytest.mark.parametrize(("algorithm", "channel"), each_value(COMPLETE, CHANNELS))
 def test_the_complete_algorithms_cover_a_generated_office(algorithm: str, channel: str) -> None:
     check_covered(*run(scenario(algorithm, 4, channel, OFFICE)))
 
@@ -123,7 +120,7 @@ def on_map(name: str, algorithm: str, channel: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "algorithm", "channel"),
-    [("depot.yaml", "spanning_tree", "bluetooth"), ("room-32-32-4.map", "boustrophedon", "ideal")],
+    two_tiers([("depot.yaml", "spanning_tree", "bluetooth"), ("room-32-32-4.map", "boustrophedon", "ideal")], 1),
 )
 def test_a_real_map_is_covered(name: str, algorithm: str, channel: str) -> None:
     on_map(name, algorithm, channel)
@@ -287,8 +284,7 @@ def check_finished_without(tracks: Tracks, outcome: Outcome, gone: Sequence[int]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["radio", "host", "radio and host"])
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(("channel", "what"), each_value(CHANNELS, ["radio", "host", "radio and host"]))
 def test_the_others_finish_without_a_robot_that_is_gone(channel: str, what: str) -> None:
     losses = [(14 * S + 103 * MS, 2, what)]
     tracks, outcome = run_with_losses(scenario(size=4, channel=channel), losses)
@@ -303,8 +299,7 @@ def test_a_robot_that_was_never_found_is_gone_around() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["radio", "host", "radio and host"])
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(("channel", "what"), each_value(CHANNELS, ["radio", "host", "radio and host"]))
 def test_without_their_master_the_others_form_a_team_and_finish(channel: str, what: str) -> None:
     losses = [(14 * S, 0, what)]
     tracks, outcome = run_with_losses(scenario(size=4, channel=channel), losses)
@@ -330,7 +325,7 @@ def test_a_host_whose_radio_is_dead_goes_on_by_itself() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", range(12))
+@pytest.mark.parametrize("case", two_tiers(range(12), 4))
 def test_whoever_dies_and_whenever_the_rest_is_covered(case: int) -> None:
     rng = np.random.default_rng(case)
     size = int(rng.integers(3, 9))

@@ -24,6 +24,7 @@ from protocols.motion.parameters import DrivingParameters
 from protocols.motion.traffic import Other, Traffic
 from tests.protocols.deployment.driving_scene import SIGHT_M, TICK, Scene, body, box, line
 from tests.protocols.deployment.positioning_scene import DRIFT, told
+from tests.tiers import two_tiers
 
 BEAMS = 60
 WALLS = [*box(8.0, 8.0), *line((3.0, 4.0), (3.5, 4.0)), *line((4.5, 4.0), (5.0, 4.0))]
@@ -106,7 +107,7 @@ def test_all_know_how_they_and_those_in_sight_have_moved() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", two_tiers(range(6), 2))
 def test_robots_whose_places_are_corrected_all_the_time_do_not_touch(seed: int) -> None:
     scene = Corrected(seed, DRIFT)
     scene.cross(3, 40.0)

@@ -11,6 +11,7 @@ from protocols.deployment.tasks.crew import Body, Crew
 from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Deployment, Explore, Go, Photo, Place, Plan, Task
 from tests.protocols.deployment.play_scene import Plain, Scene, Troubles, crew_of
+from tests.tiers import all_pairs, each_value
 
 PLACES: tuple[Place, ...] = ((10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (40.0, 0.0))
 STRATEGIES = ("group", "wave", "leap_frog")
@@ -44,9 +45,7 @@ def test_every_strategy_leaves_every_robot_at_its_place(strategy: str, augmented
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("dead", range(4))
-@pytest.mark.parametrize("at_s", [1.0, 15.0, 29.0, 45.0])
+@pytest.mark.parametrize(("strategy", "dead", "at_s"), all_pairs(STRATEGIES, range(4), [1.0, 15.0, 29.0, 45.0]))
 def test_after_a_death_the_others_occupy_the_first_places(strategy: str, dead: int, at_s: float):
     scene = Scene(deployment(strategy), crew_of(4), troubles=Troubles(deaths={dead: at_s})).run()
     assert scene.executive is not None
@@ -80,9 +79,7 @@ def executive(scene: Scene) -> Executive:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("before", STRATEGIES)
-@pytest.mark.parametrize("after", STRATEGIES)
-@pytest.mark.parametrize("at_s", [5, 14, 33, 52])
+@pytest.mark.parametrize(("before", "after", "at_s"), all_pairs(STRATEGIES, STRATEGIES, [5, 14, 33, 52]))
 def test_a_switch_leaves_every_robot_its_place(before: str, after: str, at_s: int):
     scene = until(Scene(deployment(before), crew_of(4)), at_s)
     executive(scene).switch(after, scene.now)  # type: ignore[arg-type]
@@ -194,8 +191,7 @@ def test_an_exploration_goes_on_without_the_dead():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("at_s", range(1, 60, 7))
+@pytest.mark.parametrize(("strategy", "at_s"), each_value(STRATEGIES, range(1, 60, 7)))
 def test_a_host_that_dies_in_mid_play_changes_nothing(strategy: str, at_s: int):
     trouble = Troubles(hosts=(float(at_s), at_s + 9.0), delay_s=(0.0, 1.0), twice=0.3)
     scene = Scene(deployment(strategy), crew_of(4), troubles=trouble, seed=at_s).run()

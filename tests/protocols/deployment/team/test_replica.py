@@ -21,7 +21,7 @@ from protocols.deployment.team import replica as replicas
 from protocols.deployment.team.replica import TABLE, Agreed, Input, Led, Replica, State, Term, Waits
 from tests.protocols.deployment.team import model
 from tests.protocols.deployment.team.model import BrokenError, Budget, explored, wander
-from tests.tiers import soak_count
+from tests.tiers import SOAK_SHARE, soak_count
 
 SILENCE, ALONE, AGAIN = 10 * S, 30 * S, 5 * S
 WAITS = Waits(SILENCE, ALONE, AGAIN, 2 * S)
@@ -336,12 +336,13 @@ SPOILT = {
 
 LATE = {"plans of equal numbers stay different"}
 """Those that show in a large model only."""
+LATE_MARKS = [pytest.mark.soak, pytest.mark.skipif(SOAK_SHARE < 1, reason="takes long: only in a whole soak")]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
-    [pytest.param(*each, id=name, marks=[pytest.mark.soak] * (name in LATE)) for name, each in SPOILT.items()],
+    [pytest.param(*each, id=name, marks=LATE_MARKS * (name in LATE)) for name, each in SPOILT.items()],
 )
 def test_a_condition_that_is_left_out_is_missed(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
     source = Path(str(replicas.__file__)).read_text(encoding="utf-8")
