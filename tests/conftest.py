@@ -1,7 +1,8 @@
 """What all tests share: no deadlines, the command line, a browser; at the end, what was compared, and skipped."""
 
+import gc
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any, NamedTuple
 
 import pytest
@@ -41,6 +42,21 @@ def browser() -> Iterator[Any]:
 
     with chromium() as browser:
         yield browser
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect tests without collecting garbage, and never look for any among what stays to the end.
+
+    The collector would go through all modules and tests again and again: that took two thirds of the time of
+    collecting, and a quarter of that of the tests themselves.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
