@@ -11,6 +11,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from cosim.errors import WireError
 from cosim.machine import Address
 from cosim.settings import Angle, Count, Metres, Settings
+from protocols.deployment.messages.status import MOST_TERM
 from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Retreat
 from protocols.deployment.tasks.plan import Act, Go, Place, actors
@@ -98,6 +99,8 @@ def decode(data: bytes, size: int) -> Letter:
         message = _LETTERS.validate_json(data)
     except ValidationError as error:
         raise WireError(f"{error.error_count()} faults in a letter") from error
+    if isinstance(message, Ordered) and message.term > MOST_TERM:
+        raise WireError(f"an order of term {message.term}")
     # robots are used as indices from here on
     strangers = [robot for robot in _robots(message) if robot >= size]
     if strangers:

@@ -101,6 +101,14 @@ def test_a_letter_that_nobody_could_act_on_is_refused(letter: messages.Letter, w
         messages.decode(data.replace(was, now, 1), size=3)
 
 
+@pytest.mark.parametrize("term", [status.MOST_TERM + 1, 2**31 - 1])
+def test_an_order_of_a_term_that_no_team_reaches_is_refused(term: int) -> None:
+    order = LETTERS[3].model_copy(update={"term": status.MOST_TERM})
+    assert messages.decode(messages.encode(order), size=3) == order
+    with pytest.raises(WireError, match="an order of term"):
+        messages.decode(messages.encode(order.model_copy(update={"term": term})), size=3)
+
+
 @given(st.binary(max_size=80))
 def test_any_bytes_are_a_letter_or_refused(data: bytes) -> None:
     try:
@@ -122,7 +130,7 @@ numbers = st.floats(-1000.0, 1000.0, width=32)
     st.builds(
         News,
         host=st.integers(0, 7),
-        term=st.integers(0, 0xFFFF),
+        term=st.integers(0, status.MOST_TERM),
         plan=st.integers(0, 0xFFFFFFFF),
         calls=st.integers(0, 255),
         digest=st.integers(0, 0xFFFFFFFF),
@@ -152,12 +160,14 @@ def test_of_a_long_name_the_end_is_told() -> None:
     assert status.decode(status.encode(news), size=8).task == news.task[-status.TASK_BYTES :]
 
 
-@pytest.mark.parametrize("change", ["host", "flags", "nan", "short", "long"])
+@pytest.mark.parametrize("change", ["host", "term", "flags", "nan", "short", "long"])
 def test_news_that_make_no_sense_are_refused(change: str) -> None:
     data = bytearray(status.encode(News(0, 0, 0, 0, 0, None, True, 1.0, 2.0, 0.0, 0.0, None, "")))
     match change:
         case "host":
             data[0] = 8
+        case "term":
+            data[1:3] = struct.pack(">H", status.MOST_TERM + 1)
         case "flags":
             data[16] = 8
         case "nan":

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from cosim.errors import LocalProtocolError
+from cosim.errors import LocalProtocolError, WireError
 from cosim.machine import next_state
 from cosim.units import S
+from protocols.deployment.messages import status as codec
 from protocols.deployment.messages.messages import Facts, Ordered, Told
 from protocols.deployment.messages.status import News
 from protocols.deployment.tasks.facts import Heard, Record
@@ -110,6 +111,18 @@ def test_a_robot_that_has_booted_again_takes_a_term_after_those_that_others_foll
     booted = Replica(1, 4, first, WAITS, 0)
     booted.status(3, status(1, 7), S)
     assert (booted.state, booted.term) == (State.LEADER, Term(8, 1))
+
+
+@pytest.mark.parametrize("host", [1, 2])
+def test_a_leader_that_exceeds_the_greatest_term_that_is_believed_does_not_begin_again_from_0(host: int) -> None:
+    leader = Replica(1, 4, 1, WAITS, 0)
+    for _ in range(3):
+        leader.status(2, codec.decode(codec.encode(status(host, codec.MOST_TERM)), 4), S)
+    assert leader.term == Term(codec.MOST_TERM + 1, 1)
+    told = codec.encode(status(1, leader.term.number))
+    assert told[1:3] == leader.term.number.to_bytes(2, "big")
+    with pytest.raises(WireError):
+        codec.decode(told, 4)
 
 
 def test_an_order_of_a_smaller_term_than_was_confirmed_is_not_obeyed() -> None:
