@@ -14,6 +14,7 @@ from protocols.deployment.tasks.events import PlanTaken, RobotFound, RobotLost
 from protocols.deployment.tasks.facts import Heard, Record, Terminated
 from protocols.deployment.tasks.orders import Halt, Report, Result, Whereabouts
 from protocols.deployment.tasks.plan import Deployment, Go, Photo, Place, Plan, Strategy, Task
+from protocols.deployment.team.ledger import Ledger
 from protocols.deployment.team.reunion import Past, reunited
 from tests.protocols.deployment.crew_scene import PLACES_M, TICK
 from tests.protocols.deployment.hosts_scene import Robot, Team, drives, over
@@ -127,7 +128,9 @@ def test_a_host_s_plan_replaces_an_equal_one_of_the_same_number_that_began_at_an
     record = led.play.ledger.record()
     for later, told in ((0, False), (1, True)):
         again = record.model_copy(update={"start": record.start + later})
-        led.letter(0, Told(host=0, record=again, calls=1), team.now)
+        letter = Told(host=0, record=again, calls=1)
+        led.hear(0, team.robots[0].news()._replace(digest=Ledger(letter).digest), team.now)
+        led.letter(0, letter, team.now)
         assert led.play.ledger.record().start == again.start
         assert (plans(team.robots[1]) == [1, 1]) is told
 
