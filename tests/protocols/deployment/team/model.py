@@ -10,12 +10,20 @@ A play is a picture to be taken by one robot, and a place to be at in the end, f
 Whoever leads orders the picture until it knows that it was taken.
 
 What a robot does depends on its state and on the input alone, so it is computed once for all teams in which it recurs.
+A state of the team is one integer, made of the numbers of its robots, its mail and its situation: it stands for no
+other state. What is left out, as it changes nothing, is said where it is left out, and compared with a plain search.
+
+The promises: no term falls or grows without end, and no order of a smaller term, or of an earlier plan, is obeyed. What
+all of a part had noted as done when the parts met is not done again by a merge, if its leader is of that part, or has
+heard one of it since; but what all who noted it have forgotten, as they crashed, may be. And from every state the team
+agrees in time once faults have ceased, if it comes together, and each part of it if it does not.
 """
 
 import random
-from collections.abc import Iterator
-from functools import cache, cached_property
-from typing import Any, ClassVar, Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from functools import cache, cached_property, lru_cache
+from itertools import product
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 from cosim.machine import Address
 from protocols.deployment.messages import messages, status
@@ -31,6 +39,13 @@ GONE: Final = -2
 """When a robot was heard that is out of reach: longer ago than any wait."""
 ROUNDS: Final = 8
 """So many periods of the status after all faults are enough for a team to agree, and to have done all."""
+TERMS: Final = 40
+"""No few faults raise the number of a term so far: it grows without end."""
+BITS: Final = 24
+"""So many bits of a state tell each part of it from others of its kind."""
+
+Pair: TypeAlias = tuple[Address, Address]
+Action: TypeAlias = tuple[Any, ...]
 
 
 class BrokenError(AssertionError):
@@ -47,6 +62,28 @@ class Budget(NamedTuple):
     calls: int = 2
 
 
+class Numbered:
+    """What is never changed, but replaced; of those that are the same there is one, and a number stands for it."""
+
+    known: ClassVar[dict[Any, Any]]
+    """The ones there are, by all that tells them from others."""
+    every: ClassVar[list[Any]]
+    """The same by their numbers."""
+    number: int
+
+    def __init_subclass__(cls) -> None:
+        cls.known, cls.every = {}, []
+
+    def same(self, key: Any) -> Self:
+        """Return the one with that *key* that was known before; this one if there was none."""
+        known: Self = self.known.setdefault(key, self)
+        if known is self:
+            self.number = len(self.every)
+            self.every.append(self)
+            assert self.number >> BITS == 0
+        return known
+
+
 # ---------------------------------------------------------------- one robot
 
 
@@ -59,11 +96,8 @@ class Response(NamedTuple):
     """The plan that it has begun again, if it has, and whose pictures are still to be taken."""
 
 
-class Robot:
-    """A replica, and what its robot does about the play; never changed, but replaced."""
-
-    known: ClassVar[dict[Any, "Robot"]] = {}
-    """Robots by all that decides what they do."""
+class Robot(Numbered):
+    """A replica, and what its robot does about the play."""
 
     def __init__(self, replica: Replica, size: int, order: Order | None = None) -> None:
         self.replica, self.size, self.order = replica, size, order
@@ -71,15 +105,22 @@ class Robot:
     @classmethod
     def booted(cls, me: Address, size: int) -> "Robot":
         """Return a robot that knows nothing."""
-        return cls(Replica(me, size, 0, WAITS, 0), size).same()
+        return cls(Replica(me, size, 0, WAITS, 0), size).one()
 
-    def same(self) -> "Robot":
-        """Return the robot that is the same as this one, and was known before."""
-        own = self.replica
-        ordered = tuple(sorted((robot, order.plan, order.task) for robot, order in own._ordered.items()))
-        order = None if self.order is None else (self.order.plan, self.order.task)
-        log = own.me, self.size, own.state, own.term, own.expected, own.number, own._digest, own._newest, own._kept
-        return self.known.setdefault((*log, tuple(sorted(own._agreeing)), ordered, order), self)
+    def one(self) -> "Robot":
+        """Return the one robot that does what this one does.
+
+        Left out: who agrees, if it does not merge, as that is forgotten when it begins to; which plan it keeps, if that
+        is not the present one, as numbers of plans never fall; its orders, if it does not lead, as they are forgotten
+        when it begins to, and those that have ended, as they are not sent again.
+        """
+        own, order = self.replica, None if self.order is None else (self.order.plan, self.order.task)
+        log = own.me, self.size, own.state, own.term, own.expected, own.number, own._digest, own.newest
+        kept, agreeing = own._kept == own.number, frozenset(own._agreeing) if own.merging else None
+        orders = [] if own.ledger is None or not own.leads else own._ordered.values()
+        ordered = frozenset((each.robot, each.plan, each.task) for each in orders if not own.ledger.ended(each))
+        instead = None if own._instead is None else own._instead >> 16  # how a plan began
+        return self.same((*log, instead, kept, agreeing, ordered, order))
 
     def clone(self) -> "Robot":
         """Return a copy that can be changed."""
@@ -87,6 +128,11 @@ class Robot:
         if replica.ledger is not None:
             replica.ledger = _copy(replica.ledger)
         return Robot(replica, self.size, self.order)
+
+    @cached_property
+    def can_call(self) -> bool:
+        """True if it can have a play begun: it leads, and the last one has been played."""
+        return self.replica.state is State.LEADER and not self.due
 
     @cached_property
     def due(self) -> tuple[tuple[str, Address], ...]:
@@ -143,7 +189,7 @@ def ticked(robot: Robot, reached: frozenset[Address]) -> Response:
 def heard(robot: Robot, source: Address, data: bytes, busy: bool, gone: frozenset[Address]) -> Response:
     """Give a robot a status; *busy*: a message to its author is on its way, which it may lack until then.
 
-    *gone* are those that it does not hear.
+    *gone* are those that it takes for silent.
     """
     new = robot.clone()
     new.replica._lacking[source] = 0 if busy else -WAITS.again
@@ -153,9 +199,10 @@ def heard(robot: Robot, source: Address, data: bytes, busy: bool, gone: frozense
 
 
 @cache
-def received(robot: Robot, source: Address, data: bytes) -> Response:
-    """Give a robot a message."""
+def received(robot: Robot, source: Address, data: bytes, gone: frozenset[Address]) -> Response:
+    """Give a robot a message; *gone* are those that it takes for silent."""
     new, message = robot.clone(), messages.decode(data, robot.size)
+    new.replica._gone = {*gone}
     order = new.replica.message(source, message, 0)  # type: ignore[arg-type]
     response = _checked(robot, _settled(new))
     if order is None:
@@ -168,7 +215,7 @@ def received(robot: Robot, source: Address, data: bytes) -> Response:
         return response
     after = response.robot.clone()
     after.order = order
-    return response._replace(robot=after.same())
+    return response._replace(robot=after.one())
 
 
 @cache
@@ -216,8 +263,10 @@ def _settled(robot: Robot) -> Response:
                 robot.order = order
             elif replica._ordered.get(other) != order:
                 replica.order(order, 0)
+    if replica.term.number > TERMS:
+        raise BrokenError(f"robots {replica.me} and {replica.expected} exceed each other without end")
     sent = tuple((destination, messages.encode(message)) for destination, message in replica.messages())
-    return Response(robot.same(), sent, merged)
+    return Response(robot.one(), sent, merged)
 
 
 def _begin_again(replica: Replica) -> tuple[int, frozenset[Address]]:
@@ -231,11 +280,87 @@ def _begin_again(replica: Replica) -> tuple[int, frozenset[Address]]:
     return ledger._begin, frozenset(robot for _, robot in undone(plan, set()))
 
 
-def forget() -> None:
-    """Forget what robots do: the replica may be another one."""
-    Robot.known.clear()
-    for each in (ticked, heard, received, acted, called):
-        each.cache_clear()
+# ---------------------------------------------------------------- between robots
+
+
+class Mail(Numbered):
+    """Messages that are on their way, from each to each in their order."""
+
+    def __init__(self, queues: dict[Pair, tuple[bytes, ...]]) -> None:
+        self.queues = queues
+        self.pairs = frozenset(queues)
+
+    @classmethod
+    def of(cls, queues: dict[Pair, tuple[bytes, ...]]) -> "Mail":
+        """Return the mail with those *queues*."""
+        return cls(queues).same(frozenset(queues.items()))
+
+
+@cache
+def posted(mail: Mail, a: Address, b: Address, data: bytes) -> Mail:
+    """Return *mail* with one message more."""
+    return Mail.of({**mail.queues, (a, b): (*mail.queues.get((a, b), ()), data)})
+
+
+@cache
+def taken(mail: Mail, a: Address, b: Address) -> Mail:
+    """Return *mail* without the first message from *a* to *b*."""
+    _, *rest = mail.queues[a, b]
+    others = {pair: queue for pair, queue in mail.queues.items() if pair != (a, b)}
+    return Mail.of({**others, (a, b): tuple(rest)} if rest else others)
+
+
+class Reach(Numbered):
+    """Who reaches whom."""
+
+    def __init__(self, size: int, apart: frozenset[Address], dead: Address | None) -> None:
+        everybody, crashed = frozenset(range(size)), frozenset(() if dead is None else (dead,))
+        self.living = sorted(everybody - crashed)
+        self.parts = [part for part in (apart - crashed, everybody - apart - crashed) if part]
+        self.reached = [next((part for part in self.parts if a in part), frozenset[Address]()) for a in range(size)]
+        """Whom each robot reaches, itself included."""
+        self.pairs = [(a, b) for a in range(size) for b in range(size) if a != b and b in self.reached[a]]
+        """Those that reach each other."""
+        self.gone = [everybody - part for part in self.reached]
+        """Whom each robot does not reach."""
+        self.whole = len(self.parts) == 1 and dead is None
+        """True if each reaches each."""
+
+
+@cache
+def reach_of(size: int, apart: frozenset[Address], dead: Address | None) -> Reach:
+    """Return who reaches whom in a team of that *size*, of which one part may be *apart*, and one robot *dead*."""
+    return Reach(size, apart, dead).same((size, apart, dead))
+
+
+class Situation(Numbered):
+    """What has become of the team."""
+
+    def __init__(
+        self,
+        size: int,
+        apart: frozenset[Address] = frozenset(),
+        dead: Address | None = None,
+        noted: frozenset[tuple[frozenset[Address], int, Address]] = frozenset(),
+        unheard: frozenset[Pair] = frozenset(),
+    ) -> None:
+        self.apart = apart
+        """One part of a team that is parted; empty if it is not."""
+        self.dead = dead
+        self.noted = noted
+        """What all of a part had noted as done when the parts met: who of them has not crashed since, what tells the
+        plan, and who did it."""
+        witnesses = frozenset[Address]().union(*(part for part, *_ in noted))
+        self.unheard = frozenset(pair for pair in unheard if pair[0] in witnesses)
+        """Of each who noted that, all of the other part who have not heard anyone of its part since the parts met."""
+        self.reach = reach_of(size, apart, dead)
+        self._size = size
+
+    def but(self, **changed: Any) -> "Situation":
+        """Return the situation that differs in what is *changed*."""
+        old = {"apart": self.apart, "dead": self.dead, "noted": self.noted, "unheard": self.unheard}
+        new = Situation(self._size, **(old | changed))
+        return new.same((new._size, new.apart, new.dead, new.noted, new.unheard))
 
 
 # ---------------------------------------------------------------- a team
@@ -246,64 +371,77 @@ class Team:
 
     def __init__(self, size: int, budget: Budget, swift: bool = True) -> None:
         self.robots = [Robot.booted(me, size) for me in range(size)]
-        self.queues: dict[tuple[Address, Address], tuple[bytes, ...]] = {}
-        self.apart: frozenset[Address] = frozenset()
-        """One part of a team that is parted; empty if it is not."""
-        self.noted: frozenset[tuple[frozenset[Address], int, Address]] = frozenset()
-        """What all of a part had noted as done when the parts met: the part, what tells the plan, and who did it."""
-        self.dead: Address | None = None
+        self.mail, self.situation = Mail.of({}), Situation(size).but()
         self.budget, self.swift = budget, swift
+        self.noticed = True
+        """True if who is out of reach counts as silent in this step."""
         self.held: int | None = None
         """Which of the messages that a step causes comes late, from 0; None if none does."""
         self.sent = 0
         """How many messages the step has caused."""
 
+    @classmethod
+    def of(cls, key: int, size: int, budget: Budget) -> "Team":
+        """Return the swift team whose :meth:`key` that is."""
+        *robots, mail, situation = (key >> BITS * place & (1 << BITS) - 1 for place in reversed(range(size + 2)))
+        new = object.__new__(cls)
+        new.robots = [Robot.every[number] for number in robots]
+        new.mail, new.situation = Mail.every[mail], Situation.every[situation]
+        new.budget, new.swift, new.noticed, new.held, new.sent = budget, True, True, None, 0
+        return new
+
     def clone(self) -> "Team":
         """Return a copy that can be changed."""
         new = object.__new__(Team)
-        new.robots, new.queues = self.robots.copy(), self.queues.copy()
-        new.apart, new.noted, new.dead = self.apart, self.noted, self.dead
-        new.budget, new.swift = self.budget, self.swift
-        new.held, new.sent = None, 0
+        new.robots, new.mail, new.situation = self.robots.copy(), self.mail, self.situation
+        new.budget, new.swift, new.noticed, new.held, new.sent = self.budget, self.swift, True, None, 0
         return new
 
-    def key(self) -> tuple[Any, ...]:
-        """Return all that decides what can happen."""
-        return (*self.robots, frozenset(self.queues.items()), self.noted, self.apart, self.dead, self.budget)
+    def log(self) -> int:
+        """Return a number that tells the robots and their mail from others."""
+        number = 0
+        for robot in self.robots:
+            number = number << BITS | robot.number
+        return number << BITS | self.mail.number
+
+    def key(self) -> int:
+        """Return a number that tells all that decides what can happen from others, but for the budget."""
+        return self.log() << BITS | self.situation.number
 
     # ------------------------------------------------------------ what can happen
 
-    def actions(self) -> Iterator[tuple[Any, ...]]:
+    def actions(self) -> Iterator[Action]:
         """Yield all that can happen next."""
-        size, budget = len(self.robots), self.budget
-        living = [robot for robot in range(size) if robot != self.dead]
-        for a in living:
-            yield "tick", a
+        yield from regular(self.situation.reach)
+        yield from self.others()
+
+    def others(self) -> Iterator[Action]:
+        """Yield what can happen besides what is :func:`regular`."""
+        reach, budget = self.situation.reach, self.budget
+        for a in reach.living:
             if self.robots[a].order is not None:
                 yield "do", a
-            if budget.calls and self.robots[a].replica.state is State.LEADER and not self.robots[a].due:
+            if budget.calls and self.robots[a].can_call:
                 yield "call", a
-            yield from (("status", a, b) for b in living if a != b and self.reaches(a, b))
-        for a, b in self.queues:
-            if self.reaches(a, b):
-                yield "deliver", a, b
+        for a, b in self.mail.queues:
+            if b in reach.reached[a]:
+                yield "deliver", a, b, True
+                if not reach.whole:
+                    yield "deliver", a, b, False
             if budget.losses or self.swift:
                 yield "lose", a, b
-        if self.dead is not None:
+        if self.situation.dead is not None:
             yield ("boot",)
         elif budget.crashes:
-            yield from (("crash", robot) for robot in living)
-        if self.apart:
+            yield from (("crash", robot) for robot in reach.living)
+        if self.situation.apart:
             yield ("heal",)
         elif budget.partitions:
+            size = len(self.robots)
             parts = range(1, 1 << (size - 1))  # without the last robot: each parting once
             yield from (("part", frozenset(robot for robot in range(size) if part >> robot & 1)) for part in parts)
 
-    def reaches(self, a: Address, b: Address) -> bool:
-        """Return whether both live, in one part."""
-        return (a in self.apart) == (b in self.apart) and self.dead not in (a, b)
-
-    def after(self, action: tuple[Any, ...], held: int | None = None) -> "Team":
+    def after(self, action: Action, held: int | None = None) -> "Team":
         """Return the team after *action*; raise BrokenError for a promise that it breaks.
 
         The message of that number, *held*, among those that it causes, is on its way for longer.
@@ -314,28 +452,43 @@ class Team:
         getattr(new, f"_{action[0]}")(*action[1:])
         return new
 
-    def steps(self) -> Iterator["Team"]:
-        """Yield the team after all that can happen next."""
-        for action in self.actions():
+    def steps(self) -> Iterator[tuple[int, Budget]]:
+        """Yield the keys and budgets of all teams that can be next, this one excepted."""
+        key, budget = self.key(), self.budget
+        quiet, loud = prospects(tuple(self.robots), self.situation.reach, self.mail.pairs)
+        if self.situation.unheard:  # then who hears whom matters as such
+            quiet, loud = (), regular(self.situation.reach)
+        for change in quiet:
+            yield key + change, budget
+        for action in (*loud, *self.others()):
             new = self.after(action)
-            yield new
-            if self.swift and self.budget.losses:
-                yield from (self.after(action, held) for held in range(new.sent))
+            yield new.key(), new.budget
+            if budget.losses:
+                for held in range(new.sent):
+                    late = self.after(action, held)
+                    yield late.key(), late.budget
 
     # ------------------------------------------------------------ how it happens
 
     def _tick(self, a: Address) -> None:
-        self._respond(a, ticked(self.robots[a], frozenset(b for b in range(len(self.robots)) if self.reaches(a, b))))
+        self._respond(a, ticked(self.robots[a], self.situation.reach.reached[a]))
 
-    def _status(self, a: Address, b: Address) -> None:
-        gone = frozenset(other for other in range(len(self.robots)) if not self.reaches(b, other)) - {b}
-        self._respond(b, heard(self.robots[b], a, self.robots[a].status, (b, a) in self.queues, gone))
+    def _status(self, a: Address, b: Address, noticed: bool) -> None:
+        self.noticed = noticed
+        unheard = self.situation.unheard
+        if (a, b) in unheard:
+            self.situation = self.situation.but(unheard=frozenset(pair for pair in unheard if pair[1] != b))
+        busy = (b, a) in self.mail.pairs
+        self._respond(b, heard(self.robots[b], a, self.robots[a].status, busy, self._gone(b)))
 
-    def _deliver(self, a: Address, b: Address) -> None:
-        data, *rest = self.queues.pop((a, b))
-        if rest:
-            self.queues[a, b] = tuple(rest)
-        self._respond(b, received(self.robots[b], a, data))
+    def _deliver(self, a: Address, b: Address, noticed: bool) -> None:
+        self.noticed = noticed
+        data = self.mail.queues[a, b][0]
+        self.mail = taken(self.mail, a, b)
+        self._respond(b, received(self.robots[b], a, data, self._gone(b)))
+
+    def _gone(self, a: Address) -> frozenset[Address]:
+        return self.situation.reach.gone[a] if self.noticed else frozenset()
 
     def _do(self, a: Address) -> None:
         self._respond(a, acted(self.robots[a]))
@@ -345,53 +498,61 @@ class Team:
         self._respond(a, called(self.robots[a], f"call-{self.budget.calls}"))
 
     def _lose(self, a: Address, b: Address) -> None:
-        _, *rest = self.queues.pop((a, b))
-        if rest:
-            self.queues[a, b] = tuple(rest)
+        self.mail = taken(self.mail, a, b)
         if not self.swift:
             self.budget = self.budget._replace(losses=self.budget.losses - 1)
 
     def _crash(self, a: Address) -> None:
-        self.dead, self.budget = a, self.budget._replace(crashes=self.budget.crashes - 1)
-        self.queues = {pair: queue for pair, queue in self.queues.items() if a not in pair}
+        self.budget = self.budget._replace(crashes=self.budget.crashes - 1)
+        self.robots[a] = Robot.booted(a, len(self.robots))  # what it knew will be forgotten
+        self.mail = Mail.of({pair: queue for pair, queue in self.mail.queues.items() if a not in pair})
+        noted = frozenset((part - {a}, *rest) for part, *rest in self.situation.noted if part != {a})
+        self.situation = self.situation.but(dead=a, noted=noted)
 
     def _boot(self) -> None:
-        assert self.dead is not None
-        self.robots[self.dead] = Robot.booted(self.dead, len(self.robots))
-        self.dead = None
+        self.situation = self.situation.but(dead=None)
 
     def _part(self, part: frozenset[Address]) -> None:
-        self.apart = part
         self.budget = self.budget._replace(partitions=self.budget.partitions - 1)
+        self.situation = self.situation.but(apart=part)
 
     def _heal(self) -> None:
-        everybody = frozenset(range(len(self.robots)))
-        for part in (self.apart, everybody - self.apart):
-            members = [self.robots[robot].noted for robot in part if robot != self.dead]
-            if members:
-                self.noted |= {(part, *each) for each in frozenset.intersection(*members)}
-        self.apart = frozenset()
+        noted = {
+            (part, *each)
+            for part in self.situation.reach.parts
+            for each in frozenset.intersection(*(self.robots[robot].noted for robot in part))
+        }
+        apart = self.situation.apart
+        size = range(len(self.robots))
+        unheard = frozenset((a, b) for a in size for b in size if (a in apart) != (b in apart))
+        self.situation = self.situation.but(apart=frozenset(), noted=self.situation.noted | noted, unheard=unheard)
 
     def _respond(self, a: Address, response: Response) -> None:
         if response.merged is not None:
             self._check_merge(a, *response.merged)
         self.robots[a] = response.robot
         for b, data in response.sent:
-            queue = self.queues.get((a, b), ())
-            if data in queue or b == self.dead:
+            queue = self.mail.queues.get((a, b), ())
+            if data in queue or b == self.situation.dead:
                 continue
-            self.queues[a, b] = (*queue, data)
             self.sent += 1
-            if self.swift and not queue and self.reaches(a, b) and self.held != self.sent - 1:
-                self._deliver(a, b)
+            at_once = self.swift and not queue and b in self.situation.reach.reached[a]
+            if at_once and self.held != self.sent - 1:
+                self._respond(b, received(self.robots[b], a, data, self._gone(b)))
+            else:
+                self.mail = posted(self.mail, a, b, data)
 
     def _check_merge(self, a: Address, begin: int, left: frozenset[Address]) -> None:
-        """Check that what a former part has noted as done, and one of it who lives still knows, is not *left*."""
-        again = set[Address]()
-        for part, plan, robot in self.noted:
-            known = any((plan, robot) in self.robots[b].noted for b in part if self.reaches(a, b))
-            if known and plan == begin and robot in left:
-                again.add(robot)
+        """Check that what a former part has noted as done is not *left*, if one of it can still be asked.
+
+        The leader, *a*, is of that part, or has heard one of it since the parts met.
+        """
+        reached, unheard = self.situation.reach.reached[a], self.situation.unheard
+        again = {
+            robot
+            for part, plan, robot in self.situation.noted
+            if plan == begin and robot in left and any((b, a) not in unheard for b in part & reached)
+        }
         if again:
             raise BrokenError(f"robot {a} begins again what robots {sorted(again)} have done, as a part has noted")
 
@@ -400,81 +561,165 @@ class Team:
     def calmed(self) -> "Team":
         """Return the team without faults: together, and all alive."""
         new = self.clone()
-        new._heal()
-        if new.dead is not None:
+        if new.situation.apart:
+            new._heal()
+        if new.situation.dead is not None:
             new._boot()
         return new
 
-    def round(self) -> None:
-        """Have all say what they say in a period, and all of it delivered and done."""
-        size = range(len(self.robots))
-        for a in size:
-            self._tick(a)
-            for b in size:
-                if a != b and self.reaches(a, b):
-                    self._status(a, b)
-            self._deliver_all()
-
-    def _deliver_all(self) -> None:
+    def turn(self, a: Address) -> None:
+        """Have a robot say what it says in a period, and all of it, and all mail, delivered and done."""
+        reached = self.situation.reach.reached
+        self._tick(a)
+        for b in sorted(reached[a] - {a}):
+            self._status(a, b, True)
         while True:
-            pairs = [pair for pair in self.queues if self.reaches(*pair)]
-            doing = [a for a, robot in enumerate(self.robots) if robot.order is not None and a != self.dead]
+            pairs = [(a, b) for a, b in self.mail.queues if b in reached[a]]
+            doing = [robot.replica.me for robot in self.robots if robot.order is not None]
             if not pairs and not doing:
                 return
             for pair in pairs:
-                if pair in self.queues:
-                    self._deliver(*pair)
-            for a in doing:
-                if self.robots[a].order is not None:
-                    self._do(a)
+                if pair in self.mail.queues:
+                    self._deliver(*pair, True)
+            for each in doing:
+                if self.robots[each].order is not None:
+                    self._do(each)
 
     def agrees(self) -> bool:
-        """Return whether there are one leader, one plan and one ledger, and nothing is left to be done."""
-        states = [robot.replica.state for robot in self.robots]
-        one = states.count(State.LEADER) == 1 and states.count(State.FOLLOWER) == len(states) - 1
-        return one and len({robot.agreement for robot in self.robots}) == 1 and not any(r.due for r in self.robots)
+        """Return whether each part has one leader, one plan and one ledger, and nothing of it left that it can do."""
+        return all(self._agree(part) for part in self.situation.reach.parts)
+
+    def _agree(self, part: frozenset[Address]) -> bool:
+        robots = [self.robots[a] for a in part]
+        if len({robot.agreement for robot in robots}) > 1 or any(a in part for _, a in robots[0].due):
+            return False
+        states = [robot.replica.state for robot in robots]
+        return states.count(State.LEADER) == 1 and states.count(State.FOLLOWER) == len(states) - 1
+
+
+@cache
+def regular(reach: Reach) -> list[Action]:
+    """Return what happens again and again: each lets time pass, and says its status to each that it reaches.
+
+    Who is out of reach may count as silent by then, or not yet.
+    """
+    noticed = (True,) if reach.whole else (True, False)
+    return [("tick", a) for a in reach.living] + [("status", a, b, each) for a, b in reach.pairs for each in noticed]
+
+
+@lru_cache(1 << 18)
+def prospects(robots: tuple[Robot, ...], reach: Reach, busy: frozenset[Pair]) -> tuple[Sequence[int], Sequence[Action]]:
+    """Return what can come of what is :func:`regular`, if messages between the pairs *busy* are on their way.
+
+    Return the differences of keys for those actions by which one robot changes and nothing else does; and the actions
+    by which anything else happens. Those by which nothing does are left out.
+    """
+    quiet, loud = set[int](), list[Action]()
+    for action in regular(reach):
+        match action:
+            case "tick", a:
+                response = ticked(robots[a], reach.reached[a])
+            case _, source, a, noticed:
+                gone = reach.gone[a] if noticed else frozenset[Address]()
+                response = heard(robots[a], source, robots[source].status, (a, source) in busy, gone)
+        if response.sent or response.merged:
+            loud.append(action)
+        elif response.robot is not robots[a]:
+            quiet.add(response.robot.number - robots[a].number << BITS * (len(robots) + 1 - a))
+    return tuple(quiet), tuple(loud)
+
+
+# ---------------------------------------------------------------- all that can happen
 
 
 class Found(NamedTuple):
-    """What was visited."""
+    """What was visited, and how many steps led from one state to another."""
 
     states: int
     steps: int
 
 
-def explored(size: int, budget: Budget, most: int = 10**9) -> Found:
-    """Visit every state that can be reached; return how many there are, and how many steps lead from one to another.
+def explored(size: int, budget: Budget) -> Found:
+    """Visit every state that can be reached; return how many there are, and how many steps led from one to another.
 
-    Raise BrokenError for a promise that is broken, or if there are more than *most* states.
+    Raise BrokenError for a promise that is broken. States are told from one another without what may still go wrong.
+
+    Whatever can happen with some budget can happen with a greater one. So greater budgets come first, and a state is
+    not visited again with a budget that is nowhere greater than one with which it was visited. That holds for calls,
+    too: the names of plays tell how many are left, but names only tell one play from another.
     """
-    start = Team(size, budget)
-    seen, rounds = {start.key()}, dict[Any, int]()
-    frontier, steps = [start], 0
-    while frontier:
-        team = frontier.pop()
-        check_liveness(team, rounds)
-        for new in team.steps():
-            steps += 1
-            key = new.key()
-            if key not in seen:
-                seen.add(key)
-                frontier.append(new)
-                if len(seen) > most:
-                    raise BrokenError(f"more than {most} states")
+    budgets = [Budget(*each) for each in product(*(range(most, -1, -1) for most in budget))]
+    bit = {each: 1 << at for at, each in enumerate(budgets)}
+    above = {each: sum(bit[other] for other in budgets if _exceeds(other, each)) for each in budgets}
+    start = Team(size, budget).key()
+    seen, turns = {start: bit[budget]}, dict[int, int]()
+    frontiers = {each: list[int]() for each in budgets}
+    frontiers[budget].append(start)
+    steps = 0
+    for each in budgets:
+        frontier = frontiers[each]
+        while frontier:
+            key = frontier.pop()
+            if seen[key] & above[each]:
+                continue
+            team = Team.of(key, size, each)
+            check_liveness(team, turns)
+            for new, left in team.steps():
+                steps += 1
+                budgets_before = seen.get(new, 0)
+                if not budgets_before & (bit[left] | above[left]):
+                    seen[new] = budgets_before | bit[left]
+                    frontiers[left].append(new)
     return Found(len(seen), steps)
 
 
-def check_liveness(team: Team, rounds: dict[Any, int]) -> None:
-    """Check that *team* agrees in ``ROUNDS`` once faults have ceased; *rounds* are those that states take."""
-    calm, way = team.calmed(), list[Any]()
-    for passed in range(ROUNDS + 1):
-        key = calm.key()[:-4]
-        left = 0 if calm.agrees() else rounds.get(key)
-        if left is not None and passed + left <= ROUNDS:
-            rounds.update({each: passed + left - at for at, each in enumerate([*way, key])})
+def explored_plainly(size: int, budget: Budget) -> Found:
+    """Do the same without leaving anything out that is known to change nothing: slowly."""
+    start = Team(size, budget)
+    seen, frontier, steps = {(start.key(), budget)}, [start], 0
+    while frontier:
+        team = frontier.pop()
+        check_liveness(team, {})
+        for action in team.actions():
+            on_time = team.after(action)
+            late = range(on_time.sent if team.budget.losses else 0)
+            for new in (on_time, *(team.after(action, held) for held in late)):
+                steps += 1
+                if (new.key(), new.budget) not in seen:
+                    seen.add((new.key(), new.budget))
+                    frontier.append(new)
+    return Found(len({key for key, _ in seen}), steps)
+
+
+def _exceeds(one: Budget, other: Budget) -> bool:
+    return one != other and all(more >= less for more, less in zip(one, other, strict=True))
+
+
+def check_liveness(team: Team, turns: dict[int, int]) -> None:
+    """Check that *team* agrees in ``ROUNDS`` once faults have ceased; *turns* are those that teams take until then.
+
+    That holds if it comes together with all alive, and for each part if it stays as it is. A round is a turn of each
+    robot, in order.
+    """
+    for calm in (team.calmed(), team.clone()):
+        _check_agreement(calm, turns)
+        if team.situation.reach.whole:
             return
-        way.append(key)
-        calm.round()
+
+
+def _check_agreement(calm: Team, turns: dict[int, int]) -> None:
+    way, living = list[int](), calm.situation.reach.living
+    most = ROUNDS * len(living)
+    for passed in range(most + 1):
+        at = passed % len(living)
+        key = (calm.log() << BITS | calm.situation.reach.number) << BITS | at
+        left = 0 if calm.agrees() else turns.get(key)
+        if left is not None and passed + left <= most:
+            turns.update({each: passed + left - before for before, each in enumerate(way, start=1)})
+            return
+        if passed:  # where it begins is not worth the memory
+            way.append(key)
+        calm.turn(living[at])
     raise BrokenError(f"no agreement: {[(robot.replica.state, robot.agreement) for robot in calm.robots]}")
 
 
@@ -492,3 +737,12 @@ def wander(size: int, budget: Budget, seed: int, length: int) -> int:
         team = team.after(chosen)
     check_liveness(team, {})
     return length
+
+
+def forget() -> None:
+    """Forget what robots do: the replica may be another one."""
+    for kind in (Robot, Mail, Reach, Situation):
+        kind.known.clear()
+        kind.every.clear()
+    for each in (ticked, heard, received, acted, called, posted, taken, reach_of, regular, prospects):
+        each.cache_clear()
