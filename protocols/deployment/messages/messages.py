@@ -11,7 +11,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from cosim.errors import WireError
 from cosim.machine import Address
 from cosim.settings import Angle, Count, Metres, Settings
-from protocols.deployment.messages.status import MOST_TERM
+from protocols.deployment.messages.status import MOST_PLAN, MOST_TERM
 from protocols.deployment.tasks.facts import Ended, Fact, Heard, Record
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Retreat
 from protocols.deployment.tasks.plan import Act, Go, Place, actors
@@ -99,13 +99,26 @@ def decode(data: bytes, size: int) -> Letter:
         message = _LETTERS.validate_json(data)
     except ValidationError as error:
         raise WireError(f"{error.error_count()} faults in a letter") from error
-    if isinstance(message, Ordered) and message.term > MOST_TERM:
-        raise WireError(f"an order of term {message.term}")
+    term, plan = _numbers(message)
+    if term > MOST_TERM or plan > MOST_PLAN:
+        raise WireError(f"a letter of term {term}, plan {plan}")
     # robots are used as indices from here on
     strangers = [robot for robot in _robots(message) if robot >= size]
     if strangers:
         raise WireError(f"robot {strangers[0]} is not of the team")
     return message
+
+
+def _numbers(message: Letter) -> tuple[int, int]:
+    """Return the numbers of the term and of the plan that a message is of; 0 if of none."""
+    match message:
+        case Told(record=record):
+            return 0, record.plan.number
+        case Facts(plan=plan):
+            return 0, plan
+        case Ordered(term=term, order=order):
+            return term, order.plan
+    return 0, 0
 
 
 def _robots(message: Letter) -> list[Address]:

@@ -22,6 +22,8 @@ NONE: Final = 0xFFFFFFFF
 MOST_TERM: Final = 0x7FFF
 """Greatest number of a term that is believed: what a team has after nine hours with a new leader every second. A leader
 that exceeds it has the next number, which is not believed, but encoded as it is, and does not begin again from 0."""
+MOST_PLAN: Final = 0x3FFFFFFF
+"""Greatest number of a plan that is believed. The next plan has a greater one, which has to be one of a plan, too."""
 FAST_MPS: Final = 0.02
 """Speed up to which a robot counts as standing."""
 _HEAD: Final = Struct(">BHIBIIBffffff")
@@ -93,8 +95,10 @@ def decode(data: bytes, size: int) -> News:
     if not _HEAD.size <= len(data) <= MOST_BYTES:
         raise WireError(f"{len(data)} bytes are no news")
     host, term, plan, calls, digest, serial, flags, *numbers = _HEAD.unpack_from(data)
-    if host >= size or term > MOST_TERM or flags > _IDLE | _BOUND | _OVER or not all(map(math.isfinite, numbers)):
-        raise WireError(f"news with host {host}, term {term}, flags {flags}, numbers {numbers}")
+    if host >= size or flags > _IDLE | _BOUND | _OVER or not all(map(math.isfinite, numbers)):
+        raise WireError(f"news with host {host}, flags {flags}, numbers {numbers}")
+    if term > MOST_TERM or plan > MOST_PLAN:
+        raise WireError(f"news with term {term}, plan {plan}")
     x_m, y_m, heading_rad, speed_mps, goal_x_m, goal_y_m = numbers
     return News(
         host=host,

@@ -101,12 +101,23 @@ def test_a_letter_that_nobody_could_act_on_is_refused(letter: messages.Letter, w
         messages.decode(data.replace(was, now, 1), size=3)
 
 
-@pytest.mark.parametrize("term", [status.MOST_TERM + 1, 2**31 - 1])
-def test_an_order_of_a_term_that_no_team_reaches_is_refused(term: int) -> None:
-    order = LETTERS[3].model_copy(update={"term": status.MOST_TERM})
-    assert messages.decode(messages.encode(order), size=3) == order
-    with pytest.raises(WireError, match="an order of term"):
-        messages.decode(messages.encode(order.model_copy(update={"term": term})), size=3)
+@pytest.mark.parametrize("number", range(4), ids=["term", "order", "plan", "facts"])
+@pytest.mark.parametrize("beyond", [1, 2**30])
+def test_a_letter_of_a_term_or_plan_that_no_team_reaches_is_refused(number: int, beyond: int) -> None:
+    most = status.MOST_TERM if number == 0 else status.MOST_PLAN
+    order = Order(plan=3, serial=5, task="x", robot=1, errand=Halt(robot=1))
+
+    def letter(value: int) -> messages.Letter:
+        return (
+            Ordered(term=value, order=order),
+            Ordered(term=0, order=order.model_copy(update={"plan": value})),
+            Told(host=0, record=Record(plan=PLAN.model_copy(update={"number": value}), start=0)),
+            Facts(plan=value),
+        )[number]
+
+    assert messages.decode(messages.encode(letter(most)), size=3) == letter(most)
+    with pytest.raises(WireError, match="a letter of term"):
+        messages.decode(messages.encode(letter(most + beyond)), size=3)
 
 
 @given(st.binary(max_size=80))
@@ -131,7 +142,7 @@ numbers = st.floats(-1000.0, 1000.0, width=32)
         News,
         host=st.integers(0, 7),
         term=st.integers(0, status.MOST_TERM),
-        plan=st.integers(0, 0xFFFFFFFF),
+        plan=st.integers(0, status.MOST_PLAN),
         calls=st.integers(0, 255),
         digest=st.integers(0, 0xFFFFFFFF),
         serial=st.none() | st.integers(0, 10**9),
@@ -160,7 +171,7 @@ def test_of_a_long_name_the_end_is_told() -> None:
     assert status.decode(status.encode(news), size=8).task == news.task[-status.TASK_BYTES :]
 
 
-@pytest.mark.parametrize("change", ["host", "term", "flags", "nan", "short", "long"])
+@pytest.mark.parametrize("change", ["host", "term", "plan", "flags", "nan", "short", "long"])
 def test_news_that_make_no_sense_are_refused(change: str) -> None:
     data = bytearray(status.encode(News(0, 0, 0, 0, 0, None, True, 1.0, 2.0, 0.0, 0.0, None, "")))
     match change:
@@ -168,6 +179,8 @@ def test_news_that_make_no_sense_are_refused(change: str) -> None:
             data[0] = 8
         case "term":
             data[1:3] = struct.pack(">H", status.MOST_TERM + 1)
+        case "plan":
+            data[3:7] = struct.pack(">I", status.MOST_PLAN + 1)
         case "flags":
             data[16] = 8
         case "nan":
