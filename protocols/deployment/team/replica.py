@@ -166,8 +166,8 @@ class Replica:
         """The greatest count of the scenario's calls that have been dealt with, by the plan that its author had."""
         self.over = False
         """True if the leader has said that the plan is over which is known here."""
-        self._instead: int | None = None
-        """Digest of the plan that the leader has instead of that of the same number here, by its last status."""
+        self._leads_by: int | None = None
+        """The leader's digest by its last status, if its plan has the number of that which is known here."""
         self._fallen: dict[Address, Time] = {}
         """Leaders after whose silence it has awaited another, or led, and when that was."""
         self._lacking: dict[Address, Time] = {}
@@ -268,11 +268,9 @@ class Replica:
             # to contend with a leader that lives, but whose plan is not known, might never end
             self._step(Input.PRESUMED if term.leader in self._gone else Input.GREATER, term, now)
         if source == self.expected:
-            self._instead = None
+            self._leads_by = None
             if status.plan == self.number:
-                self.over = status.over
-                if self.ledger is not None and not self.ledger.began_alike(status.digest):
-                    self._instead = status.digest
+                self.over, self._leads_by = status.over, status.digest
         if self.leads and apart:
             if status.plan == self.number and status.digest != self._digest:
                 self.parted(now)
@@ -419,7 +417,7 @@ class Replica:
         self._changes.append(Agreed())
 
     def _led(self, leader: Address, why: str, now: Time) -> None:
-        self.expected, self.since, self.over, self._instead = leader, now, False, None
+        self.expected, self.since, self.over, self._leads_by = leader, now, False, None
         self._lacking.clear()
         self._ordered.clear()
         self._lacking[leader] = now - self._waits.again  # what a new leader lacks it is to have at once
@@ -432,17 +430,17 @@ class Replica:
         plan = told.record.plan.number
         if self.ledger is not None and self.ledger.of(told.record):
             self.note(told.record.facts, now)
-        elif plan > self.number or (plan == self.number and self._has_instead(source, told)):
+        elif plan > self.number or (plan == self.number and self._leads_now(source, told)):
             self._take(told, now)
 
-    def _has_instead(self, source: Address, told: Told) -> bool:
-        """Return whether the leader is known to have that plan now; it may have told of it before it led."""
-        return source == self.expected and self._instead is not None and Ledger(told).began_alike(self._instead)
+    def _leads_now(self, source: Address, told: Told) -> bool:
+        """Return whether *source* leads, with that plan by its last status: it may have told of it before it led."""
+        return source == self.expected and self._leads_by is not None and Ledger(told).began_alike(self._leads_by)
 
     def _take(self, told: Told, now: Time) -> None:
         self._step(Input.BEGUN, self.term, now)
         self.ledger = Ledger(told)
-        self.over, self._instead = False, None
+        self.over = False
         self._lacking.clear()
         self._ordered.clear()
         self._changes.append(Taken())

@@ -112,15 +112,18 @@ class Robot(Numbered):
 
         Left out: who agrees, if it does not merge, as that is forgotten when it begins to; which plan it keeps, if that
         is not the present one, as numbers of plans never fall; its orders, if it does not lead, as they are forgotten
-        when it begins to, and those that have ended, as they are not sent again.
+        when it begins to, and those that have ended, as they are not sent again; of its leader's plan all but how that
+        began, and that, too, if its own began so.
         """
         own, order = self.replica, None if self.order is None else (self.order.plan, self.order.task)
         log = own.me, self.size, own.state, own.term, own.expected, own.number, own._digest, own.newest
         kept, agreeing = own._kept == own.number, frozenset(own._agreeing) if own.merging else None
         orders = [] if own.ledger is None or not own.leads else own._ordered.values()
         ordered = frozenset((each.robot, each.plan, each.task) for each in orders if not own.ledger.ended(each))
-        instead = None if own._instead is None else own._instead >> 16  # how a plan began
-        return self.same((*log, instead, kept, agreeing, ordered, order))
+        leads_by = own._leads_by
+        if leads_by is not None:
+            leads_by = None if own.ledger is None or own.ledger.began_alike(leads_by) else leads_by >> 16
+        return self.same((*log, leads_by, kept, agreeing, ordered, order))
 
     def clone(self) -> "Robot":
         """Return a copy that can be changed."""

@@ -215,6 +215,8 @@ def test_of_plans_of_one_number_the_leaders_is_taken_once_its_status_tells_of_it
     leader.message(2, later, 0)
     robot.message(2, own, 0)
     known = robot._digest
+    robot.status(2, status(0, 0, 1, leader._digest)._replace(over=True), S)
+    assert not robot.over, "only the leader's word counts"
     robot.message(0, later, S)
     assert robot._digest == known, "it may have told that before it led"
     robot.status(0, status(0, 0, 1, leader._digest), 2 * S)
@@ -227,6 +229,12 @@ def test_of_plans_of_one_number_the_leaders_is_taken_once_its_status_tells_of_it
     robot.status(0, status(0, 0, 2, known), 6 * S)
     robot.message(0, own, 7 * S)
     assert robot._digest == leader._digest, "it has a later one by now"
+    robot = Replica(2, 3, 1, WAITS, 0)
+    robot.message(0, own, 0)
+    robot.status(1, status(1, 0, 1, leader._digest), S)
+    robot.tick(lambda other: S if other == 1 else 20 * S, 20 * S)
+    robot.message(0, later, 20 * S)
+    assert (robot.expected, robot._digest) == (0, known), "that was another leader's status"
 
 
 # ---------------------------------------------------------------- merging
@@ -235,6 +243,15 @@ def test_of_plans_of_one_number_the_leaders_is_taken_once_its_status_tells_of_it
 def parted(leader: Replica, now: int) -> None:
     """Let a leader hear of another that has gone on with the same plan."""
     leader.status(2, status(2, 1, 1, leader._digest ^ 1), now)
+
+
+@pytest.mark.parametrize(("plan", "other"), [(1, 0), (0, 1), (2, 1)])
+def test_a_leader_merges_only_with_who_has_other_facts_about_its_plan(plan: int, other: int) -> None:
+    leader = leading()
+    leader.status(2, status(2, 1, plan, leader._digest ^ other), S)
+    assert not leader.merging
+    parted(leader, S)
+    assert leader.merging is (plan < 2), "one with a later plan goes first"
 
 
 def test_a_merge_waits_until_all_who_live_agree() -> None:
@@ -414,9 +431,9 @@ SPOILT = {
     "one that others followed before it booted does not notice": ("if term.leader == self.me and", "if False and"),
     "nobody follows whom its leader follows": ("elif source == self.expected and", "elif False and"),
     "facts of a follower stay with it": ("elif self.leads or source == self.expected:", "elif self.leads:"),
-    "plans of equal numbers stay different": (" or (plan == self.number and self._has_instead(source, told))", ""),
+    "plans of equal numbers stay different": (" or (plan == self.number and self._leads_now(source, told))", ""),
     "what a leader told before it led is taken": (
-        " and self._instead is not None and Ledger(told).began_alike(self._instead)",
+        " and self._leads_by is not None and Ledger(told).began_alike(self._leads_by)",
         "",
     ),
 }
