@@ -290,7 +290,7 @@ class Replica:
             case Ordered(term=number, order=order):
                 self._claim(Term(number, source), order.plan, now)
                 # neither an order of a smaller term than it has confirmed counts any more, nor one of an earlier plan
-                led = self.state is State.FOLLOWER and self.term == Term(number, source)
+                led = self.term == Term(number, source)
                 if led and order.robot == self.me and order.plan >= self.number:
                     return order
         return None
@@ -440,7 +440,7 @@ class Replica:
     def _take(self, told: Told, now: Time) -> None:
         self._step(Input.BEGUN, self.term, now)
         self.ledger = Ledger(told)
-        self.over = False
+        self.over, self._leads_by = False, None
         self._lacking.clear()
         self._ordered.clear()
         self._changes.append(Taken())

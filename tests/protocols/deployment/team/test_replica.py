@@ -200,6 +200,14 @@ def test_an_order_is_sent_again_until_its_robot_has_got_it() -> None:
         assert leader.messages() == ([(to, first)] if second == 5 else [])
 
 
+def test_facts_about_another_plan_are_not_noted() -> None:
+    leader = leading()
+    known = leader._digest
+    for plan in (0, 2):
+        leader.message(1, Facts(plan=plan, facts=(Heard(robot=2, again=False, at=5),)), S)
+    assert leader._digest == known
+
+
 def test_a_robot_that_follows_another_sends_that_its_facts_at_once() -> None:
     robot = team(3)[1]
     robot.message(0, TOLD, 0)
@@ -424,7 +432,7 @@ def test_the_row_that_needs_most_to_happen_is_missed(monkeypatch: pytest.MonkeyP
 
 
 SPOILT = {
-    "orders of smaller terms are obeyed": ("        led = self.state is State.FOLLOWER and", "        led = True or"),
+    "orders of smaller terms are obeyed": ("        led = self.term ==", "        led = True or self.term =="),
     "whoever leads contends with any other": ("first = led and", "first = led or"),
     "a merge waits for no answer": ("living <= self._agreeing", "living"),
     "an old term is not exceeded": ("self.term.number) + 1, self.me)", "self.term.number), self.me)"),
