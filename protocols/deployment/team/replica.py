@@ -337,7 +337,7 @@ class Replica:
 
     def parted(self, now: Time) -> None:
         """Merge, as a leader, with a robot that was out of touch, unless that was in vain for this plan."""
-        if self.leads and self.number != self._kept:
+        if self.number != self._kept:
             self._step(Input.PARTED, self.term, now)
 
     def keep(self) -> None:

@@ -19,7 +19,7 @@ from protocols.deployment.tasks.facts import Heard, Record
 from protocols.deployment.tasks.orders import Halt, Order
 from protocols.deployment.tasks.plan import Photo, Plan, Task
 from protocols.deployment.team import replica as replicas
-from protocols.deployment.team.replica import TABLE, Agreed, Input, Led, Replica, State, Term, Waits
+from protocols.deployment.team.replica import TABLE, Agreed, Input, Learned, Led, Replica, State, Term, Waits
 from tests.protocols.deployment.team import model
 from tests.protocols.deployment.team.model import (
     BrokenError,
@@ -200,12 +200,16 @@ def test_an_order_is_sent_again_until_its_robot_has_got_it() -> None:
         assert leader.messages() == ([(to, first)] if second == 5 else [])
 
 
-def test_facts_about_another_plan_are_not_noted() -> None:
-    leader = leading()
-    known = leader._digest
+def test_facts_about_another_plan_or_none_are_not_noted_and_those_that_are_known_are_no_news() -> None:
+    leader, idle = leading(), team(3)[0]
+    known, facts = leader._digest, (Heard(robot=2, again=False, at=5),)
     for plan in (0, 2):
-        leader.message(1, Facts(plan=plan, facts=(Heard(robot=2, again=False, at=5),)), S)
-    assert leader._digest == known
+        leader.message(1, Facts(plan=plan, facts=facts), S)
+    idle.message(1, Facts(plan=0, facts=facts), S)
+    assert (leader._digest, leader.changes(), idle.changes()) == (known, [], [])
+    for learned in ([Learned(facts)], []):
+        leader.message(1, Facts(plan=1, facts=facts), S)
+        assert leader.changes() == learned
 
 
 def test_a_robot_that_follows_another_sends_that_its_facts_at_once() -> None:
@@ -327,9 +331,11 @@ def test_what_the_table_does_not_hold_cannot_happen() -> None:
 # ---------------------------------------------------------------- all that can happen
 
 QUICK = [Budget(2, 1, 0, 2), Budget(2, 0, 1, 1), Budget(1, 0, 1, 2), Budget(0, 1, 1, 1)]
-"""Two losses or delays, a crash with forgetting, a partition, two calls: what all but a few states take in CI."""
-LONG = [Budget(1, 1, 1, 1), Budget(2, 0, 1, 2), Budget(2, 1, 1, 1), Budget(0, 1, 1, 2), Budget(1, 1, 1, 2)]
+"""Two losses or delays, a crash with forgetting, a partition, two calls: as many at a time as half a minute is for."""
+LONG = [Budget(1, 1, 1, 1), Budget(2, 0, 1, 2), Budget(2, 1, 1, 1), Budget(0, 1, 1, 2)]
+"""A few million states, five minutes. With one loss more they are more than ten million."""
 SMALL = [Budget(0, 1, 0, 1), Budget(0, 1, 1, 0), Budget(0, 0, 1, 1), Budget(2, 0, 0, 1), Budget(1, 1, 0, 1)]
+"""Small enough for a plain search."""
 
 
 def shown(budget: Budget) -> str:
