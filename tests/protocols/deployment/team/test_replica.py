@@ -19,7 +19,7 @@ from protocols.deployment.tasks.facts import Heard, Record
 from protocols.deployment.tasks.orders import Halt, Order
 from protocols.deployment.tasks.plan import Photo, Plan, Task
 from protocols.deployment.team import replica as replicas
-from protocols.deployment.team.replica import TABLE, Agreed, Input, Learned, Led, Replica, State, Term, Waits
+from protocols.deployment.team.replica import TABLE, Agreed, Input, Learned, Led, Replica, State, Taken, Term, Waits
 from tests.protocols.deployment.team import model
 from tests.protocols.deployment.team.model import (
     BrokenError,
@@ -159,6 +159,22 @@ def test_a_robot_stays_with_a_leader_that_lives_and_goes_first(gone: bool) -> No
     assert robot.expected == (2 if gone else 0)
 
 
+def test_a_robot_that_hears_no_other_follows_the_first_that_leads_again() -> None:
+    robot = team()[3]
+    robot.status(0, status(0), 0)
+    robot.tick(lambda other: 0, 11 * S)
+    assert (robot.state, robot.expected) == (State.FOLLOWER, 0), "it waits longer"
+    robot.status(2, status(2, 1), 11 * S)
+    assert robot.expected == 2
+
+
+def test_a_greater_term_of_the_same_leader_is_no_change() -> None:
+    robot = team()[3]
+    robot.status(0, status(0), 0)
+    robot.status(0, status(0, 3), S)
+    assert (robot.term, robot.changes()) == (Term(3, 0), [])
+
+
 def test_a_robot_follows_whom_its_leader_follows() -> None:
     robot = team()[3]
     robot.status(0, status(0), S)
@@ -207,6 +223,13 @@ def test_facts_about_another_plan_or_none_are_not_noted_and_those_that_are_known
         leader.message(1, Facts(plan=plan, facts=facts), S)
     idle.message(1, Facts(plan=0, facts=facts), S)
     assert (leader._digest, leader.changes(), idle.changes()) == (known, [], [])
+    record = TOLD.record.model_copy(update={"facts": facts})
+    for _ in range(2):
+        idle.message(1, TOLD.model_copy(update={"record": record}), S)
+    assert idle.changes() == [Taken()]
+    told = leading()
+    told.message(1, TOLD.model_copy(update={"record": record}), S)
+    assert told.changes() == [Learned(facts)], "a plan that is known comes with facts"
     for learned in ([Learned(facts)], []):
         leader.message(1, Facts(plan=1, facts=facts), S)
         assert leader.changes() == learned
