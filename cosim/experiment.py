@@ -64,7 +64,7 @@ class AxisSettings(Settings):
         description="the setting that the axis changes; if not given, each value is several, by their paths",
     )
     values: PlainData = Field(description="a list of values, or a mapping of names to values")
-    titles: dict[Label, str] = Field(
+    titles: PlainData = Field(
         default_factory=dict, description="what a figures.py calls them, by value or name, if not by that"
     )
 
@@ -76,6 +76,13 @@ class AxisSettings(Settings):
         if isinstance(values, list) and not all(isinstance(value, Label) for value in values):
             raise ValueError("holds values that need names: expected a mapping of names to values")
         return values
+
+    @field_validator("titles")
+    @classmethod
+    def _texts(cls, titles: Any) -> dict[Label, str]:
+        if not (isinstance(titles, dict) and all(isinstance(title, str) for title in titles.values())):
+            raise ValueError("is not a mapping of values, or of their names, to texts")
+        return titles
 
     @model_validator(mode="after")
     def _changes_something(self) -> Self:

@@ -365,3 +365,10 @@ def test_figures_call_the_values_of_an_axis_by_their_titles(folder: Path):
     named = load_experiment(written(SWEEP | {"sweep": {"size": size, "radio": titled}}))
     assert axis_titles(folder) == {"size": {2: "2", 4: "four"}, "radio": {"near": "near", "far": "far off"}}
     assert [arm.configuration for arm in named.arms] == [arm.configuration for arm in plain.arms]  # the same runs
+
+
+@pytest.mark.parametrize("titles", [{4: 5}, ["four"], "four"])
+def test_titles_that_are_no_texts_by_value_are_refused(folder: Path, titles: Any):
+    size = {"path": "team.size", "values": [2, 4], "titles": titles}
+    with pytest.raises(UserError, match=r"sweep\.size\.titles: .*is not a mapping of values"):
+        load_experiment(written(SWEEP | {"sweep": {"size": size}}))

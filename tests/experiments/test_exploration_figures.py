@@ -1,6 +1,6 @@
 """Figures of explorations: what had been seen when, the map as it grows, and the report that draws them."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,29 @@ import yaml
 from cosim.geometry.marking import EMPTY, OCCUPIED, UNKNOWN
 from cosim.scenario import Scenario
 from cosim.units import S
-from experiments.exploration.exploring import COLUMNS, measure
+from experiments.exploration.exploring import COLUMNS, COVERAGE, measure
 from experiments.exploration_teams import figures, growing
 from experiments.exploration_teams.growing import SHARES, Exploration, chosen, watch
 
 NONE = pd.DataFrame()
+
+
+@pytest.fixture
+def runs() -> pd.DataFrame:
+    """Return runs that see a hundredth of the floor in every so many seconds, by algorithm and team size."""
+    paces = {"schemas": 10.0, "nearest": 8.0, "utility": 7.0, "assignment": 6.0}
+    rows = []
+    for floor, (name, pace), robots, replicate in product(("empty", "office"), paces.items(), (1, 4), range(4)):
+        axes = {"map": floor, "algorithm": name, "robots": robots, "replicate": replicate}
+        seen = {column: 100 * share * pace * (1 + replicate / 10) / robots for column, share in COVERAGE[1].items()}
+        ended = {
+            "simulated_s": 1500.0,
+            "coverage": 1.0,
+            "until_95_s": 95 * pace / robots,
+            "covered_twice": 0.1 * robots,
+        }
+        rows.append(axes | seen | ended)
+    return pd.DataFrame(rows)
 
 
 # ---------------------------------------------------------------- one run
