@@ -157,14 +157,16 @@ def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Int
     """Write whom each robot sees, and where, in its own frame: robot by robot; return how many that are."""
     at = 0
     errors = limits[DISTANCE_ERROR] > 0.0 or limits[BEARING_ERROR] > 0.0
+    square = limits[RANGE] * limits[RANGE]
     for i in range(poses.shape[0]):
         own_turn = poses[i, OWN_HEADING] - poses[i, HEADING]
         cos, sin = math.cos(own_turn), math.sin(own_turn)
         for j in range(poses.shape[0]):
             x, y = poses[j, X], poses[j, Y]
-            if i == j or not _looks_at(poses, limits, grid, i, j, x, y):
-                continue
             dx, dy = x - poses[i, X], y - poses[i, Y]
+            # most are too far away in a large team: to ask that here saves a call that costs fifty times as much
+            if dx * dx + dy * dy > square or i == j or not _looks_at(poses, limits, grid, i, j, x, y):
+                continue
             if errors:
                 far, aside = _uniform(limits, tick, i << 16 | j, _SIGHT_PURPOSE)
                 stretch = 1.0 + limits[DISTANCE_ERROR] * far
