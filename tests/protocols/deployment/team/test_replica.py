@@ -1,5 +1,6 @@
 """Replicas of the team's log: who leads, what a merge keeps, and all that can happen to three of them, step by step."""
 
+import os
 import sys
 from collections.abc import Iterator
 from itertools import product
@@ -356,7 +357,11 @@ def test_what_the_table_does_not_hold_cannot_happen() -> None:
 QUICK = [Budget(2, 1, 0, 2), Budget(2, 0, 1, 1), Budget(1, 0, 1, 2), Budget(0, 1, 1, 1)]
 """Two losses or delays, a crash with forgetting, a partition, two calls: as many at a time as half a minute is for."""
 LONG = [Budget(1, 1, 1, 1), Budget(2, 0, 1, 2), Budget(2, 1, 1, 1), Budget(0, 1, 1, 2)]
-"""A few million states, five minutes. With one loss more they are more than ten million."""
+"""A few million states, five minutes."""
+WHOLE = Budget(2, 1, 1, 2)
+"""Tens of millions of states, half an hour, and ten gigabytes."""
+WHOLE_GB = 12
+"""Memory that this wants."""
 SMALL = [Budget(0, 1, 0, 1), Budget(0, 1, 1, 0), Budget(0, 0, 1, 1), Budget(2, 0, 0, 1), Budget(1, 1, 0, 1)]
 """Small enough for a plain search."""
 
@@ -388,6 +393,15 @@ def test_three_replicas_keep_their_promises_in_every_state_of_many(budget: Budge
     if soak_count(100) < 100:
         pytest.skip("a share of the states says nothing of the others")
     record_property("states of three replicas", explored(3, budget).states)
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(SOAK_SHARE < 1, reason="takes half an hour: only in a whole soak")
+def test_three_replicas_keep_their_promises_in_every_state_of_all(record_property: Any) -> None:
+    room_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    if room_gb < WHOLE_GB:
+        pytest.skip(f"{room_gb:.0f} GB are free, and {WHOLE_GB} are wanted")
+    record_property("states of three replicas", explored(3, WHOLE).states)
 
 
 @pytest.mark.soak
