@@ -5,8 +5,9 @@ the unit is measured before and after it, so that a machine that changes its spe
 anything: a bound is what the figure was meant to keep, and a median beyond it is marked.
 """
 
+import argparse
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import median
 from time import process_time
 from typing import NamedTuple
@@ -111,15 +112,26 @@ def measured(figure: Figure, seed: int) -> Measured:
     return Measured(seconds, 2.0 * seconds / (before + after))
 
 
-def main() -> None:
+def chosen(words: Sequence[str]) -> list[Figure]:
+    """Return the figures whose names hold any of *words*; all without words."""
+    return [figure for figure in FIGURES if not words or any(word in figure.name for word in words)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    for figure in FIGURES:
+    parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__)
+    parser.add_argument("words", nargs="*", help="measure only figures whose names hold one of these; all by default")
+    words = parser.parse_args(arguments).words
+    figures = chosen(words)
+    if not figures:
+        parser.error(f"no figure's name holds {' or '.join(map(repr, words))}")
+    for figure in (FIGURES[0], *figures):
         seconds_each(figure, 0)  # compile, and warm up
     gc.collect()
     gc.freeze()  # as the workers of a sweep do
-    rounds = [[measured(figure, seed) for figure in FIGURES] for seed in range(1, ROUNDS + 1)]
+    rounds = [[measured(figure, seed) for figure in figures] for seed in range(1, ROUNDS + 1)]
     print(f"median of {ROUNDS} rounds; x = multiples of the bare timeout, measured before and after each figure")
-    for column, figure in enumerate(FIGURES):
+    for column, figure in enumerate(figures):
         each = median(row[column].seconds for row in rounds)
         ratios = [row[column].ratio for row in rounds]
         spread = f"({min(ratios):.2f} to {max(ratios):.2f})"

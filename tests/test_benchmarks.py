@@ -29,6 +29,19 @@ def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
     assert told(1.7, 1.71, " s") == "  at most 1.7 s EXCEEDED"
 
 
+def test_only_figures_that_are_asked_for_are_measured(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    figures = [Figure(name, seconds=lambda seed: 1.0) for name in ("the unit", "a scan", "a search", "another scan")]
+    monkeypatch.setattr(benchmark, "FIGURES", figures)
+    benchmark.main(["scan"])
+    assert [line.partition("  ")[0] for line in capsys.readouterr().out.splitlines()[1:]] == ["a scan", "another scan"]
+    for words, said in ((["--help"], "words"), (["flight"], "no figure's name holds 'flight'")):
+        with pytest.raises(SystemExit):
+            benchmark.main(words)
+        assert said in "".join(capsys.readouterr())
+
+
 def test_a_command_is_measured_in_a_process_of_its_own_and_must_succeed():
     assert start.command("list", "--help")(1) > 0
     with pytest.raises(subprocess.CalledProcessError):
