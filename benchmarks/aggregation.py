@@ -17,7 +17,7 @@ CROWD = (
 
 
 def _scenario(**changes: Any) -> Scenario:
-    plain = read_yaml(SWEEP)["parameters"]["scenario"] | changes
+    plain = read_yaml(SWEEP)["scenario"] | changes
     return Scenario.model_validate(plain).placed(SWEEP.parent)
 
 

@@ -29,6 +29,13 @@ def test_what_a_user_waits_for_at_most_stands_there_in_seconds():
     assert told(1.7, 1.71, " s") == "  at most 1.7 s EXCEEDED"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("figure", [figure for figure in FIGURES if figure.prepare], ids=lambda figure: figure.name)
+def test_what_is_measured_can_be_set_up(figure: Figure):
+    assert figure.prepare is not None
+    assert callable(figure.prepare(1))
+
+
 def test_only_figures_that_are_asked_for_are_measured(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
