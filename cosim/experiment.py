@@ -327,8 +327,8 @@ def _given(sets: Iterable[str], settings: ExperimentSettings, columns: Mapping[s
             given.settings.extend(Assignment(parse_place(path), each, item.source) for path, each in value.items())
         else:
             item = item._replace(place=parse_place(axis.path))
-            named = _names(axis, item.value)
-            given.settings.append(item._replace(value=axis.values[item.value]) if named else given_here(item))
+            by_name = _names(axis, item.value)
+            given.settings.append(item._replace(value=axis.values[item.value]) if by_name else given_here(item))
     return given
 
 

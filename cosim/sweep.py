@@ -93,7 +93,7 @@ def execute(task: Task) -> Finished:
     started = perf_counter()
     try:
         result = _simulated(task) if task.arm.scenario is not None else _called(task)
-    except Exception as error:  # noqa: BLE001  # the sweep's guard: one bad run must not take the others with it
+    except Exception as error:  # noqa: BLE001  # the error is recorded in the run's row; other runs go on
         text = " ".join(f"{type(error).__name__}: {error}".split())
         result = Finished(task, 0.0, error=text)
     result.wall_s = perf_counter() - started

@@ -313,7 +313,7 @@ def _nothing_raised(what: str) -> Iterator[None]:
         yield
     except LawError:
         raise
-    except Exception as error:  # whatever a user's machine raises is a broken law, named and raised on
+    except Exception as error:  # any exception of a machine breaks the law; always re-raised
         raise LawError(f"{what} raised {error!r}") from error
 
 

@@ -108,7 +108,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     run.begin()
     try:
         _play_beginning(run)
-    except Exception:  # noqa: BLE001  # the same run is made again to be shown, and fails there with its reason
+    except Exception:  # noqa: BLE001  # a trial run only: the real one fails again, and reports why
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
         done.parent.mkdir(parents=True, exist_ok=True)
@@ -217,7 +217,7 @@ class Live:
                     self._end()
                 spent = time.monotonic() - begun
                 self._closing.wait(max(0.001, _PERIOD_S - spent))
-        except Exception as error:  # noqa: BLE001  # this thread has no caller: the page shows the error instead
+        except Exception as error:  # noqa: BLE001  # nobody could catch it in this thread: the page shows it
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -225,7 +225,7 @@ class Live:
         self._failure = f"{type(error).__name__}: {error}"
         try:
             self._publish()
-        except Exception:  # noqa: BLE001  # asking the failed run may fail, too: its last state is shown, with the reason
+        except Exception:  # noqa: BLE001  # the first error is reported; the broken run may raise more
             with self._lock:
                 self._moment = self._moment._replace(state=self._state(), why=self._failure)
 
