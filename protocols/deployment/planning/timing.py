@@ -34,7 +34,9 @@ class TimingParameters(Settings):
     )
     turns_s: Seconds = Field(default=5.0, ge=0, description="s, time expected for the turns of a drive")
     slack: Gain = Field(default=4.0, ge=1, description="greatest time of a drive as a multiple of the expected time")
-    photo_s: Seconds = Field(default=5.0, ge=0, description="s, greatest time of a picture, or of turning to face a place")
+    photo_s: Seconds = Field(
+        default=5.0, ge=0, description="s, greatest time of a picture, or of turning to face a place"
+    )
 
 
 LeastExploring: TypeAlias = Callable[[Mapping[Address, Body], Mapping[Address, Place]], float]
