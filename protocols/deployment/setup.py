@@ -15,6 +15,7 @@ from cosim.protocol import Surroundings, check_cells
 from cosim.units import Time
 from protocols.deployment.driving.exploring import Ground, ground_of
 from protocols.deployment.localization.positioning import KnownMaps
+from protocols.deployment.member.camera import half_turn_s
 from protocols.deployment.parameters import Parameters
 from protocols.deployment.planning.play import Play
 from protocols.deployment.planning.playbook import BUILT_IN, Playbook
@@ -129,6 +130,7 @@ def _bodies(parameters: Parameters, surroundings: Surroundings, size: int) -> tu
             radius_m=radii_m[robot],
             speed_mps=speeds_mps[robot],
             acceleration_mps2=accelerations[robot],
+            half_turn_s=half_turn_s(parameters.member.look_radps),
             camera=parameters.cameras is None or robot in parameters.cameras,
             sensor="sonar" if robot in parameters.sonars else "laser",
         )

@@ -15,8 +15,16 @@ from protocols.deployment.tasks.events import PictureTaken
 
 ALIGNED_RAD: Final = 0.02
 """Error of the heading up to which the camera faces a direction."""
+APPROACH_PER_S: Final = 2.0
+"""Rate of turning per error of the heading, near the direction that is wanted."""
 STILL_MPS: Final = 0.01
 """Speed below which the robot stands still enough for a picture."""
+
+
+def half_turn_s(rate_radps: float) -> float:
+    """Return the time of :meth:`Camera.turn` for half a turn at *rate_radps*: constant at first, then exponential."""
+    slows_rad = min(math.pi, max(ALIGNED_RAD, rate_radps / APPROACH_PER_S))
+    return (math.pi - slows_rad) / rate_radps + math.log(slows_rad / ALIGNED_RAD) / APPROACH_PER_S
 
 
 class Camera:
@@ -46,7 +54,7 @@ class Camera:
         error = math.remainder(wanted_rad - observation.heading_rad, math.tau)
         if abs(error) <= ALIGNED_RAD and observation.speed_mps < STILL_MPS:
             return None
-        return Drive(0.0, max(-self._turn_radps, min(self._turn_radps, 2.0 * error)))
+        return Drive(0.0, max(-self._turn_radps, min(self._turn_radps, APPROACH_PER_S * error)))
 
     def taken(self, task: str, observation: Observation) -> PictureTaken:
         """Return the event of a picture that is taken."""

@@ -281,7 +281,7 @@ class Planner:
         legs, explored_s = legs_of(leaves, starts_m), self._explored_s(leaves, graph, starts_m, bodies)
         spans: dict[str, Span] = {}
         for leaf in leaves:
-            span = standing(leaf, self.parameters.timing)
+            span = standing(leaf, bodies, self.parameters.timing)
             if isinstance(leaf.act, Explore):
                 span = exploring(leaf, explored_s.get(leaf.name, 0.0))
             if leaf.name in legs:

@@ -35,7 +35,7 @@ class TimingParameters(Settings):
     turns_s: Seconds = Field(default=5.0, ge=0, description="s, time expected for the turns of a drive")
     slack: Gain = Field(default=4.0, ge=1, description="greatest time of a drive as a multiple of the expected time")
     photo_s: Seconds = Field(
-        default=5.0, ge=0, description="s, greatest time of a picture, or of turning to face a place"
+        default=5.0, ge=0, description="s, greatest time of a picture, or of facing a place, besides the turn for it"
     )
 
 
@@ -89,13 +89,16 @@ def exploring(task: Task, least_s: float) -> Span:
     return Span(least_s, math.inf, None, f"{task.name}: exploring takes at least {least_s:.1f} s")
 
 
-def standing(task: Task, parameters: TimingParameters) -> Span | None:
-    """Return the duration of a task for which robots stay where they are; None for any other task."""
+def standing(task: Task, bodies: Sequence[Body], parameters: TimingParameters) -> Span | None:
+    """Return the duration of a task for which robots stay where they are; None for any other task.
+
+    A robot that faces some direction may have to make half a turn: its heading is not known before.
+    """
     match task.act:
         case Wait(seconds=seconds):
             return Span(seconds, seconds, seconds, f"{task.name}: lasts {in_seconds(seconds)} s")
         case act if isinstance(act, Standing):
-            most_s = parameters.photo_s
+            most_s = parameters.photo_s + (bodies[act.robot].half_turn_s if act.turns else 0.0)
             return Span(0.0, most_s, most_s, f"{task.name}: takes at most {most_s:g} s")
         case _:
             return None

@@ -12,6 +12,8 @@ class Body(NamedTuple):
     radius_m: float = 0.25
     speed_mps: float = 0.5
     acceleration_mps2: float = 0.5
+    half_turn_s: float = 7.0
+    """Time of half a turn on the spot, s."""
     camera: bool = True
     sensor: Literal["laser", "sonar"] = "laser"
 

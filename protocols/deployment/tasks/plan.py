@@ -59,6 +59,11 @@ class Photo(Settings):
     robot: Count = Field(ge=0)
     heading_rad: Angle | None = None
 
+    @property
+    def turns(self) -> bool:
+        """True if the robot may have to turn."""
+        return self.heading_rad is not None
+
 
 class Face(Settings):
     """One robot turns towards a place, where it stands, as to "monitor for intruders" (paper 004, section 2)."""
@@ -66,6 +71,11 @@ class Face(Settings):
     act: Literal["face"] = "face"
     robot: Count = Field(ge=0)
     towards_m: Place
+
+    @property
+    def turns(self) -> bool:
+        """True if the robot may have to turn."""
+        return True
 
 
 class Wait(Settings):

@@ -9,9 +9,11 @@ from cosim.machine import Drive, Event, Unrecorded, drained
 from cosim.observation import Observation
 from cosim.units import S, Time
 from protocols.deployment.counters import Counters
+from protocols.deployment.member.camera import Camera, half_turn_s
 from protocols.deployment.member.member import Member
 from protocols.deployment.messages.messages import YieldRequest
 from protocols.deployment.messages.status import News
+from protocols.deployment.parameters import MemberParameters
 from protocols.deployment.tasks.events import Driving, PictureTaken, SteppedAside, TaskEnded, TaskStarted
 from protocols.deployment.tasks.orders import Errand, Halt, Order, Result, Retreat
 from protocols.deployment.tasks.plan import Face, Go, Photo, Place
@@ -209,6 +211,14 @@ def test_a_robot_turns_towards_what_it_is_to_face_until_it_does(towards_m: Place
     assert bench.tick(heading=wanted) == [Drive(0.0, 0.0)]
     assert bench.results() == [Result.DONE]
     assert bench.counters.pictures == 0
+
+
+@pytest.mark.parametrize("rate_radps", [0.03, 0.5, 3.0, 9.0])
+def test_half_a_turn_takes_the_time_in_which_small_steps_make_it(rate_radps: float) -> None:
+    camera, step_s, heading, steps = Camera(MemberParameters(look_radps=rate_radps), True), 1e-3, 0.0, 0
+    while (turn := camera.turn(math.pi, Observation(0.0, 0.0, heading, 0.0, True, False))) is not None:
+        heading, steps = heading + turn.turn_radps * step_s, steps + 1
+    assert half_turn_s(rate_radps) == pytest.approx(steps * step_s, rel=5e-3)
 
 
 def test_a_robot_with_nothing_to_do_steps_aside_for_who_asks_and_comes_back() -> None:

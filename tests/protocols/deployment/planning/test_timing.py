@@ -27,7 +27,7 @@ from protocols.deployment.planning.timing import (
     wanted_at_once,
 )
 from protocols.deployment.tasks.crew import Body
-from protocols.deployment.tasks.plan import Between, Deployment, Go, Instant, Photo, Task, Wait, actors
+from protocols.deployment.tasks.plan import Between, Deployment, Face, Go, Instant, Photo, Task, Wait, actors
 from protocols.deployment.tasks.stn import Network, asked
 
 BODY = Body(speed_mps=0.5, acceleration_mps2=0.25)
@@ -41,7 +41,7 @@ def waits(name: str, *seconds: float, order: str = "serial", **more: object) -> 
 
 def spans(root: Task) -> dict[str, Span]:
     parameters = TimingParameters()
-    found = {task.name: standing(task, parameters) for task in root.walk() if task.leaf}
+    found = {task.name: standing(task, [BODY], parameters) for task in root.walk() if task.leaf}
     return {name: span for name, span in found.items() if span is not None}
 
 
@@ -90,9 +90,14 @@ def test_a_drive_is_between_a_share_of_its_free_time_and_a_multiple_of_what_is_e
 
 
 def test_a_picture_takes_a_while_at_most() -> None:
-    span = standing(Task(name="p", act=Photo(robot=0)), TimingParameters(photo_s=4.0))
-    assert span is not None
-    assert span[:3] == (0.0, 4.0, 4.0)
+    for act, most_s in (
+        (Photo(robot=0), 4.0),
+        (Photo(robot=0, heading_rad=1.0), 13.0),
+        (Face(robot=0, towards_m=(1.0, 2.0)), 13.0),
+    ):
+        span = standing(Task(name="p", act=act), [Body(half_turn_s=9.0)], TimingParameters(photo_s=4.0))
+        assert span is not None
+        assert span[:3] == (0.0, most_s, most_s)
 
 
 # ---------------------------------------------------------------- networks
