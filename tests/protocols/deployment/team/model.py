@@ -642,6 +642,41 @@ class Found(NamedTuple):
     steps: int
 
 
+class Visits:
+    """The budgets, a bit each, with which states were visited.
+
+    Many states have the same robots, and many the same mail and situation. So both are kept once, and not in each key:
+    that takes a third of the memory.
+    """
+
+    def __init__(self) -> None:
+        self.states = 0
+        self._visits: dict[int, dict[int, int]] = {}
+        """The bits, by mail and situation, then by robots."""
+        self._same: dict[int, int] = {}
+        """Of equal integers the one that is kept."""
+
+    def visited(self, key: int, bits: int) -> bool:
+        """Return whether the state with that *key* was visited with one of these budgets."""
+        robots, rest = key >> 2 * BITS, key & (1 << 2 * BITS) - 1
+        return self._visits[rest][robots] & bits != 0
+
+    def add(self, key: int, bit: int, above: int) -> bool:
+        """Note a visit with the budget *bit*, unless there was one with that or one *above*; return whether it was."""
+        robots, rest = key >> 2 * BITS, key & (1 << 2 * BITS) - 1
+        visits = self._visits.get(rest)
+        if visits is None:
+            visits = self._visits[rest] = {}
+        before = visits.get(robots)
+        if before is None:
+            self.states += 1
+            before, robots = 0, self._same.setdefault(robots, robots)
+        elif before & (bit | above):
+            return False
+        visits[robots] = self._same.setdefault(before | bit, before | bit)
+        return True
+
+
 def explored(size: int, budget: Budget) -> Found:
     """Visit every state that can be reached; return how many there are, and how many steps led from one to another.
 
@@ -655,7 +690,8 @@ def explored(size: int, budget: Budget) -> Found:
     bit = {each: 1 << at for at, each in enumerate(budgets)}
     above = {each: sum(bit[other] for other in budgets if _exceeds(other, each)) for each in budgets}
     start = Team(size, budget).key()
-    seen, turns = {start: bit[budget]}, dict[int, int]()
+    seen, turns = Visits(), dict[int, int]()
+    seen.add(start, bit[budget], 0)
     frontiers = {each: list[int]() for each in budgets}
     frontiers[budget].append(start)
     steps = 0
@@ -663,17 +699,15 @@ def explored(size: int, budget: Budget) -> Found:
         frontier = frontiers[each]
         while frontier:
             key = frontier.pop()
-            if seen[key] & above[each]:
+            if seen.visited(key, above[each]):
                 continue
             team = Team.of(key, size, each)
             check_liveness(team, turns)
             for new, left in team.steps():
                 steps += 1
-                budgets_before = seen.get(new, 0)
-                if not budgets_before & (bit[left] | above[left]):
-                    seen[new] = budgets_before | bit[left]
+                if seen.add(new, bit[left], above[left]):
                     frontiers[left].append(new)
-    return Found(len(seen), steps)
+    return Found(seen.states, steps)
 
 
 def explored_plainly(size: int, budget: Budget) -> Found:
