@@ -30,6 +30,8 @@ WORLD: Final = -1
 DELIVER: Final = 1
 WAKE: Final = 2
 AIR: Final = 3
+END: Final = (1 << 62, STOP)
+"""An instant and phase after all others."""
 
 Callback = Callable[[], None]
 
@@ -37,7 +39,7 @@ Callback = Callable[[], None]
 class Handle(simpy.Event):
     """A callback that waits in the queue of a :class:`Kernel`; made by ``at`` and ``after`` only."""
 
-    __slots__ = ("_kernel", "_priority", "callback", "time")
+    __slots__ = ("_kernel", "callback", "priority", "time")
 
     def __init__(self, kernel: "Kernel", time: Time, priority: int, callback: Callback) -> None:
         self.env = kernel.environment
@@ -45,7 +47,7 @@ class Handle(simpy.Event):
         self._ok = True
         self._value: Any = None
         self._kernel = kernel
-        self._priority = priority
+        self.priority = priority
         self.callback = callback
         self.time = time
 
@@ -56,7 +58,7 @@ class Handle(simpy.Event):
 
     def _fire(self, _: simpy.Event) -> None:
         kernel = self._kernel
-        kernel.phase = (self.time, self._priority)
+        kernel.phase = (self.time, self.priority)
         kernel.executed += 1
         self.callback()
 
@@ -78,14 +80,14 @@ class Repeated(Handle):
 
     def _fire(self, _: simpy.Event) -> None:
         kernel = self._kernel
-        kernel.phase = (self.time, self._priority)
+        kernel.phase = (self.time, self.priority)
         kernel.executed += 1
         self.callback()
         period = self._period
         if period:
             self.time += period
             self.callbacks = self._again.copy()
-            kernel.environment.schedule(self, self._priority, period)  # type: ignore[arg-type]
+            kernel.environment.schedule(self, self.priority, period)  # type: ignore[arg-type]
 
 
 class Kernel:
@@ -139,6 +141,14 @@ class Kernel:
         """Call *callback* at this instant, as a new event, in the phase DELIVER or the present one if that is later."""
         time, phase = self.phase
         return self.at(self.now, callback, max(DELIVER, phase) if time == self.now else DELIVER)
+
+    def peek(self) -> tuple[Time, int]:
+        """Return the instant and priority of the next event, also of one that is cancelled; ``END`` if there is none.
+
+        A model that has a queue of its own may run ahead to what comes before that: nothing else happens until then.
+        """
+        queue = self.environment._queue
+        return queue[0][:2] if queue else END  # type: ignore[return-value]
 
     def run(self, until: Time) -> None:
         """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``.

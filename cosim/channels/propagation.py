@@ -24,7 +24,7 @@ from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Decibels, Gain, Metres, Settings
-from cosim.world.sight import wall_losses_db
+from cosim.world.sight import wall_losses_db, wall_losses_from_db
 
 NEAREST_M: Final = 0.1
 """Least distance that counts, about a wavelength, as the law holds for the far field only."""
@@ -95,6 +95,17 @@ class Propagation:
             gains -= wall_losses_db(lines, [barrier.loss_db for barrier in self._barriers], positions)
         return gains
 
+    def gains_from_db(self, positions_m: npt.ArrayLike, source: int) -> Floats:
+        """Return the row *source* of :meth:`gains_db`, shape (n,), without the others."""
+        positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
+        gains = _gains_from_db(positions, source, self._law, self._key)
+        if self._through_walls:
+            gains -= wall_losses_from_db(self._walls, self._loss_db, positions, source)
+        if self._barriers:
+            lines = segment_grid([barrier[:4] for barrier in self._barriers])
+            gains -= wall_losses_from_db(lines, [barrier.loss_db for barrier in self._barriers], positions, source)
+        return gains
+
 
 # ---------------------------------------------------------------- kernels
 
@@ -102,20 +113,38 @@ class Propagation:
 @njit(cache=True)
 def _gains_db(positions: Floats, law: tuple[float, float, float, float], key: tuple[int, int]) -> Floats:
     """Return the gains without walls."""
-    reference_db, exponent, shadowing_db, cell = law
     robots = positions.shape[0]
     gains = np.full((robots, robots), -np.inf)
     for i in range(robots):
-        ax, ay = positions[i]
         for j in range(i + 1, robots):
-            bx, by = positions[j]
-            square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
-            gain = -reference_db - 5.0 * exponent * math.log10(square)
-            if shadowing_db > 0.0:
-                words = philox_words(_place(ax, ay, cell), _place(bx, by, cell), i << 16 | j, 0, key[0], key[1])
-                gain -= shadowing_db * _normal(words)
-            gains[i, j] = gains[j, i] = gain
+            gains[i, j] = gains[j, i] = _gain_db(positions, i, j, law, key)
     return gains
+
+
+@njit(cache=True)
+def _gains_from_db(
+    positions: Floats, source: int, law: tuple[float, float, float, float], key: tuple[int, int]
+) -> Floats:
+    """Return the gains of one row without walls."""
+    gains = np.full(positions.shape[0], -np.inf)
+    for other in range(positions.shape[0]):
+        if other != source:
+            gains[other] = _gain_db(positions, min(source, other), max(source, other), law, key)
+    return gains
+
+
+@njit(cache=True)
+def _gain_db(positions: Floats, i: int, j: int, law: tuple[float, float, float, float], key: tuple[int, int]) -> float:
+    """Return the gain between robots *i* and *j* > *i* without walls."""
+    reference_db, exponent, shadowing_db, cell = law
+    ax, ay = positions[i]
+    bx, by = positions[j]
+    square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
+    gain = -reference_db - 5.0 * exponent * math.log10(square)
+    if shadowing_db > 0.0:
+        words = philox_words(_place(ax, ay, cell), _place(bx, by, cell), i << 16 | j, 0, key[0], key[1])
+        gain -= shadowing_db * _normal(words)
+    return gain
 
 
 @njit(cache=True)

@@ -18,7 +18,7 @@ from operator import itemgetter
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
-from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS
+from cosim.channels.adhoc.mac import ACK, CTS, DATA, KINDS, RTS
 from cosim.export.pcapng import BROADCAST as FOR_ALL
 from cosim.export.pcapng import CRC_ERROR, OUTBOUND, UNICAST, Interface, Packet
 from cosim.machine import BROADCAST, Address
@@ -85,12 +85,13 @@ def frame_octets(sent: Sent, radio: int = 0) -> bytes:
     again.
     """
     duration_us = min(-(-sent.reserves // US), _LONGEST_US)
-    flags = _RETRY if sent.retry and sent.kind == DATA else 0
-    head = _HEAD.pack(_TYPES[sent.kind], flags, duration_us, mac_of(sent.destination, radio))
+    kind = KINDS.index(sent.kind)
+    flags = _RETRY if sent.retry and kind == DATA else 0
+    head = _HEAD.pack(_TYPES[kind], flags, duration_us, mac_of(sent.destination, radio))
     sender = mac_of(sent.source, radio)
-    if sent.kind == RTS:
+    if kind == RTS:
         return head + sender
-    if sent.kind != DATA:
+    if kind != DATA:
         return head
     rest = _DATA.pack(sender, bssid_of(radio), sent.number % 4096 << 4)  # one fragment, of number 0
     return head + rest + _SNAP.pack(_SNAP_START, IPV4 if sent.routed else EXPERIMENTAL) + bytes.fromhex(sent.body)

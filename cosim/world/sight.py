@@ -5,8 +5,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from cosim.arrays import Bools, Floats, Int32s
-from cosim.geometry.segments import PackedWalls, SegmentGrid, crossed_weights, in_sight, unpacked
+from cosim.arrays import Bools, Floats, Int32s, Int64s
+from cosim.geometry.segments import (
+    PackedWalls,
+    SegmentGrid,
+    crossed_weights,
+    crossed_weights_from,
+    in_sight,
+    unpacked,
+)
 from cosim.jit import njit
 
 _LOSS_UNIT_DB: Final = 2.0**-20
@@ -40,13 +47,24 @@ def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.
     *positions_m* has the shape (n, 2). For lines that meet a wall's end see the top of
     :mod:`cosim.geometry.segments`. Raise ValueError if there is not one loss for each wall.
     """
+    positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
+    crossed = crossed_weights(walls.walls_m, _loss_units(walls, loss_db), positions)
+    return crossed.astype(np.float64) * _LOSS_UNIT_DB
+
+
+def wall_losses_from_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike, source: int) -> Floats:
+    """Return the row *source* of :func:`wall_losses_db`, shape (n,), without the others."""
+    positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
+    crossed = crossed_weights_from(walls.walls_m, _loss_units(walls, loss_db), positions, source)
+    return crossed.astype(np.float64) * _LOSS_UNIT_DB
+
+
+def _loss_units(walls: SegmentGrid, loss_db: npt.ArrayLike) -> Int64s:
+    """Return losses as whole numbers: their sum depends on no order."""
     losses = np.asarray(loss_db, dtype=np.float64)
     if losses.shape != (len(walls.walls_m),):
         raise ValueError(f"{len(walls.walls_m)} walls have losses of shape {losses.shape}")
-    positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-    # whole numbers: their sum depends on no order
-    crossed = crossed_weights(walls.walls_m, np.rint(losses / _LOSS_UNIT_DB).astype(np.int64), positions)
-    return crossed.astype(np.float64) * _LOSS_UNIT_DB
+    return np.rint(losses / _LOSS_UNIT_DB).astype(np.int64)
 
 
 def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:

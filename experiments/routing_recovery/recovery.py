@@ -11,13 +11,14 @@ from pydantic import Field
 
 from cosim.channels.adhoc.channel import AdhocChannel
 from cosim.channels.adhoc.forwarding import Forwarding
-from cosim.channels.adhoc.mac import Frame, Packet
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv import Aodv
 from cosim.channels.adhoc.routing.base import Router
 from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, decode
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
 from cosim.channels.adhoc.routing.olsr_wire import HELLO, decode_packet
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.state import Report
 from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
@@ -115,15 +116,14 @@ class Observed(AdhocChannel):
             self._who.remove_node(address)
         super().power(address, on)
 
-    def received(self, address: Address, frame: Frame) -> None:
+    def received(self, address: Address, report: Report, packet: Packet) -> None:
         """Record which station was heard, and over which one a payload came."""
-        assert frame.packet is not None
-        datagram = decode(frame.packet.payload)
+        datagram = decode(packet.payload)
         if datagram.port == PAYLOAD_PORT and address == self.destination:
-            self.last_relay = frame.source
+            self.last_relay = report.source
         if self._is_sign_of_life(datagram):
-            self.heard_at[address, frame.source] = self.kernel.now
-        super().received(address, frame)
+            self.heard_at[address, report.source] = self.kernel.now
+        super().received(address, report, packet)
 
     def _is_sign_of_life(self, datagram: Datagram) -> bool:
         """Return whether a packet prolongs the link to its sender: with OLSR a HELLO, with hysteresis any of OLSR."""

@@ -1,6 +1,7 @@
 """The experiment routing_recovery: its scene, what it measures, and how its claims are judged."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,10 @@ import networkx as nx
 import pandas as pd
 import pytest
 
-from cosim.channels.adhoc.mac import Frame
+from cosim.channels.adhoc.mac import Packet
+from cosim.channels.adhoc.state import HEARD, Report
 from cosim.experiment import load_experiment
-from cosim.machine import BROADCAST, Address, Outcome
+from cosim.machine import BROADCAST, Outcome
 from cosim.report.sweep_report import report
 from cosim.sweep import run_sweep
 from cosim.units import S
@@ -126,10 +128,20 @@ def test_a_second_interruption_is_seen_and_goes_if_tcs_tell_of_all_neighbours() 
 class Lossless(recovery.Observed):
     """A channel on which frames to all are received by all in reach, even if they collide."""
 
-    def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        super()._note(frame, address, received)
-        if not received and frame.destination == BROADCAST and self._on[address]:
-            self.received(address, frame)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._stations._common["noted"] = True
+
+    def noted(self, report: Report, packet: Packet | None) -> None:
+        super().noted(report, packet)
+        if report.what == HEARD and not report.right and report.destination == BROADCAST:
+            assert packet is not None
+            ends = report.begin + report.duration + self._settings.timing().delay
+            self.kernel.at(ends, partial(self._receive, report, packet))
+
+    def _receive(self, report: Report, packet: Packet) -> None:
+        if self._on[report.station]:
+            self.received(report.station, report, packet)
 
 
 FAST_MAC = {"kind": "olsr", "hello_interval_s": 0.5, "refresh_interval_s": 0.5, "tc_interval_s": 2}

@@ -1,77 +1,150 @@
-"""The medium of one 802.11 channel: which stations a frame reaches, and when it begins and ends there."""
+"""The frames of one 802.11 channel: how they get from their senders to all stations that they reach, and what is told.
 
-from collections.abc import Callable, Sequence
-from functools import partial
+A frame begins to arrive everywhere after the same delay, so the frames that arrive at a station do so in one order for
+all stations; a list has them in that order.
+"""
 
-from cosim.channels.adhoc.dcf import Station
-from cosim.channels.adhoc.mac import Frame
-from cosim.kernel import Kernel
-from cosim.machine import Address
+from cosim.channels.adhoc.agenda import ARRIVE, push
+from cosim.channels.adhoc.state import DONE, NONE, RECEIVED, Network, Record
+from cosim.jit import njit
+from cosim.kernel import DELIVER
 from cosim.units import Time
 
 
-class Medium:
-    """Carries frames to all stations that they reach, after a short delay."""
+@njit(cache=True)
+def new_frame(network: Network) -> int:
+    """Return the number of a frame that is free."""
+    common = network.common[0]
+    frame: int = common.free_frame
+    common.free_frame = network.frames[frame].next
+    return frame
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        delay: Time,
-        reach: Callable[[Address], Sequence[tuple[Address, float]]],
-        note: Callable[[Frame, Address, bool], None] | None = None,
-        ended: Callable[[Frame, bool, Sequence[tuple[Address, float]]], None] | None = None,
-    ) -> None:
-        """Carry frames to the stations, and with the powers in mW, that *reach* returns for the sender when one begins.
 
-        *note* is called with (frame, station, whether it was received), *ended* with (frame, whether its sender was on
-        to its end, the stations and powers that it has reached).
-        """
-        self.stations: Sequence[Station] = ()
-        self._kernel = kernel
-        self._delay = delay
-        self._reach = reach
-        self._note = note
-        self._ended = ended
-        self.frames = 0
-        """Number of frames that have been on the air."""
-        self._over = 0
-        """Number of frames that have arrived to their end."""
-        self._beginning: list[Frame] = []
-        """Frames that have begun at one instant, and arrive at one."""
-        self._cut: list[Frame] = []
+@njit(cache=True)
+def begin(network: Network, number: int, now: Time) -> None:
+    """Put frame *number*, which begins *now*, on the air."""
+    common, frames = network.common[0], network.frames
+    frame = frames[number]
+    frame.begin, frame.whole, frame.next = now, True, NONE
+    if frame.packet != NONE:
+        network.packets[frame.packet].users += 1
+    common.frames += 1
+    common.frames_under_way += 1
+    last = common.last_begun
+    if last == NONE or frames[last].begin != now:  # frames that begin at one instant arrive in one event
+        push(network, now + common.delay, DELIVER, ARRIVE, NONE)
+    if last == NONE:
+        common.first_begun = number
+    else:
+        frames[last].next = number
+    common.last_begun = number
 
-    @property
-    def silent(self) -> bool:
-        """True if no frame is on the air."""
-        return self._over == self.frames
 
-    def begin(self, frame: Frame) -> None:
-        """Carry *frame*, which begins now."""
-        if not self._beginning or self._beginning[-1].begin != frame.begin:
-            self._beginning = []
-            self._kernel.after(self._delay, partial(self._arrive, self._beginning))
-        self._beginning.append(frame)
-        self.frames += 1
+@njit(cache=True)
+def next_arrival(network: Network, now: Time) -> int:
+    """Return the frame from the station of lowest address among those that begin to arrive *now*; NONE if none does."""
+    common, frames = network.common[0], network.frames
+    begun, found, before_found, before = now - common.delay, NONE, NONE, NONE
+    number = common.first_begun
+    while number != NONE and frames[number].begin == begun:
+        if found == NONE or frames[number].source < frames[found].source:
+            found, before_found = number, before
+        before, number = number, frames[number].next
+    if found == NONE:
+        return NONE
+    if before_found == NONE:
+        common.first_begun = frames[found].next
+    else:
+        frames[before_found].next = frames[found].next
+    if common.last_begun == found:
+        common.last_begun = before_found
+    frames[found].next = NONE
+    if common.last_there == NONE:
+        common.first_there = found
+    else:
+        frames[common.last_there].next = found
+    common.last_there = found
+    return found
 
-    def cut(self, frame: Frame) -> None:
-        """Let no station receive *frame*, which is on the air; its energy stays there to its end."""
-        self._cut.append(frame)
 
-    def _arrive(self, frames: list[Frame]) -> None:
-        for frame in sorted(frames, key=lambda frame: frame.source):
-            reached = self._reach(frame.source)
-            for address, power_mw in reached:
-                self.stations[address].energy_begins(frame, power_mw)
-            self._kernel.after(frame.form.duration, partial(self._leave, frame, reached))
+@njit(cache=True)
+def without_row(network: Network, now: Time) -> int:
+    """Return the sender of a frame that begins to arrive *now* and whose row is not known; NONE if there is none."""
+    common, frames = network.common[0], network.frames
+    number = common.first_begun
+    while number != NONE and frames[number].begin == now - common.delay:
+        sender: int = frames[number].source
+        if network.stations[sender].row == NONE:
+            return sender
+        number = frames[number].next
+    return NONE
 
-    def _leave(self, frame: Frame, reached: Sequence[tuple[Address, float]]) -> None:
-        whole = frame not in self._cut
-        if not whole:
-            self._cut.remove(frame)
-        for address, _ in reached:
-            received = self.stations[address].energy_ends(frame, whole)
-            if self._note is not None:
-                self._note(frame, address, received)
-        self._over += 1
-        if self._ended is not None:
-            self._ended(frame, whole, reached)
+
+@njit(cache=True)
+def total_mw(network: Network, address: int) -> float:
+    """Return the power of all frames that arrive at a station."""
+    frames, total = network.frames, 0.0
+    number = network.common[0].first_there
+    while number != NONE:
+        total += network.powers_mw[number, address]
+        number = frames[number].next
+    return total
+
+
+@njit(cache=True)
+def forget(network: Network, number: int) -> None:
+    """Free frame *number*, which has arrived to its end everywhere."""
+    common, frames = network.common[0], network.frames
+    before, there = NONE, common.first_there
+    while there != number:
+        before, there = there, frames[there].next
+    if before == NONE:
+        common.first_there = frames[number].next
+    else:
+        frames[before].next = frames[number].next
+    if common.last_there == number:
+        common.last_there = before
+    if frames[number].packet != NONE:
+        leave_packet(network, frames[number].packet)
+    common.over += 1
+    common.frames_under_way -= 1
+    frames[number].next = common.free_frame
+    common.free_frame = number
+
+
+@njit(cache=True)
+def leave_packet(network: Network, number: int) -> None:
+    """Free packet *number* if nothing else uses it."""
+    common, packet = network.common[0], network.packets[number]
+    packet.users -= 1
+    if packet.users == 0:
+        packet.next = common.free_packet
+        common.free_packet = number
+
+
+@njit(cache=True)
+def tell(network: Network, what: int, station: int, packet: int, right: bool) -> Record:
+    """Tell the host of *station*, or the tables, what has happened; return the report for the rest of it."""
+    common = network.common[0]
+    report = network.told[common.told]
+    common.told += 1
+    if what in (RECEIVED, DONE):
+        common.urgent = True
+    report.what, report.station, report.packet, report.right = what, station, packet, right
+    return report
+
+
+@njit(cache=True)
+def tell_frame(network: Network, what: int, station: int, number: int, right: bool, mw: float) -> Record:
+    """Tell the same with all that is known of frame *number*; return the report."""
+    frame = network.frames[number]
+    report = tell(network, what, station, frame.packet, right)
+    report.mw = mw
+    report.kind, report.source, report.destination = frame.kind, frame.source, frame.destination
+    report.begin, report.duration = frame.begin, frame.form.duration
+    report.reserves, report.number = frame.reserves, frame.number
+    report.again = False
+    if frame.packet != NONE:
+        packet = network.packets[frame.packet]
+        report.again = packet.short + packet.long > 0  # a CTS has put failures of RTS back to 0
+    return report

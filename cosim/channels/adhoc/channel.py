@@ -12,21 +12,19 @@ acknowledgements are lost, and payloads for it are repeated up to the limit.
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from cosim.channels.adhoc.air import Medium
-from cosim.channels.adhoc.dcf import Station
-from cosim.channels.adhoc.errors import frame_log_success
+from cosim.arrays import Floats
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
-from cosim.channels.adhoc.mac import Frame, Packet
-from cosim.channels.adhoc.reception import Levels, RangeReceiver, Receiver, SinrReceiver
+from cosim.channels.adhoc.mac import KINDS, Packet
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
+from cosim.channels.adhoc.state import HEARD, Report
+from cosim.channels.adhoc.stations import Row, Rules, Stations
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
@@ -42,8 +40,6 @@ from cosim.units import Time, from_seconds
 
 FAINT_MW: Final = 1e-14
 """Power (-140 dBm) below which a signal is neglected, even as interference."""
-RECEPTION: Final = 2
-"""Purpose of the draws of errors."""
 JITTER: Final = 3
 """Purpose of the draws of the time that a host takes to hand over a payload."""
 UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
@@ -113,26 +109,19 @@ class AdhocChannel(IdealChannel):
         self._propagation = _fading(settings, walls, streams)
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
-        self._reached: list[tuple[tuple[Address, float], ...]] | None = None
-        """Robots that each robot reaches, and with how many mW; None until it is needed after a move."""
+        self._rows: dict[Address, Row] = {}
+        """Robots that robots reach, and with how many mW, as far as it was needed since the last move."""
         self._positions_m: Positions = np.zeros((size, 2))
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._arrivals: list[Arrival] = []
-        self._dropped = 0
-        timing = settings.timing()
-        self._air = Medium(kernel, timing.delay, self._reaches, self._note, self._ended)
+        self._least_mw = 0.0 if self._propagation is None else settings.limits().follows_mw
         self._held = [0] * size
-        """Number of payloads that each device has been handed and has not finished."""
-        self._draws = streams.draws("adhoc")
-        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
-        self._receivers = [self._receiver(address) for address in range(size)]
-        self._stations = [
-            Station(address, timing, settings.access, receiver, kernel, self._air, self, self._draws)
-            for address, receiver in enumerate(self._receivers)
-        ]
-        self._air.stations = self._stations
-        self._jamming = Jamming(kernel, self._jam_mw, self._jamming_matters)
-        self._jamming.stations = self._stations
+        """Number of payloads that each device has been handed and has not finished, where that has a limit."""
+        draws = streams.draws("adhoc")
+        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, draws)
+        rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
+        self._stations = Stations(size, rules, kernel, draws, self, self._frames_wanted or self._transmissions_wanted)
+        self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
         self._forwarding = self._routers(streams)
 
     def _routers(self, streams: Streams) -> Forwarding | None:
@@ -141,17 +130,6 @@ class AdhocChannel(IdealChannel):
             return None
         draws = streams.draws("routing")
         return Forwarding(self.size, lambda robot, now: make_router(routing, robot, draws, now), self.kernel, self)
-
-    def _receiver(self, address: Address) -> Receiver:
-        if self._propagation is None:
-            return RangeReceiver()
-        return SinrReceiver(self._settings.limits(), partial(self._is_right, address))
-
-    def _is_right(self, address: Address, frame: Frame, levels: Levels) -> bool:
-        """Draw whether *frame*, heard at *levels*, arrives without errors at *address*."""
-        form = frame.form
-        chance = math.exp(frame_log_success(self._settings.radio, form.rate_kbps, form.octets, levels))
-        return self._draws.uniform(frame.begin, frame.source << 16 | address, RECEPTION) < chance
 
     # ------------------------------------------------------------ the channel's contract
 
@@ -177,7 +155,7 @@ class AdhocChannel(IdealChannel):
     def moved(self, positions_m: Positions) -> None:
         """Note that robots have moved; links between robots that are no longer in reach of each other are lost."""
         self._positions_m = positions_m
-        self._reached = None
+        self._forget_rows()
         self._jamming.moved()
         self._lose_links()
 
@@ -188,8 +166,8 @@ class AdhocChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
-        self._reached = None
-        self._stations[address].power(on)
+        self._forget_rows()
+        self._stations.power(address, on)
         self._held[address] = 0
         self._handover.forget(address)
         if self._forwarding is not None:
@@ -198,7 +176,11 @@ class AdhocChannel(IdealChannel):
     def summary(self) -> dict[str, float]:
         """Return the number of frames sent, and of payloads given up."""
         routed: dict[str, float] = {} if self._forwarding is None else self._forwarding.summary()
-        return {"frames_sent": float(self._air.frames), "payloads_dropped": float(self._dropped), **routed}
+        return {
+            "frames_sent": float(self._stations.frames),
+            "payloads_dropped": float(self._stations.dropped),
+            **routed,
+        }
 
     def obstruct(self, barriers: Sequence[Barrier]) -> None:
         """Put *barriers*, and no others, in the way of signals from now on; raise UserError if signals do not fade."""
@@ -206,7 +188,7 @@ class AdhocChannel(IdealChannel):
             raise UserError("radios without propagation notice no walls")
         self._jamming.advance()
         self._propagation.set_barriers(tuple(barriers))
-        self._reached = None
+        self._forget_rows()
         self._jamming.moved()
 
     def jam(self, jammer: Jammer) -> None:
@@ -232,46 +214,48 @@ class AdhocChannel(IdealChannel):
         received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
         return received
 
-    def _jamming_matters(self) -> bool:
-        """Return whether jammers matter to any station now."""
-        return not self._air.silent or any(not station.at_rest for station in self._stations)
+    def in_reach(self, address: Address) -> tuple[Address, ...]:
+        """Return the robots that can receive a frame of *address*, if nothing else is on the air."""
+        row = self.reached_by(address)
+        return tuple(row.addresses[row.powers_mw >= self._least_mw].tolist())
 
     def _hears(self, one: Address, other: Address) -> bool:
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
-        if not super()._hears(one, other):
-            return False
-        least = 0.0 if self._propagation is None else self._settings.limits().follows_mw
-        return any(address == other and power_mw >= least for address, power_mw in self._powers()[one])
+        return super()._hears(one, other) and other in self.in_reach(one)
 
-    def _reaches(self, source: Address) -> Sequence[tuple[Address, float]]:
+    def reached_by(self, source: Address) -> Row:
         """Return the robots that *source* reaches now, with how many mW: all that are switched on, however weakly."""
-        return self._powers()[source]
+        row = self._rows.get(source)
+        if row is None:
+            powers_mw = self._powers_mw(source)
+            reached = (powers_mw > FAINT_MW) & np.array(self._on) & self._on[source]
+            addresses = np.flatnonzero(reached)
+            row = self._rows[source] = Row(addresses, powers_mw[addresses])
+        return row
 
-    def _powers(self) -> Sequence[tuple[tuple[Address, float], ...]]:
-        if self._reached is None:
-            if self._propagation is None:
-                apart = np.linalg.norm(self._positions_m[:, None] - self._positions_m[None], axis=-1)
-                power = np.where(apart <= self._strength, 1.0, 0.0)
-                np.fill_diagonal(power, 0.0)
-            else:
-                power = self._strength * 10.0 ** (self._propagation.gains_db(self._positions_m) / 10.0)
-            on = np.array(self._on)
-            one, other = np.nonzero((power > FAINT_MW) & on & on[:, None])
-            heard = list(zip(other.tolist(), power[one, other].tolist(), strict=True))
-            ends = np.searchsorted(one, np.arange(self.size + 1)).tolist()
-            self._reached = [tuple(heard[begin:end]) for begin, end in pairwise(ends)]
-        return self._reached
+    def _powers_mw(self, source: Address) -> Floats:
+        if self._propagation is None:
+            apart_m = np.linalg.norm(self._positions_m[source] - self._positions_m, axis=-1)
+            near: Floats = np.where(apart_m <= self._strength[source], 1.0, 0.0)
+            near[source] = 0.0
+            return near
+        gains_db = self._propagation.gains_from_db(self._positions_m, source)
+        powers_mw: Floats = self._strength[source] * 10.0 ** (gains_db / 10.0)
+        return powers_mw
+
+    def _forget_rows(self) -> None:
+        self._rows.clear()
+        self._stations.moved()
 
     # ------------------------------------------------------------ what stations report
 
-    def received(self, address: Address, frame: Frame) -> None:
+    def received(self, address: Address, report: Report, packet: Packet) -> None:
         """Take what has arrived at *address*: a payload, or a packet for its router."""
-        assert frame.packet is not None
         if self._forwarding is not None:
-            self._forwarding.received(address, frame)
+            self._forwarding.received(address, report.source, packet.payload)
             return
-        delivery = Delivery(frame.source, frame.packet.payload, frame.destination == BROADCAST)
-        self.arrived(address, delivery, self._receivers[address].power_mw)
+        delivery = Delivery(report.source, packet.payload, report.destination == BROADCAST)
+        self.arrived(address, delivery, None if self._propagation is None else report.mw)
 
     def arrived(self, address: Address, delivery: Delivery, power_mw: float | None = None) -> None:
         """Take a payload for the host at *address*; all of one instant are delivered together."""
@@ -284,7 +268,6 @@ class AdhocChannel(IdealChannel):
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Report the fate of a packet to its host, or its router."""
-        self._dropped += not acknowledged
         self._held[address] -= 1
         if self._forwarding is not None:
             self._forwarding.done(address, packet, acknowledged)
@@ -308,33 +291,30 @@ class AdhocChannel(IdealChannel):
 
     def _queue(self, address: Address, packet: Packet) -> None:
         self._jamming.follow()
-        self._stations[address].send(packet)
+        awaited = packet.token is not None or packet.destination != BROADCAST or self._most is not None
+        self._stations.send(address, packet, awaited)
 
     def _hand_over(self) -> None:
         arrivals, self._arrivals = self._arrivals, []
         self.deliver([arrival for arrival in arrivals if self._on[arrival[0]]])
 
-    def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        """Record every frame at every station in reach that it is meant for."""
-        if self._frames_wanted and frame.destination in (BROADCAST, address):
-            self._row(frame, address, "received" if received else "collided")
-
-    def _ended(self, frame: Frame, whole: bool, reached: Sequence[tuple[Address, float]]) -> None:
-        """Record what was on the air, and a row for a frame that has reached no robot that it was meant for."""
-        meant_for = frame.destination
-        if self._frames_wanted and not (reached if meant_for == BROADCAST else any(a == meant_for for a, _ in reached)):
-            self._row(frame, meant_for, "out_of_range")
+    def noted(self, report: Report, packet: Packet | None) -> None:
+        """Record a frame at a robot that it is meant for, or what was on the air, and whom it has not reached."""
+        if report.what == HEARD:
+            if self._frames_wanted and report.destination in (BROADCAST, report.station):
+                self._row(report, packet, report.station, "received" if report.right else "collided")
+            return
+        if report.missed and self._frames_wanted:
+            self._row(report, packet, report.destination, "out_of_range")
         if self._transmissions_wanted:
-            packet = frame.packet
-            again = packet is not None and packet.short + packet.long > 0  # a CTS has put failures of RTS back to 0
-            body = "" if packet is None else packet.payload.hex()
-            sent = frame.kind, meant_for, frame.reserves, frame.number, again, self._forwarding is not None, whole, body
-            self.trace.row(TRANSMISSIONS, frame.begin, frame.source, *sent)
+            kind, routed, body = KINDS[report.kind], self._forwarding is not None, packet.payload if packet else b""
+            sent = kind, report.destination, report.reserves, report.number, report.again, routed, report.right
+            self.trace.row(TRANSMISSIONS, report.begin, report.source, *sent, body.hex())
 
-    def _row(self, frame: Frame, receiver: Address, outcome: str) -> None:
-        length = 0 if frame.packet is None else len(frame.packet.payload)
-        row = frame.begin, frame.source, receiver, frame.form.duration, frame.kind, -1, 0, length, outcome, ""
-        self.trace.row(FRAMES, *row)
+    def _row(self, report: Report, packet: Packet | None, receiver: Address, outcome: str) -> None:
+        length = 0 if packet is None else len(packet.payload)
+        frame = report.begin, report.source, receiver, report.duration, KINDS[report.kind]
+        self.trace.row(FRAMES, *frame, -1, 0, length, outcome, "")
 
 
 def _fading(
@@ -346,8 +326,8 @@ def _fading(
     return Propagation(settings.propagation, grid, loss_db, streams.draws("shadowing"))
 
 
-def _strength(settings: AdhocSettings, own: Sequence[float | None], size: int) -> npt.NDArray[np.float64]:
-    """Return the power of each robot in mW, or its range in m if signals do not fade; shape (size, 1)."""
+def _strength(settings: AdhocSettings, own: Sequence[float | None], size: int) -> Floats:
+    """Return the power of each robot in mW, or its range in m if signals do not fade; shape (size,)."""
     if settings.propagation is None:
-        return np.array([[reach_m] for reach_m in of_each(own, settings.range_m or math.inf, size)])
-    return np.array([[mw(power_dbm)] for power_dbm in of_each(own, settings.power_dbm, size)])
+        return np.array(of_each(own, settings.range_m or math.inf, size))
+    return np.array([mw(power_dbm) for power_dbm in of_each(own, settings.power_dbm, size)])

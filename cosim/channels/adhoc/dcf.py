@@ -19,332 +19,366 @@ own; with an EIFS that is DIFS, and a time-out that is shorter, these are the co
 18(3), 2000), not of the standard.
 """
 
-from collections import deque
-from functools import partial
-from typing import Final, Protocol
+from typing import Final
 
-from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Access, Form, Frame, Kind, Packet, Timing, data, request
-from cosim.channels.adhoc.reception import Receiver
-from cosim.kernel import AIR, Handle, Kernel
-from cosim.machine import BROADCAST, Address
-from cosim.randomness import Draws
+from cosim.channels.adhoc.agenda import ANSWER, CONTEND, GIVE_UP, MAY_SEND, SEND_DATA, SENT, push
+from cosim.channels.adhoc.air import begin, leave_packet, new_frame, tell, tell_frame
+from cosim.channels.adhoc.mac import ACK, CTS, DATA, RTS, Form
+from cosim.channels.adhoc.reception import IGNORED, RIGHT, begins, disturb, ends, energy
+from cosim.channels.adhoc.state import DONE, NEVER, NONE, RECEIVED, Network, Record
+from cosim.jit import njit
+from cosim.kernel import AIR, DELIVER
+from cosim.machine import BROADCAST
+from cosim.randomness import philox_words
 from cosim.units import Time
 
 BACKOFF: Final = 1
 """Purpose of the draws of back-offs."""
 
 
-class Air(Protocol):
-    """The medium that a station sends on."""
-
-    def begin(self, frame: Frame) -> None:
-        """Carry *frame*, which begins now."""
-
-    def cut(self, frame: Frame) -> None:
-        """Let no station receive *frame*, which is on the air: its sender is off."""
+# ---------------------------------------------------------------- back-off
 
 
-class Host(Protocol):
-    """The host of a station."""
-
-    def received(self, address: Address, frame: Frame) -> None:
-        """Take a DATA frame for *address*, at its end; each only once."""
-
-    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
-        """Note that *packet* is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
-
-
-class Backoff:
-    """The back-off of one station: idle slots to wait for, from a window that failures double (9.2.4, 9.2.5.2)."""
-
-    def __init__(self, address: Address, access: Access, slot: Time, draws: Draws) -> None:
-        self.pending = False
-        """True if there is a back-off to be done."""
-        self._address = address
-        self._access = access
-        self._slot = slot
-        self._draws = draws
-        self._drawn = 0
-        self._window = access.cw_min
-        self._slots = 0
-        self._not_before: Time = 0
-        self._counted_from: Time = 0
-
-    def draw(self, not_before: Time) -> None:
-        """Draw a new back-off, whose slots count from *not_before* at the earliest."""
-        self._slots = self._draws.below(self._window + 1, self._drawn, self._address, BACKOFF)
-        self._drawn += 1
-        self._not_before = not_before
-        self.pending = True
-
-    def ends_at(self, idle: Time) -> Time:
-        """Go on counting from *idle*, the end of the interframe space; return when it ends if the medium stays idle."""
-        self._counted_from = max(idle, self._not_before)
-        return self._counted_from + self._slots * self._slot
-
-    def interrupt(self, sensed_at: Time) -> None:
-        """Take off the slots that have ended before *sensed_at*, at which the medium is known to be busy."""
-        over = sensed_at - self._counted_from
-        if over > 0:
-            self._slots -= -(-over // self._slot) - 1
-            if self._access.bianchi_counting:
-                self._slots = max(self._slots - 1, 0)
-
-    def widen(self) -> None:
-        """Double the window, up to its greatest value."""
-        self._window = min(2 * self._window + 1, self._access.cw_max)
-
-    def narrow(self) -> None:
-        """Reset the window to its smallest value."""
-        self._window = self._access.cw_min
+@njit(cache=True)
+def _draw(common: Record, station: Record, address: int, not_before: Time) -> None:
+    """Draw a new back-off, whose slots count from *not_before* at the earliest (9.2.4)."""
+    words = philox_words(station.drawn, 0, address, BACKOFF, common.key_0, common.key_1)
+    bound = station.window + 1  # the product of it and 64 bits, of which the upper 64 count
+    station.slots = (words[0] * bound + (words[1] * bound >> 32)) >> 32
+    station.drawn += 1
+    station.not_before = not_before
+    station.pending = True
 
 
-class Station:
-    """One station: its queue, its back-off, its exchange, and what arrives at it."""
+@njit(cache=True)
+def _interrupt(common: Record, station: Record, sensed_at: Time) -> None:
+    """Take off the slots that have ended before *sensed_at*, at which the medium is known to be busy."""
+    over = sensed_at - station.counted_from
+    if over > 0:
+        station.slots -= -(-over // common.slot) - 1
+        if common.bianchi_counting:
+            station.slots = max(station.slots - 1, 0)
 
-    def __init__(
-        self,
-        address: Address,
-        timing: Timing,
-        access: Access,
-        receiver: Receiver,
-        kernel: Kernel,
-        air: Air,
-        host: Host,
-        draws: Draws,
-    ) -> None:
-        self.address = address
-        self.queue: deque[Packet] = deque()
-        self._timing = timing
-        self._access = access
-        self._kernel = kernel
-        self._air = air
-        self._host = host
-        self._backoff = Backoff(address, access, timing.slot, draws)
-        self._receiver = receiver
-        self._ends: Handle | None = None
-        """End of the back-off, or of the interframe space before a frame without one, if the medium stays idle."""
-        self._idle_from: Time = kernel.now
-        self._reserved_until: Time = 0
-        """The network allocation vector."""
-        self._erred = False
-        """True if EIFS is due in place of DIFS."""
-        self._sending: Frame | None = None
-        self._acts: list[Handle] = []
-        """Events that are certain: the end of what it sends, or an answer after SIFS."""
-        self._exchanging = False
-        """True while the first of the queue is on its way, from its first frame to its end or failure."""
-        self._awaits: Kind | None = None
-        self._timeout: Handle | None = None
-        self._numbers = 0
-        self._heard: dict[Address, int] = {}
-        """Last sequence number of each sender."""
 
-    # ------------------------------------------------------------ the queue
+# ---------------------------------------------------------------- the queue
 
-    def send(self, packet: Packet) -> None:
-        """Queue *packet*, and send it as soon as what is before it is done and the medium allows."""
-        packet.number = self._numbers
-        self._numbers += 1
-        self.queue.append(packet)
-        if len(self.queue) == 1:  # frames that end or begin at this instant come first
-            self._kernel.at(self._kernel.now, self._contend, AIR)
 
-    def power(self, on: bool) -> None:
-        """Switch the station on or off; what it holds is lost, and what it is just sending is spoilt."""
-        if on:
-            self._idle_from = self._kernel.now
-            return
-        for handle in (self._ends, self._timeout, *self._acts):
-            if handle is not None:
-                handle.cancel()
-        self.queue.clear()
-        self._heard.clear()
-        self._ends = self._timeout = self._awaits = None
-        self._exchanging = self._erred = self._backoff.pending = False
-        self._backoff.narrow()
-        self._receiver.drop()
-        self._reserved_until = self._kernel.now
-        if self._sending is not None:
-            self._air.cut(self._sending)
-            self._sending = None
+@njit(cache=True)
+def queue(network: Network, address: int, destination: int, form: Form, asks: bool, awaited: bool, now: Time) -> int:
+    """Queue a packet, and send it as soon as what is before it is done and the medium allows; return its number.
 
-    @property
-    def at_rest(self) -> bool:
-        """True if it has nothing to send: no payload, no answer, and no back-off to be done."""
-        answers = any(act.time >= self._kernel.now for act in self._acts)
-        return not (self.queue or self._backoff.pending or answers)
+    Return NONE, and do nothing, if there is no room for it. An RTS precedes it if it *asks*.
+    """
+    common, station = network.common[0], network.stations[address]
+    number: int = common.free_packet
+    if number == NONE or common.events == len(network.agenda):
+        return NONE
+    packet = network.packets[number]
+    common.free_packet = packet.next
+    packet.destination, packet.asks, packet.awaited = destination, asks, awaited
+    packet.form.duration, packet.form.octets, packet.form.rate_kbps = form.duration, form.octets, form.rate_kbps
+    packet.form.preamble, packet.form.header, packet.form.end = form.preamble, form.header, form.end
+    packet.form.header_kbps, packet.form.header_bits = form.header_kbps, form.header_bits
+    packet.number, packet.short, packet.long, packet.users, packet.next = station.numbers, 0, 0, 1, NONE
+    station.numbers += 1
+    station.waiting += 1
+    if station.waiting == 1:  # frames that end or begin at this instant come first
+        station.first = number
+        push(network, now, AIR, CONTEND, address)
+    else:
+        network.packets[station.last].next = number
+    station.last = number
+    return number
 
-    def _finish(self, acknowledged: bool, after: Time = 0) -> None:
-        packet = self.queue.popleft()
-        self._backoff.narrow()
-        self._end_exchange(after)
-        self._host.done(self.address, packet, acknowledged)
 
-    def _fail(self) -> None:
-        """Try the first of the queue again after a longer back-off, or drop it."""
-        packet, access = self.queue[0], self._access
-        after = 0 if access.bianchi_counting else self._timing.difs
-        if self._awaits == ACK and access.asks(packet):
-            packet.long += 1
-        else:
-            packet.short += 1
-        self._awaits = None
-        if access.gives_up(packet):
-            self._finish(False, after)
-            return
-        self._backoff.widen()
-        self._end_exchange(after)
+@njit(cache=True)
+def power(network: Network, address: int, on: bool, now: Time) -> None:
+    """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
+    station = network.stations[address]
+    if on:
+        station.idle_from = now
+        return
+    station.life += 1
+    while station.waiting > 0:
+        _take_first(network, station)
+    station.ends, station.ends_event, station.timeout_event, station.awaits = NEVER, NONE, NONE, NONE
+    station.exchanging = station.erred = station.pending = False
+    station.window = network.common[0].cw_min
+    station.followed = NONE
+    station.reserved_until = now
+    if station.sending != NONE:
+        network.frames[station.sending].whole = False
+        station.sending = NONE
 
-    def _end_exchange(self, after: Time = 0) -> None:
-        self._exchanging = False
-        self._backoff.draw(self._kernel.now + after)
-        self._contend()
 
-    # ------------------------------------------------------------ access to the medium
-
-    def _contend(self) -> None:
-        """Schedule the instant at which to send, or at which the back-off ends, if the medium stays idle."""
-        backoff = self._backoff
-        if self._exchanging or self._ends is not None or not (backoff.pending or self.queue):
-            return
-        now = self._kernel.now
-        space = self._timing.eifs if self._erred else self._timing.difs
-        idle_for_good = max(self._idle_from, self._reserved_until) + space
-        if not backoff.pending:
-            due = max(now, idle_for_good)
-            sensed = self._receiver.energy and self._receiver.energy_from + self._timing.cca <= due
-            if self._sending is None and self._reserved_until <= now and not sensed:
-                self._ends = self._kernel.at(due, self._may_send, AIR)
-                return
-            backoff.draw(now)
-        if self._sending is None and not self._receiver.energy:
-            self._ends = self._kernel.at(backoff.ends_at(idle_for_good), self._may_send, AIR)
-
-    def _may_send(self) -> None:
-        self._ends = None
-        self._backoff.pending = False
-        if not self.queue:
-            return
-        packet = self.queue[0]
-        self._exchanging = True
-        if self._access.asks(packet):
-            self._transmit(request(self.address, packet, self._timing))
-        else:
-            self._transmit_data()
-
-    def _defer(self, sensed_at: Time) -> None:
-        """Stop counting while the medium is busy, known from *sensed_at* on; a station that is due before sends."""
-        ends = self._ends
-        if ends is None or ends.time < sensed_at:
-            return
-        ends.cancel()
-        self._ends = None
-        if self._backoff.pending:
-            self._backoff.interrupt(sensed_at)
-        else:
-            self._backoff.draw(self._kernel.now)
-
-    # ------------------------------------------------------------ sending
-
-    def _transmit_data(self) -> None:
-        self._transmit(data(self.address, self.queue[0], self._timing))
-
-    def _transmit(self, frame: Frame) -> None:
-        now = self._kernel.now
-        if self._sending is not None:
-            return
-        self._defer(now)
-        self._receiver.drop()
-        self._sending = frame._replace(begin=now)
-        self._acts = [self._kernel.at(now + frame.form.duration, self._sent)]
-        self._air.begin(self._sending)
-
-    def _sent(self) -> None:
-        frame, self._sending = self._sending, None
-        assert frame is not None
-        if not self._receiver.energy:
-            self._idle_from = self._kernel.now
-        if frame.kind == RTS or (frame.kind == DATA and frame.destination != BROADCAST):
-            self._awaits = CTS if frame.kind == RTS else ACK
-            self._timeout = self._kernel.after(self._timing.timeout, self._give_up, AIR)
-        elif frame.kind == DATA:
-            self._finish(True)
-        else:
-            self._contend()
-
-    def _give_up(self) -> None:
-        """Fail as no response has come, unless a frame is being received, which may be one."""
-        self._timeout = None
-        if not self._receiver.follows:
-            self._fail()
-
-    # ------------------------------------------------------------ receiving
-
-    def energy_begins(self, frame: Frame, power_mw: float) -> None:
-        """Note that a frame begins to arrive."""
-        now, sending = self._kernel.now, self._sending is not None
-        if self._receiver.begins(frame, power_mw, sending, now) and not sending:
-            self._defer(now + self._timing.cca)
-
-    def energy_ends(self, frame: Frame, whole: bool) -> bool:
-        """Note that a frame has arrived to its end, *whole* unless cut off; return whether it was received."""
-        was_busy = self._receiver.energy
-        received = self._receiver.ends(frame, whole, self._kernel.now)
-        idle = was_busy and not self._receiver.energy and self._sending is None
-        if idle:
-            self._idle_from = self._kernel.now
-        if received is not None:
-            self._erred = not received
-            answered = received and self._take(frame)
-            if self._awaits is not None and self._timeout is None and not answered:
-                self._fail()
-        if idle:
-            self._contend()
-        return bool(received)
-
-    def jammed(self, power_mw: float, at: Time) -> None:
-        """Receive *power_mw* of jammers from *at* on, which is in the past only for a station at rest."""
-        if not self._receiver.disturb(power_mw, at) or self._sending is not None:
-            return
-        if self._receiver.energy:
-            self._defer(at + self._timing.cca)
-        else:
-            self._idle_from = max(self._idle_from, at)
-            self._contend()
-
-    def _take(self, frame: Frame) -> bool:
-        """Act on a frame that has been received; return whether it is the response that was awaited."""
-        if frame.destination == BROADCAST:
-            self._host.received(self.address, frame)
-        elif frame.destination != self.address:
-            self._reserved_until = max(self._reserved_until, self._kernel.now + frame.reserves)
-        elif frame.kind == DATA:
-            self._respond(ACK, frame, self._timing.ack, 0)
-            if self._heard.get(frame.source) != frame.number:
-                self._heard[frame.source] = frame.number
-                self._host.received(self.address, frame)
-        elif frame.kind == RTS:
-            if self._reserved_until <= self._kernel.now:
-                rest = frame.reserves - self._timing.sifs - self._timing.cts.duration
-                self._respond(CTS, frame, self._timing.cts, rest)
-        elif frame.kind == self._awaits and self.queue[0].destination == frame.source:
-            self._go_on()
+@njit(cache=True)
+def matters(network: Network, now: Time) -> bool:
+    """Return whether a frame is on the air, or a station has something to send: payload, answer, or back-off."""
+    common = network.common[0]
+    if common.over != common.frames:
+        return True
+    for station in network.stations:  # noqa: SIM110  # kernels have no generators
+        if station.waiting > 0 or station.pending or station.act >= now:
             return True
-        return False
+    return False
 
-    def _respond(self, kind: Kind, frame: Frame, form: Form, reserves: Time) -> None:
-        answer = Frame(kind, self.address, frame.source, form, reserves, frame.number)
-        self._acts = [self._kernel.after(self._timing.sifs, partial(self._transmit, answer), AIR)]
 
-    def _go_on(self) -> None:
-        """Go on with the exchange: the awaited response has come."""
-        if self._timeout is not None:
-            self._timeout.cancel()
-            self._timeout = None
-        response, self._awaits = self._awaits, None
-        if response == ACK:
-            self._finish(True)
-        else:
-            self.queue[0].short = 0
-            self._acts = [self._kernel.after(self._timing.sifs, self._transmit_data, AIR)]
+@njit(cache=True)
+def _take_first(network: Network, station: Record) -> None:
+    number = station.first
+    station.first = network.packets[number].next
+    station.waiting -= 1
+    leave_packet(network, number)
+
+
+@njit(cache=True)
+def _finish(network: Network, address: int, acknowledged: bool, after: Time, now: Time) -> None:
+    common, station = network.common[0], network.stations[address]
+    if network.packets[station.first].awaited:
+        tell(network, DONE, address, station.first, acknowledged)
+    if not acknowledged:
+        common.dropped += 1
+    _take_first(network, station)
+    station.window = common.cw_min
+    _end_exchange(network, address, after, now)
+
+
+@njit(cache=True)
+def _fail(network: Network, address: int, now: Time) -> None:
+    """Try the first of the queue again after a longer back-off, or drop it (9.2.5.3)."""
+    common, station = network.common[0], network.stations[address]
+    packet = network.packets[station.first]
+    after = 0 if common.bianchi_counting else common.difs
+    if station.awaits == ACK and packet.asks:
+        packet.long += 1
+    else:
+        packet.short += 1
+    station.awaits = NONE
+    if packet.short >= common.short_retries or packet.long >= common.long_retries:
+        _finish(network, address, False, after, now)
+        return
+    station.window = min(2 * station.window + 1, common.cw_max)
+    _end_exchange(network, address, after, now)
+
+
+@njit(cache=True)
+def _end_exchange(network: Network, address: int, after: Time, now: Time) -> None:
+    station = network.stations[address]
+    station.exchanging = False
+    _draw(network.common[0], station, address, now + after)
+    contend(network, address, now)
+
+
+# ---------------------------------------------------------------- access to the medium
+
+
+@njit(cache=True)
+def contend(network: Network, address: int, now: Time) -> None:
+    """Schedule the instant at which to send, or at which the back-off ends, if the medium stays idle."""
+    common, station = network.common[0], network.stations[address]
+    if station.exchanging or station.ends != NEVER or not (station.pending or station.waiting > 0):
+        return
+    idle_for_good = max(station.idle_from, station.reserved_until) + (common.eifs if station.erred else common.difs)
+    busy = energy(network, address)
+    if not station.pending:
+        due = max(now, idle_for_good)
+        sensed = busy and station.energy_from + common.cca <= due
+        if station.sending == NONE and station.reserved_until <= now and not sensed:
+            station.ends = due
+            station.ends_event = push(network, due, AIR, MAY_SEND, address)
+            return
+        _draw(common, station, address, now)
+    if station.sending == NONE and not busy:
+        station.counted_from = max(idle_for_good, station.not_before)
+        station.ends = station.counted_from + station.slots * common.slot
+        station.ends_event = push(network, station.ends, AIR, MAY_SEND, address)
+
+
+@njit(cache=True)
+def may_send(network: Network, address: int, now: Time) -> None:
+    """Send what the station has waited to send, if anything."""
+    common, station = network.common[0], network.stations[address]
+    station.ends, station.ends_event = NEVER, NONE
+    station.pending = False
+    if station.waiting == 0:
+        return
+    station.exchanging = True
+    packet = network.packets[station.first]
+    if packet.asks:
+        rest = 3 * common.sifs + common.cts.duration + packet.form.duration + common.ack.duration
+        _transmit(network, address, RTS, packet.destination, common.rts, rest, packet.number, NONE, now)
+    else:
+        send_data(network, address, now)
+
+
+@njit(cache=True)
+def _defer(network: Network, address: int, sensed_at: Time, now: Time) -> None:
+    """Stop counting while the medium is busy, known from *sensed_at* on; a station that is due before sends."""
+    common, station = network.common[0], network.stations[address]
+    if station.ends == NEVER or station.ends < sensed_at:
+        return
+    station.ends, station.ends_event = NEVER, NONE
+    if station.pending:
+        _interrupt(common, station, sensed_at)
+    else:
+        _draw(common, station, address, now)
+
+
+# ---------------------------------------------------------------- sending
+
+
+@njit(cache=True)
+def send_data(network: Network, address: int, now: Time) -> None:
+    """Send the first of the queue."""
+    common, number = network.common[0], network.stations[address].first
+    packet = network.packets[number]
+    rest = 0 if packet.destination == BROADCAST else common.sifs + common.ack.duration
+    _transmit(network, address, DATA, packet.destination, packet.form, rest, packet.number, number, now)
+
+
+@njit(cache=True)
+def answer(network: Network, address: int, now: Time) -> None:
+    """Send the answer that is owed, an ACK or a CTS."""
+    common, station = network.common[0], network.stations[address]
+    form = common.ack if station.answer_kind == ACK else common.cts
+    to, reserves, number = station.answer_to, station.answer_reserves, station.answer_number
+    _transmit(network, address, station.answer_kind, to, form, reserves, number, NONE, now)
+
+
+@njit(cache=True)
+def _transmit(
+    network: Network,
+    address: int,
+    kind: int,
+    destination: int,
+    form: Record,
+    reserves: Time,
+    number: int,
+    packet: int,
+    now: Time,
+) -> None:
+    station = network.stations[address]
+    if station.sending != NONE:
+        return
+    _defer(network, address, now, now)
+    station.followed = NONE
+    sending = new_frame(network)
+    frame = network.frames[sending]
+    frame.kind, frame.source, frame.destination, frame.form = kind, address, destination, form
+    frame.reserves, frame.number, frame.packet = reserves, number, packet
+    station.sending = sending
+    station.act = now + form.duration
+    push(network, station.act, DELIVER, SENT, address)
+    begin(network, sending, now)
+
+
+@njit(cache=True)
+def sent(network: Network, address: int, now: Time) -> None:
+    """Go on after the end of what the station has sent: wait for an answer, or for the next turn."""
+    common, station = network.common[0], network.stations[address]
+    frame = network.frames[station.sending]
+    station.sending = NONE
+    if not energy(network, address):
+        station.idle_from = now
+    if frame.kind == RTS or (frame.kind == DATA and frame.destination != BROADCAST):
+        station.awaits = CTS if frame.kind == RTS else ACK
+        station.timeout_event = push(network, now + common.timeout, AIR, GIVE_UP, address)
+    elif frame.kind == DATA:
+        _finish(network, address, True, 0, now)
+    else:
+        contend(network, address, now)
+
+
+@njit(cache=True)
+def give_up(network: Network, address: int, now: Time) -> None:
+    """Fail as no response has come, unless a frame is being received, which may be one."""
+    station = network.stations[address]
+    station.timeout_event = NONE
+    if station.followed == NONE:
+        _fail(network, address, now)
+
+
+# ---------------------------------------------------------------- receiving
+
+
+@njit(cache=True)
+def energy_begins(network: Network, address: int, number: int, mw: float, now: Time) -> None:
+    """Note that a frame begins to arrive with *mw*."""
+    if begins(network, address, number, mw, now) and network.stations[address].sending == NONE:
+        _defer(network, address, now + network.common[0].cca, now)
+
+
+@njit(cache=True)
+def energy_ends(network: Network, address: int, number: int, now: Time) -> bool:
+    """Note that a frame has arrived to its end; return whether it was received."""
+    station = network.stations[address]
+    was_busy, mw = energy(network, address), network.powers_mw[number, address]
+    received = ends(network, address, number, now)
+    idle = was_busy and station.sending == NONE and not energy(network, address)
+    if idle:
+        station.idle_from = now
+    if received != IGNORED:
+        station.erred = received != RIGHT
+        answered = received == RIGHT and _take(network, address, number, mw, now)
+        if station.awaits != NONE and station.timeout_event == NONE and not answered:
+            _fail(network, address, now)
+    if idle:
+        contend(network, address, now)
+    return received == RIGHT
+
+
+@njit(cache=True)
+def jam(network: Network, address: int, mw: float, at: Time, now: Time) -> None:
+    """Receive *mw* of jammers from *at* on, which is in the past only for a station at rest."""
+    common, station = network.common[0], network.stations[address]
+    if not disturb(network, address, mw, at) or station.sending != NONE:
+        return
+    if energy(network, address):
+        _defer(network, address, at + common.cca, now)
+    else:
+        station.idle_from = max(station.idle_from, at)
+        contend(network, address, now)
+
+
+@njit(cache=True)
+def _take(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
+    """Act on a frame that has been received; return whether it is the response that was awaited."""
+    common, station, frame = network.common[0], network.stations[address], network.frames[number]
+    if frame.destination == BROADCAST:
+        tell_frame(network, RECEIVED, address, number, True, mw)
+    elif frame.destination != address:
+        station.reserved_until = max(station.reserved_until, now + frame.reserves)
+    elif frame.kind == DATA:
+        _respond(network, address, ACK, frame, 0, now)
+        tell_frame(network, RECEIVED, address, number, True, mw)
+    elif frame.kind == RTS:
+        if station.reserved_until <= now:
+            rest = frame.reserves - common.sifs - common.cts.duration
+            _respond(network, address, CTS, frame, rest, now)
+    elif frame.kind == station.awaits and network.packets[station.first].destination == frame.source:
+        _go_on(network, address, now)
+        return True
+    return False
+
+
+@njit(cache=True)
+def _respond(network: Network, address: int, kind: int, frame: Record, reserves: Time, now: Time) -> None:
+    station = network.stations[address]
+    station.answer_kind, station.answer_to = kind, frame.source
+    station.answer_reserves, station.answer_number = reserves, frame.number
+    station.act = now + network.common[0].sifs
+    push(network, station.act, AIR, ANSWER, address)
+
+
+@njit(cache=True)
+def _go_on(network: Network, address: int, now: Time) -> None:
+    """Go on with the exchange: the awaited response has come."""
+    common, station = network.common[0], network.stations[address]
+    response = station.awaits
+    station.timeout_event, station.awaits = NONE, NONE
+    if response == ACK:
+        _finish(network, address, True, 0, now)
+    else:
+        network.packets[station.first].short = 0
+        station.act = now + common.sifs
+        push(network, station.act, AIR, SEND_DATA, address)

@@ -28,26 +28,19 @@ independently, so parts of a frame multiply, and logarithms add.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from functools import cache, partial
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Final
 
 import numpy as np
 
+from cosim.arrays import Floats
 from cosim.channels.adhoc.phy import HOPPING, Phy, sections
+from cosim.jit import njit
 from cosim.units import Time
 
-NOISE_FIGURE_DB: Final = 7.0
-"""Noise figure of a usual receiver, as in ns-3."""
-_NOISE_DBM_PER_HZ: Final = 10.0 * math.log10(1.380649e-23 * 290.0 * 1e3)
-"""Thermal noise at 290 K."""
 _COIN: Final = math.log(0.5)
 """Logarithm of the probability that a guessed bit is right."""
-
-
-def noise_dbm(bandwidth_hz: float, noise_figure_db: float = NOISE_FIGURE_DB) -> float:
-    """Return the noise of a receiver in dBm."""
-    return _NOISE_DBM_PER_HZ + 10.0 * math.log10(bandwidth_hz) + noise_figure_db
 
 
 # ---------------------------------------------------------------- direct sequence
@@ -55,10 +48,12 @@ def noise_dbm(bandwidth_hz: float, noise_figure_db: float = NOISE_FIGURE_DB) -> 
 _DQPSK: Final = (math.sqrt(2.0) + 1.0) / math.sqrt(8.0 * math.pi * math.sqrt(2.0))
 
 
+@njit(cache=True)
 def _dbpsk(sinr: float) -> float:
     return math.log1p(-0.5 * math.exp(-22.0 * sinr))
 
 
+@njit(cache=True)
 def _dqpsk(sinr: float) -> float:
     g = 11.0 * sinr
     return math.log1p(-min(0.5, _DQPSK * math.exp(-(2.0 - math.sqrt(2.0)) * g) / math.sqrt(g)))
@@ -71,7 +66,7 @@ _HIGHEST: Final = 24
 
 
 @cache  # when it is first asked for: few networks have such rates, and scipy takes a quarter of a second to load
-def _cck_table() -> tuple[float, ...]:
+def cck_table() -> Floats:
     """Return the logarithms of the probability that a group of four bits is wrong, for b from -1/8 on.
 
     In the integral y = x + b > 0; its complement to 1 is integrated instead, in which nothing cancels.
@@ -86,10 +81,12 @@ def _cck_table() -> tuple[float, ...]:
     wrong = -np.expm1(7.0 * np.log1p(-2.0 * special.ndtr(-y)))
     density = np.exp(-0.5 * (y - b) ** 2) / math.sqrt(2.0 * math.pi)
     total = reach * (np.tile(weight / 16.0, 8) @ (wrong * density)) + special.ndtr(-b)
-    return tuple(np.log(total).tolist())
+    table: Floats = np.log(total)
+    return table
 
 
-def _cck(gain: float, sinr: float) -> float:
+@njit(cache=True)
+def _cck(gain: float, sinr: float, table: Floats) -> float:
     """Return a quarter of the logarithm for four bits, b^2 = *gain* *sinr*; a cubic through the nearest entries."""
     b = math.sqrt(gain * sinr)
     if b >= _HIGHEST:
@@ -97,7 +94,7 @@ def _cck(gain: float, sinr: float) -> float:
     x = b * _STEPS
     at = int(x)
     t = x - at
-    before, low, high, after = _cck_table()[at : at + 4]
+    before, low, high, after = table[at], table[at + 1], table[at + 2], table[at + 3]
     outer = t * (t - 1.0) * ((t + 1.0) * after - (t - 2.0) * before) / 6.0
     inner = (t + 1.0) * (t - 2.0) * ((t - 1.0) * low - t * high) / 2.0
     return 0.25 * math.log1p(-math.exp(outer + inner))
@@ -106,52 +103,79 @@ def _cck(gain: float, sinr: float) -> float:
 # ---------------------------------------------------------------- OFDM
 
 
-class _Code(NamedTuple):
-    """One puncturing of the convolutional code with generators 133 and 171 (octal), IEEE 802.11-2007, 17.3.5.5."""
+# the sums of the convolutional code with generators 133 and 171 (octal), IEEE 802.11-2007, 17.3.5.5, by puncturing: B_j
+# from the nearest wrong path on
+_HALF: Final = (36.0, 211.0, 1404.0, 11633.0, 77433.0, 502690.0, 3322763.0, 21292910.0, 134365911.0, 0.0)
+_TWO_THIRDS: Final = (3.0, 70.0, 285.0, 1276.0, 6160.0, 27128.0, 117019.0, 498860.0, 2103891.0, 8784123.0)
+_THREE_QUARTERS: Final = (
+    42.0,
+    201.0,
+    1492.0,
+    10469.0,
+    62935.0,
+    379644.0,
+    2253373.0,
+    13073811.0,
+    75152755.0,
+    428005675.0,
+)
 
-    period: int
-    """Period k in bits after which the puncturing repeats itself."""
-    distance: int
-    """Distance of the nearest wrong path."""
-    step: int
-    """Step from one distance to the next."""
-    wrong: tuple[int, ...]
-    """B_j, from the nearest on."""
 
+@njit(cache=True)
+def _coded(share: float, scale: float, code: tuple[float, float, float, tuple[float, ...]], sinr: float) -> float:
+    """Return the logarithm for a bit that is wrong with the probability p before decoding, of *share* and *scale*.
 
-_HALF: Final = _Code(1, 10, 2, (36, 211, 1404, 11633, 77433, 502690, 3322763, 21292910, 134365911))
-_TWO_THIRDS: Final = _Code(2, 6, 1, (3, 70, 285, 1276, 6160, 27128, 117019, 498860, 2103891, 8784123))
-_THREE_QUARTERS: Final = _Code(3, 5, 1, (42, 201, 1492, 10469, 62935, 379644, 2253373, 13073811, 75152755, 428005675))
-
-
-def _coded(share: float, scale: float, code: _Code, sinr: float) -> float:
+    *code*: the period k in bits of its puncturing, the distance of the nearest wrong path, the step from one distance
+    to the next, and B_j.
+    """
+    period, distance, step, wrong = code
     p = share * math.erfc(math.sqrt(sinr / scale))
     d = math.sqrt(4.0 * p * (1.0 - p))
-    x = d**code.step
+    x = math.pow(d, step)
     total = 0.0
-    for count in reversed(code.wrong):
-        total = total * x + count
-    return math.log1p(-min(0.5, total * d**code.distance / (2.0 * code.period)))
+    for at in range(len(wrong) - 1, -1, -1):
+        total = total * x + wrong[at]
+    return math.log1p(-min(0.5, total * math.pow(d, distance) / (2.0 * period)))
 
 
 # ---------------------------------------------------------------- bits, chunks, frames
 
+CCK_KBPS: Final = (5500, 11000)
+"""Rates with complementary code keying."""
+_RATES_KBPS: Final = (1000, 2000, *CCK_KBPS, 6000, 9000, 12000, 18000, 24000, 36000, 48000, 54000)
 
-_PER_BIT: Final[dict[int, Callable[[float], float]]] = {
-    1000: _dbpsk,
-    2000: _dqpsk,
-    5500: partial(_cck, 16.0),
-    11000: partial(_cck, 8.0),
-    6000: partial(_coded, 1 / 2, 1.0, _HALF),
-    9000: partial(_coded, 1 / 2, 1.0, _THREE_QUARTERS),
-    12000: partial(_coded, 1 / 2, 2.0, _HALF),
-    18000: partial(_coded, 1 / 2, 2.0, _THREE_QUARTERS),
-    24000: partial(_coded, 3 / 8, 10.0, _HALF),
-    36000: partial(_coded, 3 / 8, 10.0, _THREE_QUARTERS),
-    48000: partial(_coded, 7 / 24, 42.0, _TWO_THIRDS),
-    54000: partial(_coded, 7 / 24, 42.0, _THREE_QUARTERS),
-}
-"""Logarithm of the probability that a bit is right, at a SINR above 0, by rate."""
+
+@njit(cache=True)
+def log_bit(rate_kbps: int, sinr: float, table: Floats) -> float:
+    """Return the natural logarithm of the probability that a bit at *rate_kbps* is right, at a ratio *sinr*.
+
+    *table* is :func:`cck_table` at the rates of CCK, and anything at others. A kernel for kernels.
+    """
+    if sinr <= 0.0:
+        return _COIN
+    if rate_kbps == 1000:
+        return _dbpsk(sinr)
+    if rate_kbps == 2000:
+        return _dqpsk(sinr)
+    if rate_kbps == 5500 or rate_kbps == 11000:
+        return _cck(16.0 if rate_kbps == 5500 else 8.0, sinr, table)
+    if rate_kbps == 48000:
+        return _coded(7 / 24, 42.0, (2.0, 6.0, 1.0, _TWO_THIRDS), sinr)
+    if rate_kbps == 6000 or rate_kbps == 9000:
+        share, scale = 1 / 2, 1.0
+    elif rate_kbps == 12000 or rate_kbps == 18000:
+        share, scale = 1 / 2, 2.0
+    elif rate_kbps == 24000 or rate_kbps == 36000:
+        share, scale = 3 / 8, 10.0
+    else:
+        share, scale = 7 / 24, 42.0
+    halves = rate_kbps == 6000 or rate_kbps == 12000 or rate_kbps == 24000
+    return _coded(share, scale, (1.0, 10.0, 2.0, _HALF) if halves else (3.0, 5.0, 1.0, _THREE_QUARTERS), sinr)
+
+
+def tables(rates_kbps: Iterable[int]) -> Floats:
+    """Return the table that :func:`log_bit` needs at *rates_kbps*: empty without CCK, as it takes a while."""
+    return cck_table() if any(rate in CCK_KBPS for rate in rates_kbps) else np.empty(0)
 
 
 def log_success(rate_kbps: int, sinr: float, bits: float) -> float:
@@ -160,10 +184,9 @@ def log_success(rate_kbps: int, sinr: float, bits: float) -> float:
     *sinr* is a ratio, 0 or more, the same for all of them: where it changes, add up. Never below -0.7 a bit. Raise
     ValueError if there is no model for the rate.
     """
-    per_bit = _PER_BIT.get(rate_kbps)
-    if per_bit is None:
+    if rate_kbps not in _RATES_KBPS:
         raise ValueError(f"there is no model of bit errors at {rate_kbps} kb/s")
-    return bits * (per_bit(sinr) if sinr > 0.0 else _COIN)
+    return bits * float(log_bit(rate_kbps, float(sinr), tables((rate_kbps,))))
 
 
 def packet_success(rate_kbps: int, sinr: float, bits: float) -> float:

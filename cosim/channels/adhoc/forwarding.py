@@ -6,7 +6,7 @@ A router that is switched on is a new one, without memory.
 from collections.abc import Callable
 from typing import Protocol
 
-from cosim.channels.adhoc.mac import Frame, Packet
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv import Aodv
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery, Router
@@ -67,10 +67,9 @@ class Forwarding:
         self.routers[source].send(outgoing.destination, outgoing.payload, outgoing.token, self._kernel.now)
         self._drain(source)
 
-    def received(self, address: Address, frame: Frame) -> None:
-        """Hand a packet from the air to the router at *address*."""
-        assert frame.packet is not None
-        self.routers[address].receive(frame.packet.payload, frame.source, self._kernel.now)
+    def received(self, address: Address, source: Address, packet: bytes) -> None:
+        """Hand a packet from the air, sent by its neighbour *source*, to the router at *address*."""
+        self.routers[address].receive(packet, source, self._kernel.now)
         self._drain(address)
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:

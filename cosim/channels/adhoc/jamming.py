@@ -26,11 +26,15 @@ Gains: TypeAlias = Callable[[Sequence[Jammer]], Sequence[Sequence[float]]]
 """Function from jammers to the power in mW of each (row) at each station, on one channel of 1 MHz."""
 
 
-class JammedStation(Protocol):
-    """What jammers need of a station."""
+class JammedStations(Protocol):
+    """What jammers need of the stations of a network."""
 
-    def jammed(self, power_mw: float, at: Time) -> None:
-        """Receive *power_mw* of jammers from *at* on."""
+    @property
+    def matter(self) -> bool:
+        """True if changes matter to any of them now."""
+
+    def jammed(self, powers_mw: Sequence[float], at: Time) -> None:
+        """Have each receive its power of jammers from *at* on."""
 
 
 class Source(NamedTuple):
@@ -89,12 +93,12 @@ def source(jammer: Jammer, channel: int, bandwidth_hz: float) -> Source | None:
 class Jamming:
     """All jammers of a channel."""
 
-    def __init__(self, kernel: Kernel, gains: Gains, matters: Callable[[], bool]) -> None:
-        """Take the power of jammers at each station from *gains*; *matters* returns whether changes matter now."""
-        self.stations: Sequence[JammedStation] = ()
+    def __init__(self, kernel: Kernel, gains: Gains, stations: JammedStations, size: int) -> None:
+        """Take the power of jammers at each of *size* stations from *gains*."""
         self._kernel = kernel
         self._gains = gains
-        self._matters = matters
+        self._stations = stations
+        self._size = size
         self._sources: list[Source] = []
         self._received_mw: Sequence[Sequence[float]] | None = None
         """Power of each jammer (row) at each station, on one channel of 1 MHz; None until needed after a move."""
@@ -110,7 +114,7 @@ class Jamming:
         if self._next is not None:
             self._next.cancel()
             self._next = None
-        if self._matters():
+        if self._stations.matter:
             self._go_on()
 
     def moved(self) -> None:
@@ -130,7 +134,7 @@ class Jamming:
     def _change(self) -> None:
         self._next = None
         self.advance()
-        if self._matters():
+        if self._stations.matter:
             self._go_on()
 
     def _go_on(self) -> None:
@@ -164,11 +168,10 @@ class Jamming:
         """Apply to all stations the power that they receive from *at* on."""
         weights = [each.weight(at) for each in self._sources]
         if not any(weights):
-            powers_mw = [0.0] * len(self.stations)
+            powers_mw = [0.0] * self._size
         else:
             if self._received_mw is None:
                 self._received_mw = self._gains([each.jammer for each in self._sources])
             columns = zip(*self._received_mw, strict=True)
             powers_mw = [sum(w * mw for w, mw in zip(weights, column, strict=True)) for column in columns]
-        for station, power_mw in zip(self.stations, powers_mw, strict=True):
-            station.jammed(power_mw, at)
+        self._stations.jammed(powers_mw, at)

@@ -1,22 +1,22 @@
-"""What the stations of one 802.11 network share: times, rules of access, and frames."""
+"""What the stations of one 802.11 network share: times, rules of access, thresholds, and packets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 from cosim.machine import BROADCAST, Address
 from cosim.units import Time
 
-Kind: TypeAlias = Literal["DATA", "ACK", "RTS", "CTS"]
-
-DATA: Final = "DATA"
-ACK: Final = "ACK"
-RTS: Final = "RTS"
-CTS: Final = "CTS"
+DATA: Final = 0
+ACK: Final = 1
+RTS: Final = 2
+CTS: Final = 3
+KINDS: Final = ("DATA", "ACK", "RTS", "CTS")
+"""Names of the kinds of frames, by number."""
 
 
 class Form(NamedTuple):
-    """The length and rate of a frame on the air."""
+    """The length and rate of a frame on the air, and where its bits are."""
 
     duration: Time
     """Time on the air, ns."""
@@ -24,7 +24,13 @@ class Form(NamedTuple):
     """Octets of the MAC, with the check sequence."""
     rate_kbps: int = 0
     preamble: Time = 0
-    """Duration of the PLCP's preamble and header, ns."""
+    """Duration of the PLCP's preamble and header, ns, after which the octets begin."""
+    header: Time = 0
+    """Time from the beginning to the header, ns."""
+    header_kbps: int = 0
+    header_bits: int = 0
+    end: Time = 0
+    """Time from the beginning to the end of the octets, ns; silence may follow."""
 
 
 class Timing(NamedTuple):
@@ -68,10 +74,17 @@ class Access(NamedTuple):
         threshold = self.rts_threshold
         return threshold is not None and len(packet.payload) > threshold and packet.destination != BROADCAST
 
-    def gives_up(self, packet: "Packet") -> bool:
-        """Return whether *packet* has failed as often as it may."""
-        limits = ((packet.short, self.short_retries), (packet.long, self.long_retries))
-        return any(limit is not None and tried >= limit for tried, limit in limits)
+
+class Limits(NamedTuple):
+    """Noise and thresholds of a receiver."""
+
+    noise_mw: float
+    follows_mw: float
+    """Power in mW below which a frame is not noticed as one."""
+    busy_mw: float
+    """Energy in mW that makes the medium busy, whatever it is."""
+    capture: float
+    """Ratio of powers at which a frame takes the place of another; inf: never."""
 
 
 @dataclass(slots=True, eq=False)
@@ -81,42 +94,3 @@ class Packet:
     destination: Address
     payload: bytes
     token: int | None = None
-    number: int = -1
-    """Sequence number; -1 before it has one."""
-    short: int = 0
-    """Failures without a response to an RTS, or to a frame without one."""
-    long: int = 0
-    """Failures of a frame after an RTS."""
-
-
-class Frame(NamedTuple):
-    """A frame on the air."""
-
-    kind: Kind
-    source: Address
-    destination: Address
-    """Receiver; BROADCAST for all."""
-    form: Form
-    reserves: Time
-    """Time after its end for which the exchange goes on and others keep silent (the duration field)."""
-    number: int
-    """Sequence number of the DATA that it belongs to, counted by the sender of the DATA."""
-    packet: Packet | None = None
-    """Packet of a DATA frame."""
-    begin: Time = -1
-    """Instant at which its sender began; -1 before."""
-
-
-def request(source: Address, packet: Packet, timing: Timing) -> Frame:
-    """Return the RTS before *packet* of *source*."""
-    payload = timing.unicast(len(packet.payload)).duration
-    rest = 3 * timing.sifs + timing.cts.duration + payload + timing.ack.duration
-    return Frame(RTS, source, packet.destination, timing.rts, rest, packet.number)
-
-
-def data(source: Address, packet: Packet, timing: Timing) -> Frame:
-    """Return the frame in which *source* sends *packet*."""
-    to_all = packet.destination == BROADCAST
-    form = (timing.broadcast if to_all else timing.unicast)(len(packet.payload))
-    rest = 0 if to_all else timing.sifs + timing.ack.duration
-    return Frame(DATA, source, packet.destination, form, rest, packet.number, packet)

@@ -5,11 +5,11 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from cosim.channels.adhoc.errors import NOISE_FIGURE_DB, noise_dbm
-from cosim.channels.adhoc.mac import Access, Form, Timing
+from cosim.channels.adhoc.mac import Access, Form, Limits, Timing
 from cosim.channels.adhoc.phy import (
     ACK_OCTETS,
     CTS_OCTETS,
+    NOISE_FIGURE_DB,
     PROFILES,
     RTS_OCTETS,
     Phy,
@@ -17,9 +17,9 @@ from cosim.channels.adhoc.phy import (
     answer_timeout,
     control_kbps,
     eifs,
-    plcp_of,
+    noise_dbm,
+    sections,
 )
-from cosim.channels.adhoc.reception import Limits
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.flooding import FloodingSettings
 from cosim.channels.adhoc.routing.olsr import OlsrSettings
@@ -168,7 +168,9 @@ class AdhocSettings(ChannelSettings):
 
 def form(phy: Phy, rate_kbps: int, octets: int) -> Form:
     """Return how a frame of *octets* is sent at *rate_kbps*."""
-    return Form(airtime(phy, rate_kbps, octets), octets, rate_kbps, plcp_of(phy, rate_kbps).time)
+    header, rest = sections(phy, rate_kbps, octets)
+    duration = airtime(phy, rate_kbps, octets)
+    return Form(duration, octets, rate_kbps, rest.begin, header.begin, header.rate_kbps, header.bits, rest.end)
 
 
 def mw(dbm: float) -> float:

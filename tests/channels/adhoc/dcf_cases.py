@@ -1,12 +1,14 @@
 """Random cases for the DCF, made for its edges, and what the fast model makes of them."""
 
 import random
+from functools import partial
 from typing import NamedTuple
 
-from cosim.channels.adhoc.air import Medium
-from cosim.channels.adhoc.dcf import Station
-from cosim.channels.adhoc.mac import Access, Form, Frame, Packet, Timing
-from cosim.channels.adhoc.reception import RangeReceiver
+import numpy as np
+
+from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
+from cosim.channels.adhoc.state import NONE, OVER, Report
+from cosim.channels.adhoc.stations import Row, Rules, Stations
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -124,39 +126,42 @@ class Network:
         timing = Timing(
             SLOT, SIFS, DIFS, eifs, CCA, DELTA, timeout, control, control, control, octets_form, octets_form
         )
-        access = Access(*case.windows, threshold, *limits, bianchi)
+        rules = Rules(timing, Access(*case.windows, threshold, *limits, bianchi), None)
         count = len(case.hears)
-        reach = [tuple((b, 1.0) for b in range(count) if b != a and case.hears[a][b]) for a in range(count)]
-        air = Medium(self._kernel, DELTA, reach.__getitem__, self._note)
-        self._begin, air.begin = air.begin, self._on_air  # type: ignore[method-assign]
-        draws = Draws(case.seed, "mac")
-        self._stations = air.stations = [
-            Station(a, timing, access, RangeReceiver(), self._kernel, air, self, draws) for a in range(count)
-        ]
+        self._stations = Stations(count, rules, self._kernel, Draws(case.seed, "mac"), self, noted=True)
         for number, (time, station, destination, octets) in enumerate(case.arrivals):
             packet = Packet(destination, bytes(octets), number)
-            self._kernel.at(time, lambda station=station, packet=packet: self._stations[station].send(packet), WORLD)
+            self._kernel.at(time, partial(self._stations.send, station, packet), WORLD)
 
     def run(self) -> Told:
         self._kernel.run(self._case.until)
+        network = self._stations._network
+        for first in ("first_begun", "first_there"):  # frames that have not ended yet
+            number = network.common[0][first]
+            while number != NONE:
+                frame = network.frames[number]
+                self._add(*(int(frame[name]) for name in ("begin", "source", "destination", "kind")), frame["form"][0])
+                number = frame["next"]
         self.told.frames.sort()
         return self.told
 
-    def _on_air(self, frame: Frame) -> None:
-        self.told.frames.append(
-            (frame.begin, frame.begin + frame.form.duration, frame.source, frame.destination, frame.kind)
-        )
-        self._begin(frame)
+    def reached_by(self, source: Address) -> Row:
+        addresses = np.flatnonzero(self._case.hears[source])
+        return Row(addresses[addresses != source], np.ones(np.sum(addresses != source)))
 
-    def _note(self, frame: Frame, address: Address, received: bool) -> None:
-        if received:
-            self.told.received.add((frame.begin, frame.source, address))
+    def noted(self, report: Report, packet: Packet | None) -> None:
+        if report.what == OVER:
+            self._add(report.begin, report.source, report.destination, report.kind, report.duration)
+        elif report.right:
+            self.told.received.add((report.begin, report.source, report.station))
 
-    def received(self, address: Address, frame: Frame) -> None:
-        assert frame.packet is not None
-        assert frame.packet.token is not None
-        if frame.destination != BROADCAST:
-            self.told.delivered[frame.packet.token] = self._kernel.now
+    def _add(self, begin: Time, source: Address, destination: Address, kind: int, duration: Time) -> None:
+        self.told.frames.append((begin, begin + int(duration), source, destination, KINDS[kind]))
+
+    def received(self, address: Address, report: Report, packet: Packet) -> None:
+        assert packet.token is not None
+        if report.destination != BROADCAST:
+            self.told.delivered[packet.token] = self._kernel.now
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         assert packet.token is not None

@@ -3,7 +3,7 @@
 import pytest
 
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
-from cosim.channels.adhoc.mac import DATA, Form, Frame, Packet
+from cosim.channels.adhoc.mac import Packet
 from cosim.channels.adhoc.routing.aodv_settings import AodvSettings
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.routing.flooding import FloodingSettings
@@ -20,8 +20,6 @@ SETTINGS: list[RoutingSettings] = [
     AodvSettings(use_hello=False),
     OlsrSettings(use_mac_feedback=True),
 ]
-
-FORM = Form(1_000_000, 100, 1000, 192_000)
 
 
 class Stations:
@@ -42,7 +40,7 @@ class Stations:
             self.kernel.after(1_000_000, lambda: self._arrive(address, packet))
 
     def _arrive(self, address: Address, packet: Packet) -> None:
-        self.routers.received(1 - address, Frame(DATA, address, packet.destination, FORM, 0, 0, packet))
+        self.routers.received(1 - address, address, packet.payload)
         self.routers.done(address, packet, True)
 
     def arrived(self, address: Address, delivery: Delivery) -> None:

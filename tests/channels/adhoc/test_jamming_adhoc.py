@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from cosim.channels.adhoc.channel import AdhocChannel
-from cosim.channels.adhoc.errors import frame_log_success, noise_dbm
-from cosim.channels.adhoc.mac import Form, Frame
-from cosim.channels.adhoc.phy import DSSS
-from cosim.channels.adhoc.reception import Levels, Limits, SinrReceiver
+from cosim.channels.adhoc.errors import frame_log_success
+from cosim.channels.adhoc.phy import DSSS, noise_dbm
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.stations import Stations
 from cosim.channels.jamming import CONSTANT, PULSED, SWEEPING, Jammer
 from cosim.errors import UserError
 from cosim.kernel import WORLD, Kernel
@@ -21,6 +20,7 @@ from cosim.machine import BROADCAST, Address, Fate, LinkEvent, Outcome, Outgoing
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, US, S, Time
+from tests.channels.adhoc.ear import FRAME, LIMITS, Ear
 
 ALL = tuple(range(79))
 DIFS, SLOT = 50 * US, 20 * US
@@ -326,7 +326,7 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
         outages = [(int(draw.integers(0, 400 * MS)), int(draw.integers(3))) for _ in range(8)]
         runs = []
         for always in (False, True):
-            monkeypatch.setattr(AdhocChannel, "_jamming_matters", _always if always else _ANYBODY_CARES)
+            monkeypatch.setattr(Stations, "matter", property(_always) if always else _MATTER)
             field = Field((0, 0), (5, 0), (0, 5), propagation=propagation, range_m=None if propagation else 25.0)
             for jammer in jammers:
                 field.channel.jam(jammer)
@@ -342,10 +342,10 @@ def test_what_has_been_slept_through_is_made_up_for(propagation: Any, monkeypatc
         assert runs[0][1] <= runs[1][1]
 
 
-_ANYBODY_CARES = AdhocChannel._jamming_matters
+_MATTER = Stations.matter
 
 
-def _always(channel: AdhocChannel) -> bool:
+def _always(stations: Stations) -> bool:
     return True
 
 
@@ -358,22 +358,17 @@ def _move(field: Field, places_m: Any) -> None:
 
 
 def test_the_levels_of_a_frame_change_with_the_jammers() -> None:
-    heard: list[Levels] = []
-
-    def judge(frame: Frame, levels: Levels) -> bool:
-        heard.append(levels)
-        return True
-
-    receiver = SinrReceiver(Limits(1e-9, 1e-8, 1e-6, 4.0), judge)
-    frame = Frame("DATA", 1, BROADCAST, Form(2 * MS, 100, 1000, 192 * US), 0, 0)
-    assert receiver.disturb(1e-7, 500 * US) is False, "too little energy to be heard"
-    receiver.begins(frame, 4e-7, False, 1 * MS)
-    assert receiver.disturb(3e-7, 1 * MS + 300 * US) is False
-    assert receiver.disturb(0.0, 1 * MS + 700 * US) is False
-    assert receiver.ends(frame, True, 3 * MS) is True
-    expected = [4e-7 / (1e-9 + jammer) for jammer in (1e-7, 3e-7, 0.0)]
-    assert [since for since, _ in heard[0]] == [0, 300 * US, 700 * US]
-    assert [ratio for _, ratio in heard[0]] == pytest.approx(expected)
+    ear, begin = Ear(LIMITS._replace(follows_mw=1e-10)), 1 * MS
+    assert ear.disturb(4e-10, 500 * US) is False, "too little energy to be heard"
+    frame, levels = ear.frame(1, begin), []
+    ear.begins(frame, 4e-10, begin)
+    for since, jammer_mw in ((0, 4e-10), (300 * US, 8e-10), (700 * US, 0.0)):
+        assert ear.disturb(jammer_mw, begin + since) is False
+        levels.append((since, 4e-10 / (LIMITS.noise_mw + jammer_mw)))
+        assert ear.station["level"] == pytest.approx(levels[-1][1])
+    ear.ends(frame, begin + FRAME.duration)
+    assert ear.station["log_chance"] < -0.1
+    assert ear.station["log_chance"] == pytest.approx(frame_log_success(DSSS, 1000, FRAME.octets, levels))
 
 
 @pytest.mark.parametrize(("excess_db", "sends"), [(-0.1, True), (0.1, False)])

@@ -14,10 +14,9 @@ from cosim.channels.adhoc.errors import (
     bit_error_rate,
     frame_log_success,
     log_success,
-    noise_dbm,
     packet_success,
 )
-from cosim.channels.adhoc.phy import DSSS, DSSS_SHORT, ERP, FHSS, OFDM_5GHZ, Phy, airtime, sections
+from cosim.channels.adhoc.phy import DSSS, DSSS_SHORT, ERP, FHSS, OFDM_5GHZ, Phy, airtime, noise_dbm, sections
 from cosim.units import US, Time
 
 RATES_KBPS = DSSS.rates_kbps + OFDM_5GHZ.rates_kbps

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from cosim.channels.adhoc.channel import AdhocChannel
-from cosim.channels.adhoc.errors import frame_log_success, noise_dbm
-from cosim.channels.adhoc.mac import DATA, Form, Frame
-from cosim.channels.adhoc.phy import DSSS
-from cosim.channels.adhoc.reception import Levels, Limits, SinrReceiver
+from cosim.channels.adhoc.errors import frame_log_success
+from cosim.channels.adhoc.phy import DSSS, noise_dbm
+from cosim.channels.adhoc.reception import IGNORED, RIGHT, WRONG
 from cosim.channels.adhoc.settings import AdhocSettings
+from cosim.channels.adhoc.state import NONE
 from cosim.channels.propagation import Barrier
 from cosim.errors import UserError
 from cosim.kernel import Kernel
@@ -19,40 +19,35 @@ from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
 from cosim.randomness import Streams
 from cosim.trace import FRAMES, Trace
 from cosim.units import MS, US, S, Time
+from tests.channels.adhoc.ear import FRAME, LIMITS, Ear
 
-NOISE_MW, PREAMBLE = 1e-9, 192 * US
-LIMITS = Limits(NOISE_MW, 1e-8, 1e-6, 4.0)
-
-
-def frame(source: Address, duration: Time = 2_000 * US) -> Frame:
-    return Frame(DATA, source, BROADCAST, Form(duration, 100, 1000, PREAMBLE), 0, 0)
+NOISE_MW, PREAMBLE = LIMITS.noise_mw, FRAME.preamble
 
 
-class Ear:
-    """A receiver that receives everything, and shows at which levels."""
-
-    def __init__(self, limits: Limits = LIMITS) -> None:
-        self.heard: list[tuple[Address, Levels]] = []
-        self.receiver = SinrReceiver(limits, self._judge)
-
-    def _judge(self, frame: Frame, levels: Levels) -> bool:
-        self.heard.append((frame.source, levels))
-        return True
-
-
-def test_levels_change_with_what_comes_and_goes() -> None:
-    ear, first, second, third = Ear(), frame(1), frame(2), frame(3)
-    ear.receiver.begins(first, 4e-7, False, 1 * MS)
-    ear.receiver.begins(second, 1e-7, False, 1 * MS + 300 * US)
-    ear.receiver.begins(third, 3e-7, False, 1 * MS + 500 * US)
-    assert ear.receiver.ends(second, True, 1 * MS + 900 * US) is None
-    assert ear.receiver.ends(third, True, 1 * MS + 1_000 * US) is None
-    assert ear.receiver.ends(first, True, 3 * MS) is True
-    ((source, levels),) = ear.heard
-    assert source == 1
-    assert [since for since, _ in levels] == [0, 300 * US, 500 * US, 900 * US, 1_000 * US]
-    expected = [4e-7 / (NOISE_MW + others) for others in (0, 1e-7, 4e-7, 3e-7, 0)]
-    assert [ratio for _, ratio in levels] == pytest.approx(expected)
+def test_errors_add_up_over_levels_that_change_with_what_comes_and_goes() -> None:
+    """Against the frame's chance by its levels, given as a list."""
+    ear, begin = Ear(), 1 * MS
+    first = ear.frame(1, begin)
+    ear.begins(first, 4e-10, begin)
+    assert not ear.follows
+    ear, others_mw = Ear(LIMITS._replace(follows_mw=1e-10)), {300 * US: 1e-10, 500 * US: 3e-10, 900 * US: -1e-10}
+    frames = {}
+    first = ear.frame(1, begin)
+    ear.begins(first, 4e-10, begin)
+    levels, noise_mw = [(0, 4e-10 / NOISE_MW)], NOISE_MW
+    for since, change_mw in others_mw.items():
+        if change_mw > 0:
+            frames[change_mw] = ear.frame(len(frames) + 2, begin + since)
+            ear.begins(frames[change_mw], change_mw, begin + since)
+        else:
+            assert ear.ends(frames[-change_mw], begin + since) == IGNORED
+        noise_mw += change_mw
+        levels.append((since, 4e-10 / noise_mw))
+        assert ear.station["level"] == pytest.approx(levels[-1][1])
+    ear.ends(first, begin + FRAME.duration)
+    expected = frame_log_success(DSSS, 1000, FRAME.octets, levels)
+    assert -50 < expected < -1e-3
+    assert ear.station["log_chance"] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -60,46 +55,58 @@ def test_levels_change_with_what_comes_and_goes() -> None:
     [(PREAMBLE - 1, 4.0e-7, 2), (PREAMBLE - 1, 3.9e-7, 1), (PREAMBLE, 4.0e-6, 1), (0, 4.0e-7, 2)],
 )
 def test_a_much_stronger_frame_takes_over_during_the_preamble(after: Time, power_mw: float, taken: Address) -> None:
-    ear, first, second = Ear(), frame(1), frame(2)
-    ear.receiver.begins(first, 1e-7, False, 0)
-    ear.receiver.begins(second, power_mw, False, after)
-    outcomes = {1: ear.receiver.ends(first, True, 2 * MS), 2: ear.receiver.ends(second, True, 2 * MS + after)}
-    assert outcomes == {taken: True, 3 - taken: None}
+    ear = Ear()
+    first = ear.frame(1, 0)
+    ear.begins(first, 1e-7, 0)
+    second = ear.frame(2, after)
+    ear.begins(second, power_mw, after)
     if taken == 2:
-        assert ear.heard[0][1][0] == (0, pytest.approx(power_mw / (NOISE_MW + 1e-7)))
+        assert ear.station["level"] == pytest.approx(power_mw / (NOISE_MW + 1e-7))
+    outcomes = {1: ear.ends(first, 2 * MS), 2: ear.ends(second, 2 * MS + after)}
+    assert outcomes[3 - taken] == IGNORED
+    assert outcomes[taken] != IGNORED
 
 
 def test_without_capture_the_first_stays() -> None:
-    ear, first, second = Ear(LIMITS._replace(capture=math.inf)), frame(1), frame(2)
-    ear.receiver.begins(first, 1e-7, False, 0)
-    ear.receiver.begins(second, 1.0, False, 10 * US)
-    assert ear.receiver.ends(second, True, 2 * MS) is None
-    assert ear.receiver.ends(first, True, 2 * MS) is True
+    ear = Ear(LIMITS._replace(capture=math.inf))
+    first = ear.frame(1, 0)
+    ear.begins(first, 1e-7, 0)
+    second = ear.frame(2, 10 * US)
+    ear.begins(second, 1.0, 10 * US)
+    assert ear.ends(second, 2 * MS) == IGNORED
+    assert ear.ends(first, 2 * MS) == WRONG
 
 
 def test_the_medium_is_busy_with_a_frame_that_is_followed_or_with_much_energy() -> None:
-    receiver = Ear().receiver
-    faint, weak, strong, deaf = frame(1), frame(2), frame(3), frame(4)
-    assert not receiver.begins(faint, 0.9e-8, False, 5)
-    assert not receiver.energy
-    assert receiver.begins(weak, 1e-8, False, 7)
-    assert receiver.energy
-    assert receiver.energy_from == 7
-    receiver.ends(weak, True, 8)
-    assert not receiver.energy
-    assert not receiver.begins(deaf, 1e-7, True, 9), "who sends follows nothing, and this is little energy"
-    assert receiver.begins(strong, 1e-6, True, 10)
-    assert not receiver.follows
-    assert receiver.energy
+    ear = Ear()
+    faint = ear.frame(1, 5)
+    assert not ear.begins(faint, 0.9e-8, 5)
+    assert not ear.energy
+    weak = ear.frame(2, 7)
+    assert ear.begins(weak, 1e-8, 7)
+    assert ear.energy
+    assert ear.station["energy_from"] == 7
+    ear.ends(weak, 8)
+    assert not ear.energy
+    unheard = ear.frame(4, 9)
+    assert not ear.begins(unheard, 1e-7, 9, deaf=True), "who sends follows nothing, and this is little energy"
+    strong = ear.frame(3, 10)
+    assert ear.begins(strong, 1e-6, 10, deaf=True)
+    assert not ear.follows
+    assert ear.energy
 
 
 def test_what_an_own_frame_or_the_end_of_the_sender_has_cut_is_not_received() -> None:
-    ear, first, second = Ear(), frame(1), frame(2)
-    ear.receiver.begins(first, 1e-7, False, 0)
-    ear.receiver.drop()
-    assert ear.receiver.ends(first, True, 2 * MS) is None
-    ear.receiver.begins(second, 1e-7, False, 3 * MS)
-    assert ear.receiver.ends(second, False, 5 * MS) is False
+    ear = Ear()
+    first = ear.frame(1, 0)
+    ear.begins(first, 1e-7, 0)
+    ear.station["followed"] = NONE  # as an own frame does
+    assert ear.ends(first, 2 * MS) == IGNORED
+    for whole, outcome in ((False, WRONG), (True, RIGHT)):
+        second = ear.frame(2, 3 * MS)
+        ear.begins(second, 1e-7, 3 * MS)
+        ear.network.frames[second]["whole"] = whole
+        assert ear.ends(second, 5 * MS) == outcome
 
 
 # ---------------------------------------------------------------- the channel

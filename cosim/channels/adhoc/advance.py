@@ -1,0 +1,144 @@
+"""One event of an 802.11 channel after another, up to what Python must see, and never past the kernel's next event."""
+
+from typing import Final
+
+from cosim.arrays import Floats
+from cosim.channels.adhoc.agenda import (
+    ANSWER,
+    ARRIVE,
+    CONTEND,
+    GIVE_UP,
+    LEAVE,
+    MAY_SEND,
+    ORDER_BITS,
+    SEND_DATA,
+    SENT,
+    drop_first,
+    push,
+)
+from cosim.channels.adhoc.air import forget, next_arrival, tell_frame, without_row
+from cosim.channels.adhoc.dcf import (
+    answer,
+    contend,
+    energy_begins,
+    energy_ends,
+    give_up,
+    jam,
+    may_send,
+    send_data,
+    sent,
+)
+from cosim.channels.adhoc.state import HEARD, NONE, OVER, Network
+from cosim.jit import njit
+from cosim.kernel import DELIVER
+from cosim.machine import BROADCAST
+from cosim.units import Time
+
+IDLE: Final = 0
+"""Nothing is due before the given instant and phase."""
+TOLD: Final = 1
+"""Something has come out for hosts, in the instant and phase in which the network is now."""
+ROWLESS: Final = 2
+"""A row of powers is needed."""
+FULL: Final = 3
+"""There is not enough room for what the next event may bring."""
+
+
+@njit(cache=True)
+def advance(network: Network, until: Time, phase: int) -> int:
+    """Carry out what is due before the instant *until* and its *phase*; return why that has ended.
+
+    All events of one instant and phase are carried out before it ends because something has come out.
+    """
+    common = network.common[0]
+    while common.events > 0:
+        first = network.agenda[0]
+        now, due = first.time, first.rank >> ORDER_BITS
+        if common.urgent and (now > common.now or due > common.phase):
+            break
+        if now > until or (now == until and due >= phase):
+            break
+        if not _has_room(network):
+            return FULL
+        if first.kind == ARRIVE:
+            common.rowless = without_row(network, now)
+            if common.rowless != NONE:
+                return ROWLESS
+        common.now, common.phase = now, due
+        kind, who, life, order = first.kind, first.who, first.life, first.rank & (1 << ORDER_BITS) - 1
+        drop_first(network)
+        if kind == ARRIVE:
+            _arrive(network, now)
+        elif kind == LEAVE:
+            _leave(network, who, now)
+        else:
+            _act(network, who, kind, order, life, now)
+    return TOLD if common.urgent else IDLE
+
+
+@njit(cache=True)
+def _has_room(network: Network) -> bool:
+    """Return whether the next event cannot bring more events, reports and frames than there is room for."""
+    common, size = network.common[0], len(network.stations)
+    events = common.events + 2 * size + common.frames_under_way + 4 <= len(network.agenda)
+    reports = common.told + 2 * size + 4 <= len(network.told)
+    return bool(events and reports and common.free_frame != NONE)
+
+
+@njit(cache=True)
+def _act(network: Network, address: int, kind: int, order: int, life: int, now: Time) -> None:
+    """Have a station do what it was to do *now*, unless that has been cancelled."""
+    station = network.stations[address]
+    if kind == MAY_SEND:
+        if station.ends_event == order:
+            may_send(network, address, now)
+    elif kind == GIVE_UP:
+        if station.timeout_event == order:
+            give_up(network, address, now)
+    elif kind == CONTEND:
+        contend(network, address, now)
+    elif station.life != life:
+        return  # it has been switched off since
+    elif kind == SENT:
+        sent(network, address, now)
+    elif kind == ANSWER:
+        answer(network, address, now)
+    elif kind == SEND_DATA:
+        send_data(network, address, now)
+
+
+@njit(cache=True)
+def _arrive(network: Network, now: Time) -> None:
+    """Have all frames that begin to arrive now do so, in the order of their senders."""
+    number = next_arrival(network, now)
+    while number != NONE:
+        frame = network.frames[number]
+        sender = network.stations[frame.source]
+        frame.row, frame.row_end = sender.row, sender.row_end
+        for at in range(frame.row, frame.row_end):
+            reached = network.rows[at]
+            energy_begins(network, reached.address, number, reached.mw, now)
+        push(network, now + frame.form.duration, DELIVER, LEAVE, number)
+        number = next_arrival(network, now)
+
+
+@njit(cache=True)
+def _leave(network: Network, number: int, now: Time) -> None:
+    """Have a frame end wherever it has arrived."""
+    frame, noted, missed = network.frames[number], network.common[0].noted, True
+    for at in range(frame.row, frame.row_end):
+        address = network.rows[at].address
+        received = energy_ends(network, address, number, now)
+        missed &= frame.destination != BROADCAST and frame.destination != address
+        if noted:
+            tell_frame(network, HEARD, address, number, received, 0.0)
+    if noted:
+        tell_frame(network, OVER, NONE, number, frame.whole, 0.0).missed = missed
+    forget(network, number)
+
+
+@njit(cache=True)
+def jam_all(network: Network, powers_mw: Floats, at: Time, now: Time) -> None:
+    """Have all stations receive *powers_mw*, shape (n,), of jammers from *at* on."""
+    for address in range(len(powers_mw)):
+        jam(network, address, powers_mw[address], at, now)

@@ -1,0 +1,252 @@
+"""All stations of one 802.11 channel as the channel sees them: packets go in, what is received and done comes out.
+
+The stations have a queue of events of their own (``agenda``), of which the kernel knows the next one. When that is due
+they run ahead (``advance``), but never past the kernel's next event, and only to the end of the instant and phase in
+which something comes out for a host: hosts hear of it at that instant. Where an event of the kernel and one of the
+stations have one instant and phase, that goes first which was in the kernel's queue first, and all of the stations go
+together.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.arrays import Floats, Int64s
+from cosim.channels.adhoc.advance import FULL, IDLE, ROWLESS, advance, jam_all
+from cosim.channels.adhoc.agenda import ORDER_BITS
+from cosim.channels.adhoc.dcf import matters, power, queue
+from cosim.channels.adhoc.errors import tables
+from cosim.channels.adhoc.mac import Access, Form, Limits, Packet, Timing
+from cosim.channels.adhoc.state import (
+    DONE,
+    NONE,
+    RECEIVED,
+    Report,
+    doubled,
+    new_network,
+    with_frames,
+    with_packets,
+)
+from cosim.kernel import Handle, Kernel
+from cosim.machine import BROADCAST, Address
+from cosim.randomness import Draws
+from cosim.units import Time
+
+
+class Rules(NamedTuple):
+    """What all stations of a network have in common."""
+
+    timing: Timing
+    access: Access
+    limits: Limits | None
+    """Noise and thresholds; None if all frames in reach are alike."""
+
+
+class Row(NamedTuple):
+    """Whom a sender reaches."""
+
+    addresses: Int64s
+    """Rising, shape (m,)."""
+    powers_mw: Floats
+    """Power at each of them, above 0, shape (m,)."""
+
+
+class Host(Protocol):
+    """The other side of all stations."""
+
+    def reached_by(self, source: Address) -> Row:
+        """Return whom a frame reaches that begins to arrive now."""
+
+    def received(self, address: Address, report: Report, packet: Packet) -> None:
+        """Take DATA for *address*, each only once."""
+
+    def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
+        """Note that a packet is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
+
+    def noted(self, report: Report, packet: Packet | None) -> None:
+        """Note that a frame has arrived to its end, at a station (HEARD), or everywhere (OVER)."""
+
+
+class Stations:
+    """All stations of a channel; *noted* if the host wants to hear of every frame."""
+
+    def __init__(self, size: int, rules: Rules, kernel: Kernel, draws: Draws, host: Host, noted: bool = False) -> None:
+        self._timing, self._access, limits = rules
+        self._kernel = kernel
+        self._host = host
+        cck = tables(() if limits is None else _rates(self._timing))
+        self._network = new_network(size, *rules, draws.key, cck, kernel.now)
+        self._common = self._network.common[0]
+        self._common["noted"] = noted
+        self._forms: dict[tuple[bool, int], Form] = {}
+        self._packets: dict[int, Packet] = {}
+        self._heard: list[dict[Address, int]] = [{} for _ in range(size)]
+        """Last sequence number of each sender, by receiver."""
+        self._rows_used = 0
+        self._handle: Handle | None = None
+        self._pumping = False
+
+    # ------------------------------------------------------------ what goes in
+
+    def send(self, address: Address, packet: Packet, awaited: bool = True) -> None:
+        """Queue *packet* at a station; the host hears when it is off the queue if that is *awaited*."""
+        to_all, octets = packet.destination == BROADCAST, len(packet.payload)
+        form = self._forms.get((to_all, octets))
+        if form is None:
+            form = (self._timing.broadcast if to_all else self._timing.unicast)(octets)
+            self._forms[to_all, octets] = form
+        asks, now = self._access.asks(packet), self._kernel.now
+        number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+        if number == NONE:
+            self._make_room()
+            number = queue(self._network, address, packet.destination, form, asks, awaited, now)
+        self._packets[number] = packet
+        self._arm()
+
+    def power(self, address: Address, on: bool) -> None:
+        """Switch a station on or off; what it holds is lost, and what it is just sending is spoilt."""
+        power(self._network, address, on, self._kernel.now)
+        if not on:
+            self._heard[address].clear()
+
+    def jammed(self, powers_mw: Sequence[float], at: Time) -> None:
+        """Have the stations receive *powers_mw* of jammers from *at* on, which may be in the past for those at rest."""
+        self._make_room()
+        jam_all(self._network, np.array(powers_mw, dtype=np.float64), at, self._kernel.now)
+        self._arm()
+
+    def moved(self) -> None:
+        """Note that frames reach others, or with other powers, from now on."""
+        network = self._network
+        network.stations["row"] = NONE
+        kept, used = [], 0
+        number = int(self._common["first_there"])
+        while number != NONE:  # frames that have begun to arrive stay where they are
+            frame = network.frames[number]
+            kept.append(network.rows[frame["row"] : frame["row_end"]].copy())
+            frame["row"], frame["row_end"] = used, used + len(kept[-1])
+            used += len(kept[-1])
+            number = int(frame["next"])
+        if kept:
+            network.rows[:used] = np.concatenate(kept)
+        self._rows_used = used
+
+    # ------------------------------------------------------------ what can be asked
+
+    @property
+    def matter(self) -> bool:
+        """True if a frame is on the air, or a station has something to send."""
+        return bool(matters(self._network, self._kernel.now))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that have been on the air."""
+        return int(self._common["frames"])
+
+    @property
+    def dropped(self) -> int:
+        """Number of packets that were sent as often as allowed, and not acknowledged."""
+        return int(self._common["dropped"])
+
+    # ------------------------------------------------------------ how time goes on
+
+    def _arm(self) -> None:
+        """Have the kernel call back at the next event."""
+        if self._pumping or not self._common["events"]:
+            return
+        first = self._network.agenda[0]
+        self._call_back(int(first["time"]), int(first["rank"]) >> ORDER_BITS)
+
+    def _call_back(self, time: Time, phase: int) -> None:
+        handle = self._handle
+        if handle is not None:
+            if (handle.time, handle.priority) <= (time, phase):
+                return
+            handle.cancel()
+        self._handle = self._kernel.at(time, self._pump, phase)
+
+    def _pump(self) -> None:
+        """Run ahead to the kernel's next event, or to what hosts must hear of."""
+        self._handle = None
+        self._pumping = True
+        kernel, common = self._kernel, self._common
+        now, phase = kernel.phase
+        self._tell()
+        until = max(kernel.peek(), (now, phase + 1))  # all that is due in this phase
+        while (why := advance(self._network, *until)) != IDLE:
+            if why == ROWLESS:
+                self._add_row(int(common["rowless"]))
+            elif why == FULL:
+                self._make_room()
+            elif (common["now"], common["phase"]) == (now, phase):
+                self._tell()
+                until = max(kernel.peek(), (now, phase + 1))
+            else:
+                break
+        self._pumping = False
+        if common["urgent"]:
+            self._call_back(int(common["now"]), int(common["phase"]))
+        else:
+            self._tell()
+            self._arm()
+
+    def _add_row(self, source: Address) -> None:
+        row = self._host.reached_by(source)
+        begin, end = self._rows_used, self._rows_used + len(row.addresses)
+        while end > len(self._network.rows):
+            self._network = self._network._replace(rows=doubled(self._network.rows))
+        rows = self._network.rows[begin:end]
+        rows["address"], rows["mw"] = row
+        station = self._network.stations[source]
+        station["row"], station["row_end"] = begin, end
+        self._rows_used = end
+
+    def _make_room(self) -> None:
+        """Make room for another packet, and for what the next event may bring."""
+        if self._common["told"] and not self._common["urgent"]:
+            self._tell()
+        network, size = self._network, len(self._network.stations)
+        if self._common["free_frame"] == NONE:
+            network = with_frames(network, len(network.frames))
+        if self._common["free_packet"] == NONE:
+            network = with_packets(network, len(network.packets))
+        while self._common["told"] + 2 * size + 4 > len(network.told):
+            network = network._replace(told=doubled(network.told))
+        while self._common["events"] + 2 * size + self._common["frames_under_way"] + 4 > len(network.agenda):
+            network = network._replace(agenda=doubled(network.agenda))
+        self._network = network
+
+    def _tell(self) -> None:
+        """Tell the host what has come out."""
+        count = int(self._common["told"])
+        if not count:
+            return
+        reports = [Report(*row) for row in self._network.told[:count].tolist()]
+        self._common["told"], self._common["urgent"] = 0, False
+        # hosts may send again, and a new packet may get the number of one that is done
+        told = [(report, self._packets.get(report.packet)) for report in reports]
+        for report, packet in told:
+            if report.what not in (RECEIVED, DONE):
+                self._host.noted(report, packet)
+                continue
+            assert packet is not None
+            if report.what == DONE:
+                self._host.done(report.station, packet, report.right)
+            elif self._is_new(report):
+                self._host.received(report.station, report, packet)
+
+    def _is_new(self, report: Report) -> bool:
+        """Return whether DATA to one station is not the last that it has received of its sender (9.2.9)."""
+        if report.destination == BROADCAST:
+            return True
+        heard = self._heard[report.station]
+        known = heard.get(report.source) == report.number
+        heard[report.source] = report.number
+        return not known
+
+
+def _rates(timing: Timing) -> set[int]:
+    """Return the rates of all frames."""
+    forms = (timing.ack, timing.rts, timing.cts, timing.unicast(0), timing.broadcast(0))
+    return {rate for form in forms for rate in (form.rate_kbps, form.header_kbps)}
