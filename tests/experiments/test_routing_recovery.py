@@ -137,7 +137,8 @@ class Lossless(recovery.Observed):
         if report.what == HEARD and not report.right and report.destination == BROADCAST:
             assert packet is not None
             ends = report.begin + report.duration + self._settings.timing().delay
-            self.kernel.at(ends, partial(self._receive, report, packet))
+            # reports for tables come with the next one for a host, which may be later
+            self.kernel.at(max(ends, self.kernel.now), partial(self._receive, report, packet))
 
     def _receive(self, report: Report, packet: Packet) -> None:
         if self._on[report.station]:

@@ -117,10 +117,12 @@ class AdhocChannel(IdealChannel):
         self._least_mw = 0.0 if self._propagation is None else settings.limits().follows_mw
         self._held = [0] * size
         """Number of payloads that each device has been handed and has not finished, where that has a limit."""
-        draws = streams.draws("adhoc")
-        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, draws)
+        self._draws = streams.draws("adhoc")
+        self._handover = Handover(from_seconds(settings.host_jitter_s), size, kernel, self._draws)
         rules = Rules(settings.timing(), settings.access, None if settings.propagation is None else settings.limits())
-        self._stations = Stations(size, rules, kernel, draws, self, self._frames_wanted or self._transmissions_wanted)
+        self._stations = Stations(
+            size, rules, kernel, self._draws, self, self._frames_wanted or self._transmissions_wanted
+        )
         self._jamming = Jamming(kernel, self._jam_mw, self._stations, size)
         self._forwarding = self._routers(streams)
 
