@@ -347,7 +347,8 @@ T = TypeVar("T")
 class Drains:
     """The three queues of a machine, to derive from: lists that are filled in any way and drained as the node asks.
 
-    A list stays the same object, so that a machine's parts may hold it and append to it.
+    A list stays the same object, so that a machine's parts may hold it and append to it. Mostly there is nothing in it:
+    then a drain is over at once.
     """
 
     def __init__(self) -> None:
@@ -357,15 +358,15 @@ class Drains:
 
     def outbox(self) -> list[Outgoing | LinkCommand]:
         """Drain payloads and link commands."""
-        return drained(self._outbox)
+        return drained(self._outbox) if self._outbox else []
 
     def commands(self) -> list[Command]:
         """Drain motion commands."""
-        return drained(self._commands)
+        return drained(self._commands) if self._commands else []
 
     def events(self) -> list[Event]:
         """Drain rows for the trace, and what only the referee hears."""
-        return drained(self._events)
+        return drained(self._events) if self._events else []
 
 
 def drained(queue: list[T]) -> list[T]:

@@ -121,7 +121,7 @@ class _End:
 
     def receive(self, data: bytes, reception: Reception, now: Time) -> None:
         """Take a payload."""
-        self._endpoint.receive(data, reception._replace(radio=self._radio), now)
+        self._endpoint.receive(data, Reception(*reception[:3], self._radio), now)
 
     def link(self, event: LinkEvent, now: Time) -> None:
         """Take a link event that concerns the host: links are those of radio 0, with robots that have it."""

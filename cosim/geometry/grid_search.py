@@ -70,13 +70,15 @@ def costs(
     price: Singles | None = None,
     ends: Bools | None = None,
     diagonal: float = DIAGONAL,
+    stop: bool = False,
 ) -> Floats:
     """Return the cost of the cheapest way from one of *starts*, cells of the grid, to each cell; inf where none leads.
 
-    *free*, *factor*, *price* and *ends* have the shape (ny, nx), as the result has.
+    *free*, *factor*, *price* and *ends* have the shape (ny, nx), as the result has. With *stop* the search ends at the
+    cheapest of *ends*: then only costs up to its own are told, and what costs more is too much or inf.
     """
     nothing = np.zeros(free.shape, np.bool_) if ends is None else ends
-    _, cost, _ = _searched(free, nothing, factor, price, starts, -1, Estimate.NONE, diagonal, False)
+    _, cost, _ = _searched(free, nothing, factor, price, starts, -1, Estimate.NONE, diagonal, stop)
     ny, nx = free.shape
     return np.ascontiguousarray(cost.reshape(ny + 2, nx + 2)[1:-1, 1:-1])
 

@@ -99,7 +99,7 @@ class PlanningGrid:
             if cell >= 0:
                 ends.setdefault(cell, goal_m if cell == self.cell_at(*goal_m) else self.centre_m(cell))
         start = self._snapped(start_m, snap_m)
-        path = descent(self.free, cost_to_go(self.free, list(ends)), start) if start >= 0 else None
+        path = descent(self.free, cost_to_go(self.free, list(ends), start), start) if start >= 0 else None
         if path is None:
             return None
         cells = way_points(self.free, path).tolist()
@@ -164,17 +164,21 @@ def _check_measures(cell_m: float, radius_m: float) -> None:
 # ---------------------------------------------------------------- the field and the ways in it
 
 
-def cost_to_go(free: Bools, goals: npt.ArrayLike) -> Floats:
+def cost_to_go(free: Bools, goals: npt.ArrayLike, start: Cell | None = None) -> Floats:
     """Return the length in cells of the shortest way from each cell to the nearest of *goals*, shape (ny, nx).
 
     It is inf where no way leads and where the cell is not *free*, shape (ny, nx). *goals* are numbers of cells; one
-    that is not free cannot be reached. Raise LookupError for a goal off the grid.
+    that is not free cannot be reached. With a *start*, a cell, the field is made as far as :func:`descent` from there
+    needs it: where it is more than at the start, it is too much or inf. Raise LookupError for a goal off the grid.
     """
     cells = np.asarray(goals, np.int64).reshape(-1)
     for cell in cells.tolist():
         _check_cell(free, cell)
     known = np.ascontiguousarray(free)
-    return costs(known, cells[known.flat[cells]])
+    starts = np.zeros(known.shape, np.bool_)
+    if start is not None:
+        starts.flat[start] = known.flat[start]
+    return costs(known, cells[known.flat[cells]], ends=starts, stop=True)
 
 
 def descent(free: Bools, cost: Floats, start: Cell) -> Int32s | None:

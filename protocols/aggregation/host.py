@@ -7,6 +7,7 @@ that): the other hosts send it its last members, and its searchers report everyt
 """
 
 import math
+from functools import partial
 
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Drains, LinkEvent, Reception
@@ -69,11 +70,9 @@ class Host(Drains):
         others = [host for host in range(setup.hosts) if host != me]
         self.neighbours = Neighbours(others, self._period, self._watching, start)
         self._here: Point = setup.starts_m[me]
-        strategies = [Strategy(parameters, setup, host) for host in range(setup.hosts)]
-        work = Work(setup, me, [strategy.rally_m for strategy in strategies], parameters.strategy == "random")
-        self._itinerary = Itinerary(
-            parameters, me, strategies[me], mover, self.neighbours, self._events, self._here, start
-        )
+        strategy, rally_m = Strategy(parameters, setup, me), partial(_rally_m, parameters, setup)
+        work = Work(setup, me, rally_m, parameters.strategy == "random")
+        self._itinerary = Itinerary(parameters, me, strategy, mover, self.neighbours, self._events, self._here, start)
         self.team = SubTeam(
             parameters, work, self.findings, self._radio, self._events, self.neighbours, self._itinerary
         )
@@ -260,3 +259,8 @@ class Host(Drains):
             self.counters.known_at = self.counters.true_time(now)
             self._events.append(AllKnown(wanted))
         return len(new)
+
+
+def _rally_m(parameters: Parameters, setup: Setup, host: Address) -> Point:
+    """Return the rally point of *host*, as all hosts know it beforehand."""
+    return Strategy(parameters, setup, host).rally_m

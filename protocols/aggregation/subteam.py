@@ -11,6 +11,7 @@ point is nearest: all hosts that hear each other agree which one that is.
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache
 
 from cosim.geometry.planning import Point
 from cosim.machine import Address, Event
@@ -34,11 +35,11 @@ RECENT_BEATS = 6
 class Work:
     """The division of one sub-team's posts among its searchers."""
 
-    def __init__(self, setup: Setup, host: Address, rallies_m: Sequence[Point], at_random: bool) -> None:
-        """Divide nothing if the searchers move *at_random*."""
+    def __init__(self, setup: Setup, host: Address, rally_m: Callable[[Address], Point], at_random: bool) -> None:
+        """Divide nothing if the searchers move *at_random*; *rally_m* is asked for each host's when one is idle."""
         self._setup = setup
         self._host = host
-        self._rallies_m = rallies_m
+        self._rally_m = cache(rally_m)
         self._random = at_random
         self._own = setup.regions[host]
 
@@ -70,8 +71,8 @@ class Work:
         posts = set(self._own)
         living = [host for host in range(self._setup.hosts) if host not in idle]
         for host in idle:
-            rally = self._rallies_m[host]
-            heir = min(living, key=lambda each: (math.dist(self._rallies_m[each], rally), each))
+            rally = self._rally_m(host)
+            heir = min(living, key=lambda each: (math.dist(self._rally_m(each), rally), each))
             if heir == self._host:
                 posts |= self._setup.regions[host]
         return posts

@@ -13,7 +13,7 @@ from cosim.observation import Observation
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import TOUCH_M, Ground
 from protocols.aggregation.parameters import WalkingParameters
-from protocols.aggregation.walking import STAND, in_the_way
+from protocols.aggregation.walking import STAND, Near, in_the_way
 
 Measure: TypeAlias = Callable[[Point, Point], float | None]
 """Returns the length of a way between two places as a searcher estimates it, m; None if it knows of no way."""
@@ -148,6 +148,7 @@ class RandomWalk:
         self._stream = stream
         self._leg_m = parameters.leg_m
         self._near_m = parameters.near_m
+        self._others = Near(parameters.near_m)
         self._room_m = 2.0 * ground.radius_m + parameters.safety_m
         self._look_ticks = max(1, round(_LOOK_S / to_seconds(tick)))
         self._ticks = 0
@@ -207,14 +208,13 @@ class RandomWalk:
         if self._ticks < self._calm_from:
             return False  # a body needs a while to turn away from what is ahead
         return observation.blocked or any(
-            math.dist(here, (x, y)) < self._near_m and in_the_way(here, self.goal_m, (x, y), self._room_m)
-            for _, x, y in observation.sightings
+            in_the_way(here, self.goal_m, (x, y), self._room_m) for _, x, y in self._others.look(observation)
         )
 
     def _draw(self, observation: Observation, here: Point) -> Point:
         """Return the end of the next piece."""
         farthest, most = here, 0.0
-        near = [(x, y) for _, x, y in observation.sightings if math.dist(here, (x, y)) < self._near_m]
+        near = [(x, y) for _, x, y in self._others.look(observation)]
         for _ in range(_TRIES):
             angle = self._stream.uniform(-math.pi, math.pi)
             dx, dy = self._leg_m * math.cos(angle), self._leg_m * math.sin(angle)

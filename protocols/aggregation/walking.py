@@ -8,6 +8,7 @@ never gives up; where no way leads to its goal it stands and plans again, after 
 """
 
 import math
+from collections.abc import Iterable
 from typing import Final
 
 from cosim.arrays import Floats
@@ -18,7 +19,7 @@ from cosim.machine import Command, Drive, GoTo
 from cosim.navigation.status import Status
 from cosim.navigation.vfh import Vfh, VfhParameters
 from cosim.navigation.visbug import target_of, visbug_step
-from cosim.observation import Observation
+from cosim.observation import Observation, Sighting
 from cosim.units import Time, to_seconds
 from protocols.aggregation.ground import Ground
 from protocols.aggregation.parameters import WalkingParameters
@@ -65,6 +66,10 @@ _SIDE_M: Final = 0.2
 """Room beside the way, in addition to a touch and the safety distance, within which a body is in the way."""
 _THERE_M: Final = 0.05
 """Distance within which a place of a script is reached."""
+_KEPT_M: Final = 1.0
+"""How much farther off than near robots may be that are kept, see ``Near``."""
+_ROAM_M: Final = 0.99 * _KEPT_M
+"""How far a robot goes before it looks through all others again: less than that, so that rounding loses nobody."""
 
 # going round a body, or out of its way
 _SLACKS_M: Final = (0.3, 0.2, 0.12, 0.06, 0.02)
@@ -144,7 +149,6 @@ class Walker:
         self._own = own
         self._contact_m = 2.0 * radius_m
         self._step_m = speed_mps * seconds
-        self._near_square = own.near_m * own.near_m
         # slow robots take longer for everything
         self._patience = math.ceil(max(own.patience_s, self._contact_m / speed_mps) / seconds)
         self._pause = math.ceil(max(own.pause_s, 2.0 * self._contact_m / speed_mps) / seconds)
@@ -203,17 +207,9 @@ class Walker:
     def step(self, observation: Observation) -> Command | None:
         """Return an order to the body, or None where the last one goes on; to be called once a tick."""
         self._ticks += 1
-        if self._ticks < self._look_at and not observation.blocked:
-            if not observation.sightings:
-                return None
-            x, y = observation.x_m, observation.y_m
-            near = self._near_square
-            for _, other_x, other_y in observation.sightings:
-                dx, dy = other_x - x, other_y - y
-                if dx * dx + dy * dy < near:
-                    break
-            else:
-                return None
+        near = self._evasion.look(observation)
+        if self._ticks < self._look_at and not observation.blocked and not near:
+            return None
         order = self._decide(observation)
         if order == self._order and not self._order_again:
             return None
@@ -261,14 +257,14 @@ class Walker:
             self.arrived = False
             self._plan(here)
             return self._cruise(here)
-        held = observation.blocked or self._evasion.is_ahead(observation, here, track.end)
+        held = observation.blocked or self._evasion.is_ahead(here, track.end)
         return self._stand() if held else GoTo(*track.end)
 
     def _evade(self, track: Track, observation: Observation, here: Point) -> Command:
         """Return the order while something is in the way."""
         while track.following is not None and self._ground.open(here, track.following):
             self._go_on(track, here)
-        body = self._evasion.standing(observation, here, track.place, self._ticks)
+        body = self._evasion.standing(here, track.place, self._ticks)
         if body is not None or self._progress.held(self._ticks) > self._patience:
             self._halt = True
         if self._halt:
@@ -360,7 +356,7 @@ class Walker:
         self._progress.since = self._ticks
         self._stuck_m = self.remaining_m(here)
         self._order_again = True  # the last order may not have been followed
-        bodies = self._evasion.bodies(observation, here)
+        bodies = self._evasion.bodies(here)
         kind = number % _KINDS
         if bodies and kind < _KINDS - 1:
             if kind != 2 and self._evasion.go_round(
@@ -384,6 +380,38 @@ def is_taken(place: Point, here: Point, observation: Observation, contact_m: flo
 
 
 # ---------------------------------------------------------------- past others
+
+
+class Near:
+    """Who of those that a robot sees is near it: nearer than *near_m*.
+
+    Those a little farther off are kept, too, so that all need to be looked through again only once the robot has gone
+    that little farther, or sees another picture (L. Verlet, Physical Review 159(1), 1967, has such lists).
+    """
+
+    def __init__(self, near_m: float) -> None:
+        self._near_m = near_m
+        self._kept_m = near_m + _KEPT_M
+        self._seen: tuple[Sighting, ...] = ()
+        self._kept: list[Sighting] = []
+        """Those of *_seen* that are near for a robot within ``_KEPT_M`` of where it was when it looked."""
+        self._looked_m: Point = (math.inf, math.inf)
+
+    def look(self, observation: Observation) -> list[Sighting]:
+        """Return the sightings that are near now, in their order."""
+        seen = observation.sightings
+        if not seen:
+            return []
+        here = observation.x_m, observation.y_m
+        if seen is not self._seen or not math.dist(here, self._looked_m) < _ROAM_M:
+            self._seen, self._looked_m = seen, here
+            self._kept = self._within(seen, here, self._kept_m)
+        return self._within(self._kept, here, self._near_m) if self._kept else []
+
+    @staticmethod
+    def _within(seen: Iterable[Sighting], here: Point, reach_m: float) -> list[Sighting]:
+        dist = math.dist
+        return [each for each in seen if dist(here, each[1:]) < reach_m]
 
 
 class Evasion:
@@ -412,12 +440,20 @@ class Evasion:
         self._until = -1
         self._ordered: GoTo | None = None
         self._ordered_at = 0
+        self._others = Near(own.near_m)
+        self._near: list[Sighting] = []
+        """The robots that are near at this tick."""
         self._seen: dict[int, tuple[Point, int]] = {}
         self._tried_at = -_TRY_TICKS
         self._script: list[Point] = []
         self._held_ticks = 0
         self._waits = False
         self._script_until = 0
+
+    def look(self, observation: Observation) -> bool:
+        """Look who is near; return whether anybody is. To be called at every tick, before all that asks for them."""
+        self._near = self._others.look(observation)
+        return bool(self._near)
 
     def restart(self) -> None:
         """Head for another place."""
@@ -427,7 +463,7 @@ class Evasion:
 
     def is_needed(self, observation: Observation, here: Point, place: Point, ticks: int) -> bool:
         """Return whether the robot is to evade on the way to *place*: something is in the way, or was until lately."""
-        if observation.blocked or self.is_ahead(observation, here, place):
+        if observation.blocked or self.is_ahead(here, place):
             self._until = ticks + self._own.clear_ticks
         return ticks < self._until
 
@@ -437,25 +473,23 @@ class Evasion:
         ended, self._until = self._until >= 0, -1
         return ended
 
-    def is_ahead(self, observation: Observation, here: Point, place: Point) -> bool:
+    def is_ahead(self, here: Point, place: Point) -> bool:
         """Return whether another robot is near and in the way to *place*; one at the goal does not count."""
         return any(
-            math.dist(here, (x, y)) < self._own.near_m
-            and in_the_way(here, place, (x, y), self._room_m)
-            and math.dist(self.goal_m, (x, y)) >= self._contact_m
-            for _, x, y in observation.sightings
+            in_the_way(here, place, (x, y), self._room_m) and math.dist(self.goal_m, (x, y)) >= self._contact_m
+            for _, x, y in self._near
         )
 
-    def standing(self, observation: Observation, here: Point, place: Point, ticks: int) -> Point | None:
+    def standing(self, here: Point, place: Point, ticks: int) -> Point | None:
         """Return the place of the nearest robot in the way that has not moved for a while, if there is one.
 
         To be asked at every tick of an evasion. The same robot is not reported again for a while.
         """
         found = None
-        for number, x, y in observation.sightings:
-            distance = math.dist(here, (x, y))
-            if distance >= self._own.near_m or math.dist(self.goal_m, (x, y)) < self._contact_m:
+        for number, x, y in self._near:
+            if math.dist(self.goal_m, (x, y)) < self._contact_m:
                 continue
+            distance = math.dist(here, (x, y))
             before, since = self._seen.get(number, ((math.inf, 0.0), 0))
             if math.dist(before, (x, y)) > _MOVED_M:
                 self._seen[number] = (x, y), ticks
@@ -502,11 +536,9 @@ class Evasion:
 
     # ---------------------------------------------------------------- when VFH+ does not get on
 
-    def bodies(self, observation: Observation, here: Point) -> list[Point]:
+    def bodies(self, here: Point) -> list[Point]:
         """Return the places of the bodies near, the nearest first."""
-        places = [(x, y) for _, x, y in observation.sightings]
-        near = self._own.near_m
-        return sorted((place for place in places if math.dist(here, place) < near), key=lambda it: math.dist(here, it))
+        return sorted(((x, y) for _, x, y in self._near), key=lambda place: math.dist(here, place))
 
     def go_round(self, here: Point, place: Point, body: Point, number: int, ticks: int, pause: int) -> bool:
         """Begin to go round a *body* on the way to *place* if there is room; allow *pause* ticks for each turn."""

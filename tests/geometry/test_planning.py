@@ -120,6 +120,24 @@ def test_a_descent_is_a_way_of_that_cost_to_a_goal(seed):
         assert sum(steps) == pytest.approx(cost[start // nx, start % nx], abs=1e-9)
 
 
+@pytest.mark.parametrize("goal_count", [1, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_field_that_ends_at_a_start_has_the_same_ways_from_there(seed, goal_count):
+    free = random_grid(seed)
+    goals = np.random.default_rng(seed).choice(np.flatnonzero(free), goal_count, replace=False)
+    whole, cut_short = cost_to_go(free, goals), 0
+    for start in range(free.size):
+        field = cost_to_go(free, goals, start)
+        known = whole <= whole.flat[start] if free.flat[start] else np.ones_like(free)
+        assert np.array_equal(field[known], whole[known])
+        assert (field[~known] >= whole[~known]).all()
+        cut_short += int(np.isinf(field).sum() > np.isinf(whole).sum())
+        one, other = descent(free, field, start), descent(free, whole, start)
+        assert (one is None) == (other is None)
+        assert one is None or one.tolist() == other.tolist()
+    assert cut_short > 10
+
+
 def test_a_cell_off_the_grid_is_an_error():
     free = np.ones((2, 3), bool)
     for cell in (-1, 6):

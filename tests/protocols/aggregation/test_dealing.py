@@ -27,8 +27,7 @@ def floor(hosts: int, camera_m: float = 4.0) -> tuple[Parameters, Setup]:
 
 def work(hosts: int, host: int, at_random: bool = False) -> Work:
     parameters, setup = floor(hosts)
-    rallies = [Strategy(parameters, setup, each).rally_m for each in range(hosts)]
-    return Work(setup, host, rallies, at_random)
+    return Work(setup, host, lambda each: Strategy(parameters, setup, each).rally_m, at_random)
 
 
 def all_posts(hosts: int) -> set[int]:

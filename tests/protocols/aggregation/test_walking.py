@@ -10,7 +10,7 @@ from cosim.machine import GoTo
 from cosim.observation import Observation, Sighting
 from cosim.robots.motion import Carry
 from protocols.aggregation.parameters import WalkingParameters
-from protocols.aggregation.walking import Walker, in_the_way, retreat, way_round
+from protocols.aggregation.walking import Near, Walker, in_the_way, retreat, way_round
 from tests.protocols.aggregation.ground_scene import TICK, Stage, floor, ground_of, hall
 from tests.tiers import soak_count
 
@@ -385,6 +385,24 @@ def test_who_makes_way_goes_off_the_line_or_back_but_never_through_the_other():
     assert back is not None
     assert back[0] > 9.0
     assert retreat(hall(3.0, 1.2), (2.7, 0.6), (2.0, 0.6)) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_who_is_near_is_known_at_every_step_of_a_way_between_pictures(seed):
+    random = np.random.default_rng(seed)
+    near, here, met = Near(1.5), np.array([10.0, 10.0]), 0
+    for tick in range(400):
+        if tick % 25 == 0:
+            places = random.uniform(0.0, 20.0, (60, 2)).tolist()
+            seen = tuple(Sighting(number, *place) for number, place in enumerate(places)) if tick % 100 else ()
+            course = random.uniform(-1.0, 1.0, 2)
+        here += random.choice([0.0, 0.3, 3.0], p=[0.1, 0.88, 0.02]) * course
+        here = np.clip(here, 0.0, 20.0)
+        x, y = here.tolist()
+        expected = [each for each in seen if (each.x_m - x) ** 2 + (each.y_m - y) ** 2 < 2.25]
+        assert near.look(Observation(x, y, 0.0, 1.0, False, False, (), seen)) == expected
+        met += len(expected)
+    assert met > 40
 
 
 def test_others_far_off_cost_no_scan():
