@@ -18,7 +18,6 @@ from cosim.channels.adhoc.routing.ip import OLSR_PORT, PAYLOAD_PORT, Datagram, d
 from cosim.channels.adhoc.routing.olsr import Olsr, OlsrSettings
 from cosim.channels.adhoc.routing.olsr_wire import HELLO, decode_packet
 from cosim.channels.adhoc.settings import AdhocSettings
-from cosim.channels.adhoc.state import Report
 from cosim.experiment import experiment_function
 from cosim.kernel import Kernel
 from cosim.machine import BROADCAST, Address, LinkEvent, Outgoing, Reception
@@ -116,14 +115,14 @@ class Observed(AdhocChannel):
             self._who.remove_node(address)
         super().power(address, on)
 
-    def received(self, address: Address, report: Report, packet: Packet) -> None:
+    def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
         """Record which station was heard, and over which one a payload came."""
         datagram = decode(packet.payload)
-        if datagram.port == PAYLOAD_PORT and address == self.destination:
-            self.last_relay = report.source
+        if datagram.port == PAYLOAD_PORT and self.destination in receivers:
+            self.last_relay = source
         if self._is_sign_of_life(datagram):
-            self.heard_at[address, report.source] = self.kernel.now
-        super().received(address, report, packet)
+            self.heard_at |= {(address, source): self.kernel.now for address in receivers}
+        super().received(receivers, source, packet, mw)
 
     def _is_sign_of_life(self, datagram: Datagram) -> bool:
         """Return whether a packet prolongs the link to its sender: with OLSR a HELLO, with hysteresis any of OLSR."""

@@ -251,22 +251,23 @@ class AdhocChannel(IdealChannel):
 
     # ------------------------------------------------------------ what stations report
 
-    def received(self, address: Address, report: Report, packet: Packet) -> None:
-        """Take what has arrived at *address*: a payload, or a packet for its router."""
+    def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
+        """Take what has arrived at *receivers*: a payload, or a packet for their routers."""
         if self._forwarding is not None:
-            self._forwarding.received(address, report.source, packet.payload)
+            self._forwarding.received(receivers, source, packet.payload)
             return
-        delivery = Delivery(report.source, packet.payload, report.destination == BROADCAST)
-        self.arrived(address, delivery, None if self._propagation is None else report.mw)
+        if not self._arrivals:
+            self.kernel.soon(self._hand_over)
+        to_all = packet.destination == BROADCAST
+        for address, power_mw in zip(receivers, mw, strict=True):
+            rssi_dbm = None if self._propagation is None else 10.0 * math.log10(power_mw)
+            self._arrivals.append((address, packet.payload, Reception(source, to_all, rssi_dbm)))
 
-    def arrived(self, address: Address, delivery: Delivery, power_mw: float | None = None) -> None:
+    def arrived(self, address: Address, delivery: Delivery) -> None:
         """Take a payload for the host at *address*; all of one instant are delivered together."""
         if not self._arrivals:
             self.kernel.soon(self._hand_over)
-        reception = self._receptions[delivery.source, delivery.broadcast]
-        if power_mw is not None:
-            reception = reception._replace(rssi_dbm=10.0 * math.log10(power_mw))
-        self._arrivals.append((address, delivery.payload, reception))
+        self._arrivals.append((address, delivery.payload, self._receptions[delivery.source, delivery.broadcast]))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Report the fate of a packet to its host, or its router."""

@@ -3,7 +3,7 @@
 A router that is switched on is a new one, without memory.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from cosim.channels.adhoc.mac import Packet
@@ -67,10 +67,12 @@ class Forwarding:
         self.routers[source].send(outgoing.destination, outgoing.payload, outgoing.token, self._kernel.now)
         self._drain(source)
 
-    def received(self, address: Address, source: Address, packet: bytes) -> None:
-        """Hand a packet from the air, sent by its neighbour *source*, to the router at *address*."""
-        self.routers[address].receive(packet, source, self._kernel.now)
-        self._drain(address)
+    def received(self, receivers: Iterable[Address], source: Address, packet: bytes) -> None:
+        """Hand a packet from the air, sent by their neighbour *source*, to the routers of *receivers*."""
+        now = self._kernel.now
+        for address in receivers:
+            self.routers[address].receive(packet, source, now)
+            self._drain(address)
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Report the fate of a packet to the router at *address*."""
@@ -102,21 +104,22 @@ class Forwarding:
         """Act on what a router has left, and schedule its next wake."""
         if not self._on[address]:
             return
-        router = self.routers[address]
-        for neighbour, packet, token in router.hops():
-            self._ends.transmit(address, Packet(neighbour, packet, token))
-        for delivery in router.deliveries():
-            self._ends.arrived(address, delivery)
-        for token, outcome in router.fates():
-            self._ends.report_fate(address, token, outcome)
-        for destination, length, why in router.unsent():
-            self._ends.note_unsent(address, destination, length, why)
-        self._arm(address)
+        router, ends = self.routers[address], self._ends
+        if router.left:
+            for neighbour, packet, token in router.hops():
+                ends.transmit(address, Packet(neighbour, packet, token))
+            for delivery in router.deliveries():
+                ends.arrived(address, delivery)
+            for token, outcome in router.fates():
+                ends.report_fate(address, token, outcome)
+            for destination, length, why in router.unsent():
+                ends.note_unsent(address, destination, length, why)
+        deadline, timer = router.wake_at(), self._timers[address]
+        if deadline is not None and (timer is None or deadline < timer.time):  # one that is too early looks again
+            self._arm(address, deadline)
 
-    def _arm(self, address: Address) -> None:
-        deadline, timer = self.routers[address].wake_at(), self._timers[address]
-        if deadline is None or (timer is not None and timer.time <= deadline):
-            return  # one that comes too early looks again
+    def _arm(self, address: Address, deadline: Time) -> None:
+        timer = self._timers[address]
         if timer is not None:
             timer.cancel()
         wake = max(deadline, self._kernel.now)

@@ -58,8 +58,8 @@ class Host(Protocol):
     def reached_by(self, source: Address) -> Row:
         """Return whom a frame reaches that begins to arrive now."""
 
-    def received(self, address: Address, report: Report, packet: Packet) -> None:
-        """Take DATA for *address*, each only once."""
+    def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
+        """Take the DATA of *source* for all *receivers*, and with which power it has arrived at each; only once."""
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:
         """Note that a packet is off the queue: acknowledged (or broadcast), or tried as often as allowed."""
@@ -222,27 +222,33 @@ class Stations:
         count = int(self._common["told"])
         if not count:
             return
-        reports = [Report(*row) for row in self._network.told[:count].tolist()]
+        told = self._network.told[:count].copy()
         self._common["told"], self._common["urgent"] = 0, False
+        whats, stations, numbers = (told[name].tolist() for name in ("what", "station", "packet"))
         # hosts may send again, and a new packet may get the number of one that is done
-        told = [(report, self._packets.get(report.packet)) for report in reports]
-        for report, packet in told:
-            if report.what not in (RECEIVED, DONE):
-                self._host.noted(report, packet)
+        packets = [self._packets.get(number) for number in numbers]
+        at = 0
+        while at < count:
+            packet, begin = packets[at], at
+            at += 1
+            if whats[begin] not in (RECEIVED, DONE):
+                self._host.noted(Report(*told[begin].tolist()), packet)
                 continue
             assert packet is not None
-            if report.what == DONE:
-                self._host.done(report.station, packet, report.right)
-            elif self._is_new(report):
-                self._host.received(report.station, report, packet)
+            if whats[begin] == DONE:
+                self._host.done(stations[begin], packet, bool(told["right"][begin]))
+                continue
+            while at < count and whats[at] == RECEIVED and numbers[at] == numbers[begin]:  # one frame
+                at += 1
+            source = int(told["source"][begin])
+            if packet.destination == BROADCAST or self._is_new(stations[begin], source, int(told["number"][begin])):
+                self._host.received(stations[begin:at], source, packet, told["mw"][begin:at].tolist())
 
-    def _is_new(self, report: Report) -> bool:
+    def _is_new(self, address: Address, source: Address, number: int) -> bool:
         """Return whether DATA to one station is not the last that it has received of its sender (9.2.9)."""
-        if report.destination == BROADCAST:
-            return True
-        heard = self._heard[report.station]
-        known = heard.get(report.source) == report.number
-        heard[report.source] = report.number
+        heard = self._heard[address]
+        known = heard.get(source) == number
+        heard[source] = number
         return not known
 
 

@@ -1,6 +1,7 @@
 """Random cases for the DCF, made for its edges, and what the fast model makes of them."""
 
 import random
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -158,9 +159,9 @@ class Network:
     def _add(self, begin: Time, source: Address, destination: Address, kind: int, duration: Time) -> None:
         self.told.frames.append((begin, begin + int(duration), source, destination, KINDS[kind]))
 
-    def received(self, address: Address, report: Report, packet: Packet) -> None:
+    def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
         assert packet.token is not None
-        if report.destination != BROADCAST:
+        if packet.destination != BROADCAST:
             self.told.delivered[packet.token] = self._kernel.now
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:

@@ -40,7 +40,7 @@ class Stations:
             self.kernel.after(1_000_000, lambda: self._arrive(address, packet))
 
     def _arrive(self, address: Address, packet: Packet) -> None:
-        self.routers.received(1 - address, address, packet.payload)
+        self.routers.received([1 - address], address, packet.payload)
         self.routers.done(address, packet, True)
 
     def arrived(self, address: Address, delivery: Delivery) -> None:

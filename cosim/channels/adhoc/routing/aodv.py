@@ -50,7 +50,7 @@ class Aodv(Control):
         self.table.age(now)
         if self._settled(destination, payload, token):
             return
-        ttl = self.settings.net_diameter if destination == BROADCAST else DATA_TTL
+        ttl = self.settings.payload_ttl_to_all if destination == BROADCAST else DATA_TTL
         carried = Carried(self._datagram(destination, ttl, PAYLOAD_PORT, payload), None, token)
         if destination == BROADCAST:
             watch = None if token is None else Watch(BROADCAST, carried, False)
@@ -67,19 +67,20 @@ class Aodv(Control):
         except WireError:
             self.counts["packets_malformed"] += 1
             return
-        strange = message is not None and (
-            datagram.source != hop or datagram.destination not in (self.address, BROADCAST)
-        )
-        if strange or datagram.source == BROADCAST or hop in (self.address, BROADCAST):
+        source, destination, *_ = datagram
+        strange = message is not None and (source != hop or destination not in (self.address, BROADCAST))
+        if strange or source == BROADCAST or hop in (self.address, BROADCAST):
             self.counts["packets_malformed"] += 1
             return
-        if hop in self._neighbours:
-            self._neighbours[hop] = self._neighbours[hop][0], now
+        known = self._neighbours.pop(hop, None)
+        if known is not None:
+            self._neighbours[hop] = known[0], now
         if message is not None:
             self._hears(message, datagram, hop, now)
-        elif datagram.port == PAYLOAD_PORT and datagram.source != self.address:
+        elif datagram.port == PAYLOAD_PORT and source != self.address:
             self._carry(datagram, hop, now)
-        self._go_on(now)
+        if self._searches:
+            self._go_on(now)
 
     def hop_done(self, token: int, acknowledged: bool, now: Time) -> None:
         """Note an acknowledgement, or a link that is broken (6.8, 6.10, 6.12)."""
@@ -127,10 +128,11 @@ class Aodv(Control):
                     self._give_up(destination, now)
                 else:
                     self._request(destination, search, now)
+        self._due = min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
 
     def wake_at(self) -> Time | None:
-        """Return when something will be due, if nothing comes in before."""
-        return min([*self._links_due(), *(search.due for search in self._searches.values())], default=None)
+        """Return an instant before which nothing is due if nothing comes in; right after ``wake`` something is then."""
+        return self._due
 
     # ------------------------------------------------------------ payloads
 
@@ -233,9 +235,11 @@ class Aodv(Control):
         """Send the next request of a search, or wait until the rate allows it (6.3)."""
         search.due = max(self._requests.free_at(now), self._silent_until)
         if search.due > now:
+            self._expect(search.due)
             return
         self._requests.count(now)
         search.ask(now, self.settings, self.times)
+        self._expect(search.due)
         self.sequence = self.sequence + 1 & MASK
         self._request_id = self._request_id + 1 & MASK
         self._seen.first((self.address, self._request_id), now)

@@ -52,14 +52,14 @@ class Control(Output):
         self._seen = Seen(self.times.discovery)
         self._errors = RateLimit(settings.rerr_ratelimit)
         self._neighbours: dict[Address, tuple[Time, Time]] = {}
-        """Instants at which each neighbour that sends hellos last sent one, and was last heard."""
+        """Instants at which each neighbour that sends hellos last sent one, and was last heard: in that order."""
         self._blacklist: dict[Address, Time] = {}
         """Instants until which requests of a neighbour are ignored (6.8)."""
         self._acks: dict[Address, Time] = {}
         """Instants until which a neighbour has to acknowledge a reply."""
         self._engaged_until: Time = -1
         if settings.use_hello and settings.hello_always:
-            self._hello_at = now + self._draw(self.times.hello)
+            self._plan_hello(now + self._draw(self.times.hello))
 
     # ------------------------------------------------------------ what comes in
 
@@ -71,10 +71,12 @@ class Control(Output):
 
     def _hears(self, message: Message, datagram: Datagram, hop: Address, now: Time) -> None:
         match message:
+            case Rrep() if datagram.destination == BROADCAST:
+                self._on_hello(message, hop, now)
+            case Rrep():
+                self._on_reply(message, hop, now)
             case Rreq():
                 self._on_request(message, datagram.ttl, hop, now)
-            case Rrep():
-                self._on_reply(message, datagram, hop, now)
             case Rerr():
                 self._on_error(message, hop, now)
             case RrepAck():
@@ -125,16 +127,20 @@ class Control(Output):
         self._engage(route.until, now)
         return True
 
-    def _on_reply(self, rrep: Rrep, datagram: Datagram, hop: Address, now: Time) -> None:
-        """Take over the route, and pass the reply on towards its originator (6.7); or note a hello (6.9)."""
-        until = now + rrep.lifetime_ms * MS
-        if datagram.destination == BROADCAST:
-            if rrep.destination == hop and rrep.hops == 0:
-                self.table.hear(hop, until)
-                self.table.learn(hop, rrep.sequence)
-                if self.settings.use_hello:
-                    self._neighbours[hop] = now, now
+    def _on_hello(self, rrep: Rrep, hop: Address, now: Time) -> None:
+        """Note that a neighbour is there (6.9)."""
+        if rrep.destination != hop or rrep.hops:
             return
+        self.table.hear(hop, now + rrep.lifetime_ms * MS)
+        self.table.learn(hop, rrep.sequence)
+        if self.settings.use_hello:
+            self._neighbours.pop(hop, None)
+            self._neighbours[hop] = now, now
+            self._expect(now + self.times.loss)
+
+    def _on_reply(self, rrep: Rrep, hop: Address, now: Time) -> None:
+        """Take over the route, and pass the reply on towards its originator (6.7)."""
+        until = now + rrep.lifetime_ms * MS
         if rrep.ack:
             self._send_message(RrepAck(), hop, now)
         self.table.hear(hop, now + self.times.active_route)
@@ -168,7 +174,7 @@ class Control(Output):
                 following.precursors.add(back.next_hop)
         back.until = max(back.until, now + self.times.active_route)
         if self.settings.use_rrep_ack:
-            self._acks.setdefault(back.next_hop, now + self.times.next_hop_wait)
+            self._expect(self._acks.setdefault(back.next_hop, now + self.times.next_hop_wait))
         self._send_message(rrep._replace(ack=self.settings.use_rrep_ack), back.next_hop, now)
 
     def _on_error(self, rerr: Rerr, hop: Address, now: Time) -> None:
@@ -225,30 +231,33 @@ class Control(Output):
         """Send hellos until then at least."""
         self._engaged_until = max(self._engaged_until, until)
         if self.settings.use_hello and self._hello_at is None:
-            self._hello_at = now + self._draw(self.times.hello)
+            self._plan_hello(now + self._draw(self.times.hello))
 
     def _tend_links(self, now: Time) -> None:
         """Send a hello if one is due, and break links to neighbours that have fallen silent (6.8, 6.9)."""
         if self._hello_at is not None and self._hello_at <= now:
             self._hello_at = None
             if self.settings.hello_always or now < self._engaged_until:
-                self._hello_at = self._next_hello(now)
+                self._plan_hello(self._next_hello(now))
                 self._send_message(
                     Rrep(0, self.address, self.sequence, self.address, self.times.loss // MS), BROADCAST, now
                 )
-        for neighbour, (hello, heard) in list(self._neighbours.items()):
-            if heard + self.times.loss <= now:
-                del self._neighbours[neighbour]
-                if hello + self.times.delete > now:
-                    self._break(neighbour, now)
+        while self._neighbours:
+            neighbour, (hello, heard) = next(iter(self._neighbours.items()))
+            if heard + self.times.loss > now:
+                break
+            del self._neighbours[neighbour]
+            if hello + self.times.delete > now:
+                self._break(neighbour, now)
         for neighbour, until in list(self._acks.items()):
             if until <= now:
                 del self._acks[neighbour]
                 self._blacklist[neighbour] = now + self.times.blacklist
 
     def _links_due(self) -> list[Time]:
-        due = [heard + self.times.loss for _, heard in self._neighbours.values()]
-        due.extend(self._acks.values())
+        due = list(self._acks.values())
+        if self._neighbours:
+            due.append(next(iter(self._neighbours.values()))[1] + self.times.loss)
         if self._hello_at is not None:
             due.append(self._hello_at)
         if self._held:

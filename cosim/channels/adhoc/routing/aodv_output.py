@@ -53,6 +53,8 @@ class Output(Queues):
         self._tokens = 0
         self._hello_at: Time | None = None
         """Instant at which the next hello is due."""
+        self._due: Time | None = None
+        """Instant before which nothing is due; what has come to be due later since ``wake`` has not moved it."""
 
     def summary(self) -> dict[str, float]:
         """Return what it has counted, by metric name."""
@@ -79,10 +81,11 @@ class Output(Queues):
         hop, after = Hop(neighbour, packet, token), self._draw(self.times.jitter) if held and self.times.jitter else 0
         if after:
             heappush(self._held, (now + after, self._drawn, hop))
+            self._expect(now + after)
         else:
             self._hops.append(hop)
         if neighbour == BROADCAST and self._hello_at is not None:
-            self._hello_at = self._next_hello(now + after)
+            self._plan_hello(self._next_hello(now + after))
 
     def _next_hello(self, last: Time) -> Time:
         """Return when the next hello is due after a broadcast: a little early, or two clocks could collide for ever."""
@@ -94,6 +97,15 @@ class Output(Queues):
         self.counts["control_octets"] += len(packet)
         watched = neighbour != BROADCAST and self.settings.use_mac_feedback
         self._put(neighbour, packet, now, Watch(neighbour, None, isinstance(message, Rrep)) if watched else None, held)
+
+    def _plan_hello(self, at: Time) -> None:
+        self._hello_at = at
+        self._expect(at)
+
+    def _expect(self, at: Time) -> None:
+        """Note that something will be due *at* that instant."""
+        if self._due is None or at < self._due:
+            self._due = at
 
     def _release(self, now: Time) -> None:
         while self._held and self._held[0][0] <= now:

@@ -15,6 +15,8 @@ from cosim.units import Time
 
 MASK: Final = 0xFFFFFFFF
 _HALF: Final = 1 << 31
+ENOUGH: Final = 64
+"""Number of routes below which those that are over need not be forgotten."""
 
 
 def newer(one: int, other: int) -> bool:
@@ -41,51 +43,61 @@ class Route:
 
 
 class RouteTable:
-    """The routes that one robot knows; every query is about the instant of the last ``age``."""
+    """The routes that one robot knows; every query is about the instant of the last ``age``.
+
+    Nothing is searched for routes whose time has come: each is brought to that instant when it is asked for.
+    """
 
     def __init__(self, owner: Address, delete_period: Time) -> None:
         """An ended route is remembered for *delete_period* ns; there is never a route to the *owner*."""
         self._owner = owner
         self._delete_period = delete_period
         self._routes: dict[Address, Route] = {}
-        self._soonest: Time | None = None
-        """Instant before which no route ends."""
+        self._now: Time = 0
+        self._short: set[Address] = set()
+        """Destinations whose routes were over when they were taken; they last until the next ``age``."""
+        self._enough = ENOUGH
+        """Number of entries at which those that are over are looked for and forgotten."""
 
     def age(self, now: Time) -> None:
         """End routes whose time has come, and forget those that ended long ago."""
-        if self._soonest is None or now < self._soonest:
-            return
-        for destination, route in list(self._routes.items()):
-            if route.active and route.until <= now:
-                self.end(destination, route.until)
-            if not route.active and route.until <= now:
-                del self._routes[destination]
-        self._soonest = min((route.until for route in self._routes.values()), default=None)
+        self._now = now
+        if self._short:
+            self._short.clear()
 
     def get(self, destination: Address) -> Route | None:
         """Return the entry of *destination*, active or not."""
-        return self._routes.get(destination)
+        route = self._routes.get(destination)
+        if route is None or route.until > self._now or destination in self._short:
+            return route
+        if route.active:
+            self._end(route, route.until)
+            if route.until > self._now:
+                return route
+        del self._routes[destination]
+        return None
 
     def active(self, destination: Address) -> Route | None:
         """Return the route that payloads to *destination* take."""
-        route = self._routes.get(destination)
+        route = self.get(destination)
         return route if route is not None and route.active else None
 
     def through(self, next_hop: Address) -> list[Address]:
         """Return the destinations of the active routes over *next_hop*."""
-        return [each for each, route in self._routes.items() if route.active and route.next_hop == next_hop]
+        over = [each for each, route in self._routes.items() if route.next_hop == next_hop]
+        return [each for each in over if self.active(each)]
 
     def destinations(self) -> list[Address]:
         """Return the destinations of all active routes."""
-        return [each for each, route in self._routes.items() if route.active]
+        return [each for each in list(self._routes) if self.active(each)]
 
     def offer(self, destination: Address, next_hop: Address, hops: int, sequence: int, until: Time) -> bool:
         """Take a route to *destination* if it is newer, or as new and shorter or in place of none (6.2, 6.7)."""
         if destination == self._owner:
             return False
-        route = self._routes.get(destination)
+        route = self.get(destination)
         if route is None:
-            self._routes[destination] = Route(next_hop, hops, sequence, True, until)
+            self._add(destination, Route(next_hop, hops, sequence, True, until))
         elif (
             route.sequence is None
             or newer(sequence, route.sequence)
@@ -95,24 +107,28 @@ class RouteTable:
             route.active, route.until = True, until
         else:
             return False
-        self._note(until)
+        if until <= self._now:
+            self._short.add(destination)
         return True
 
     def hear(self, neighbour: Address, until: Time) -> None:
         """Take a route of one hop to a *neighbour* that has just been heard; its sequence number stays as it is."""
-        route = self._routes.get(neighbour)
+        route = self.get(neighbour)
         if route is None:
-            self._routes[neighbour] = Route(neighbour, 1, None, False, until)
+            self._add(neighbour, Route(neighbour, 1, None, False, until))
         elif route.active and route.hops == 1:
-            route.until = max(route.until, until)
+            if until > route.until:
+                route.until = until
+            return
         else:
             route.known = route.known and route.active
             route.next_hop, route.hops, route.active, route.until = neighbour, 1, True, until
-        self._note(until)
+        if until <= self._now:
+            self._short.add(neighbour)
 
     def learn(self, destination: Address, sequence: int) -> None:
         """Take over a *sequence* number that the destination itself has sent, unless a newer one is known."""
-        route = self._routes.get(destination)
+        route = self.get(destination)
         if route is not None and (route.sequence is None or not newer(route.sequence, sequence)):
             route.sequence, route.known = sequence, True
 
@@ -124,19 +140,27 @@ class RouteTable:
 
     def keep(self, destination: Address, until: Time) -> None:
         """Remember an ended route to *until* at least."""
-        route = self._routes.get(destination)
+        route = self.get(destination)
         if route is not None and not route.active:
             route.until = max(route.until, until)
 
     def end(self, destination: Address, now: Time, reported: int | None = None) -> None:
         """End the active route to *destination*; its sequence number becomes the *reported* one if that is newer."""
-        route = self._routes[destination]
+        route = self.active(destination)
+        assert route is not None
+        self._end(route, now, reported)
+
+    def _end(self, route: Route, at: Time, reported: int | None = None) -> None:
         if route.sequence is not None:
             if reported is not None and newer(reported, route.sequence):
                 route.sequence = reported
             elif route.known:
                 route.sequence = route.sequence + 1 & MASK
-        route.active, route.until = False, now + self._delete_period
+        route.active, route.until = False, at + self._delete_period
 
-    def _note(self, until: Time) -> None:
-        self._soonest = until if self._soonest is None else min(self._soonest, until)
+    def _add(self, destination: Address, route: Route) -> None:
+        if len(self._routes) >= self._enough:
+            for each in list(self._routes):
+                self.get(each)
+            self._enough = max(ENOUGH, 2 * len(self._routes))
+        self._routes[destination] = route

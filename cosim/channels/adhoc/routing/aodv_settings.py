@@ -85,6 +85,12 @@ class AodvSettings(Settings):
     queue_payloads: Count = Field(
         default=64, ge=1, description="payloads of a robot that wait for routes; the oldest gives way"
     )
+    broadcast_ttl: int | None = Field(
+        default=None,
+        ge=1,
+        le=255,
+        description="hops that a payload to all makes at most, 1: none passes it on; net_diameter if not given",
+    )
     broadcast_jitter_s: Seconds = Field(
         default=0.01,
         ge=0,
@@ -109,6 +115,11 @@ class AodvSettings(Settings):
             next_hop_wait=traversal + from_seconds(0.01),
             jitter=from_seconds(self.broadcast_jitter_s),
         )
+
+    @property
+    def payload_ttl_to_all(self) -> int:
+        """Hops that a payload to all makes at most."""
+        return self.net_diameter if self.broadcast_ttl is None else self.broadcast_ttl
 
     @property
     def max_repair_ttl(self) -> int:

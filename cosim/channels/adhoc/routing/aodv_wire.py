@@ -4,6 +4,7 @@ Reserved bits, and the flags J and R of multicast, are sent as 0 and ignored. No
 routes to subnets (a prefix size), so both are refused.
 """
 
+from functools import lru_cache
 from struct import Struct
 from typing import Final, NamedTuple, TypeAlias
 
@@ -93,6 +94,7 @@ def encode_message(message: Message) -> bytes:
             return bytes((_RREP_ACK, 0))
 
 
+@lru_cache(maxsize=64)  # one message is for all robots that it reaches
 def decode_message(data: bytes) -> Message:
     """Return the message of *data*; raise WireError if it is none, or one about no robot."""
     kind = data[0] if data else 0

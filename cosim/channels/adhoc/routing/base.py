@@ -63,7 +63,15 @@ class Router(Protocol):
         """Do what is due; harmless if nothing is."""
 
     def wake_at(self) -> Time | None:
-        """Return when something will be due, if nothing comes in before."""
+        """Return an instant before which nothing is due if nothing comes in; None if nothing ever is.
+
+        It is asked after every packet, so it is kept, not searched for, and may be too early for what has been put off
+        since: ``wake`` then does nothing, and it is a later one.
+        """
+
+    @property
+    def left(self) -> bool:
+        """True if one of the four that follow has something to drain."""
 
     def hops(self) -> list[Hop]:
         """Drain packets for the station."""
@@ -93,6 +101,11 @@ class Queues:
         self._deliveries: list[Delivery] = []
         self._fates: list[tuple[int, Outcome]] = []
         self._unsent: list[Unsent] = []
+
+    @property
+    def left(self) -> bool:
+        """True if there is something to drain."""
+        return bool(self._deliveries or self._hops or self._fates or self._unsent)
 
     def hops(self) -> list[Hop]:
         """Drain packets for the station."""

@@ -3,6 +3,7 @@
 Robot n has the address 10.0.(n div 250).(1 + n mod 250). A packet to all in reach goes to 255.255.255.255.
 """
 
+from functools import lru_cache
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -62,6 +63,7 @@ def encode(datagram: Datagram) -> bytes:
     return header + _UDP.pack(port, port, _UDP.size + len(data), 0) + data  # 0: no checksum, the FCS has one
 
 
+@lru_cache(maxsize=64)  # a packet to all is decoded once, not once by every robot that it reaches
 def decode(packet: bytes) -> Datagram:
     """Return the datagram in *packet*; raise WireError for what ``encode`` would not have made."""
     if len(packet) < _IP.size + _UDP.size:
@@ -78,7 +80,6 @@ def decode(packet: bytes) -> Datagram:
 
 def checksum(header: bytes) -> int:
     """Return the Internet checksum (RFC 1071) of an even number of octets; 0 over a header that contains its own."""
-    total = sum(high << 8 | low for high, low in zip(header[::2], header[1::2], strict=True))
-    while total >> 16:
-        total = (total & 0xFFFF) + (total >> 16)
-    return ~total & 0xFFFF
+    octets = int.from_bytes(header, "big")
+    total = octets % 0xFFFF or (0xFFFF if octets else 0)  # the sum of words of 16 bits, carries added to it again
+    return 0xFFFF - total
