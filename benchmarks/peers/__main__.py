@@ -41,7 +41,7 @@ class Measured(NamedTuple):
 
 
 class ProgramError(Exception):
-    """A program has failed; the message is the last line that it said."""
+    """A program has failed; the message is what it said."""
 
 
 def measured(program: Program, seed: int) -> Measured:
@@ -50,8 +50,7 @@ def measured(program: Program, seed: int) -> Measured:
     ended = subprocess.run(command(program, seed), cwd=ROOT, capture_output=True, text=True)
     after = getrusage(RUSAGE_CHILDREN)
     if ended.returncode:
-        said = ended.stderr.strip().splitlines() or [f"exit {ended.returncode}"]
-        raise ProgramError(said[-1].strip())
+        raise ProgramError(ended.stderr.strip() or f"exit {ended.returncode}")
     did = json.loads(ended.stdout.splitlines()[-1])
     process = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Measured(did.pop("seconds", process), did)
@@ -63,7 +62,7 @@ Round = Mapping[Program, Measured]
 def round_of(pairs: Sequence[Pair], missing: dict[Program, str], measure: Callable[[Program], Measured]) -> Round:
     """Measure the programs of *pairs* that are not *missing*, each once, also those that belong to several pairs.
 
-    What fails is missing from then on, and why.
+    What fails is missing from then on.
     """
     results: dict[Program, Measured] = {}
     for pair in pairs:
@@ -73,7 +72,8 @@ def round_of(pairs: Sequence[Pair], missing: dict[Program, str], measure: Callab
             try:
                 results[program] = measure(program)
             except ProgramError as wrong:
-                missing[program] = f"{program.name} failed: {wrong}"
+                print(f"{program.name} failed: {wrong}", file=sys.stderr)
+                missing[program] = f"{program.name} failed"
     return results
 
 
