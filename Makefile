@@ -11,7 +11,7 @@ SOAK_SHARE ?= 1.0
 PYTHONS ?= python3.12 python3.13
 TRIED := $(patsubst %,tests/test_%.py,architecture cli experiment kernel randomness scenario settings simulation trace)
 
-.PHONY: setup run sweep report test fast soak check pythons bench fresh format clean
+.PHONY: setup run sweep report test fast soak check pythons bench bench-peers fresh format clean
 
 setup: $(STAMP)
 
@@ -66,6 +66,10 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+# the same work for ns-3, IR-SIM, GrADyS-SIM and us; make bench-peers WRITE=1 keeps the table in benchmarks/README.md
+bench-peers: $(STAMP)
+	$(BIN)/python -m benchmarks.peers $(if $(WRITE),--write)
 
 # what README.md tells, line by line, in a fresh clone of HEAD and then with the wheel; make fresh ALL=1: what takes long too
 fresh:
