@@ -120,4 +120,4 @@ class Schedule:
             power_dbm = carrier(links.slaves[k], links.master)
         else:
             power_dbm = carrier(links.master, links.slaves[k])
-        return power_dbm - float(self._air.band.medium.noise_dbm[0]) if power_dbm > float("-inf") else power_dbm
+        return power_dbm - self._air.noise_dbm if power_dbm > float("-inf") else power_dbm
