@@ -30,6 +30,7 @@ from cosim.channels.bluetooth.medium import (
 )
 from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.channels.bluetooth.polling import (
+    ALL_SURE,
     DUE,
     FIELDS,
     HEARD_DOWN,
@@ -255,15 +256,10 @@ def advance(
 
 
 @njit(cache=True)
-def _certain(band: Band, noise: Noise | None, adapted: Adapted | None, p: int) -> bool:
-    """Return whether all links of a piconet are up on both sides, and so strong that every frame is received.
-
-    Where a hop set is adapted in spite of noise, its pairs are to be counted one by one.
-    """
-    if adapted is not None:  # noqa: SIM102
-        if noise is not None and band.piconets[p, USED]:
-            return False
+def _sure(band: Band, noise: Noise | None, p: int) -> int:
+    """Return the links whose frames are all received, as bits: up on both sides, and too strong for noise."""
     links, power_dbm = band.links[p], band.medium.power_dbm
+    sure = ALL_SURE
     for k in range(1, MOST_SLAVES + 1):
         slave = links[SLAVE, k]
         if links[HELD, k] and not (
@@ -272,8 +268,8 @@ def _certain(band: Band, noise: Noise | None, adapted: Adapted | None, p: int) -
             and heard_of(noise, power_dbm[p, slave], CLEAR_DB)
             and heard_of(noise, power_dbm[slave, p], CLEAR_DB)
         ):
-            return False
-    return True
+            sure &= ~(1 << k)
+    return sure
 
 
 @njit(cache=True)
@@ -288,22 +284,22 @@ def run_alone(
 ) -> None:
     """Do what :func:`advance` does for a piconet that alone is on the air: only noise can destroy a frame.
 
-    Where every frame is received, pairs are not assessed.
+    Where there is no noise, and all links are sure, pairs are not assessed.
     """
     piconet, links = band.piconets[p], band.links[p]
-    certain = _certain(band, noise, adapted, p)
-    when, starts = _when(piconet, links)
-    while not starts and when <= last_end:  # with the powers of its start
-        _end(band, noise, jammers, adapted, p, True, not certain)
-        when, starts = _when(piconet, links)
+    sure, assess = _sure(band, noise, p), False
+    if adapted is not None:  # noqa: SIM102
+        if piconet[USED] and (sure != ALL_SURE or noise is not None):  # each pair counts
+            sure, assess = 0, True
     end = first_slot_at(piconet, until)
-    if starts and certain:
-        skip(piconet, links, end - 4)
+    while True:
+        if not piconet[STAGE]:  # or else the pair under way has the powers of its start
+            skip(piconet, links, end - 4, sure)
         when, starts = _when(piconet, links)
-    while when <= (until - 1 if starts else last_end):
+        if when > (until - 1 if starts else last_end):
+            break
         if starts:
             _poll(band, noise, adapted, p, True)
         else:
-            _end(band, noise, jammers, adapted, p, True, not certain)
-        when, starts = _when(piconet, links)
+            _end(band, noise, jammers, adapted, p, True, assess)
     piconet[NEXT] = max(piconet[NEXT], end)

@@ -201,8 +201,9 @@ class BluetoothChannel(Channel):
             self.air.advance(now)
 
     def _update_powers(self) -> None:
-        powers = np.where(self._on & self._on[:, None], self._reach.power_dbm(), -np.inf)
-        np.fill_diagonal(powers, -np.inf)
+        powers = self._reach.power_dbm()
+        if not self._on.all():
+            powers[~(self._on & self._on[:, None])] = -np.inf
         self.air.set_powers(powers, self.kernel.now)
         if self._jammers:
             self.air.set_jam_powers(self._reach.jam_dbm(self._jammers), self.kernel.now)

@@ -90,6 +90,8 @@ NOTHING: Final = -1
 EVERYONE: Final = 0  # LT_ADDR of a broadcast
 NEVER: Final = 1 << 62
 
+ALL_SURE: Final = (2 << MOST_SLAVES) - 1
+"""Bits of all links."""
 _LOOK_AGAIN: Final = 16  # polls until the next check whether the schedule repeats itself
 _LAPS: Final = 64  # tries to find a slot at which two devices are present, until they are taken never to meet
 
@@ -256,29 +258,34 @@ def _skip_periods(piconet: State, links: State, end: int) -> int:
 
 
 @njit(cache=True)
-def skip(piconet: State, links: State, end: int) -> None:
-    """Decide all TX slots before *end* (a TX slot), all of them idle; everything is received at once."""
-    polled = 0
-    count = 0
-    while True:
-        if count % _LOOK_AGAIN == 0:
+def skip(piconet: State, links: State, end: int, sure: int) -> None:
+    """Decide TX slots before *end* (a TX slot), all of them idle, up to the first poll of a link that is not *sure*.
+
+    Bit k of *sure* is set if all frames of link k are received, and those of all links without one.
+    """
+    polled, count = 0, 0
+    tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+    while tick < end and sure >> k & 1:
+        if count % _LOOK_AGAIN == 0 and sure == ALL_SURE:
             polled |= _skip_periods(piconet, links, end)
-        tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
-        if tick >= end:
-            break
+            tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+            if tick >= end:
+                break
         count += 1
         polled |= 1 << k
         serve(piconet, links, tick, k)
         piconet[NEXT] = tick + 4
+        tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     for k in range(1, MOST_SLAVES + 1):
         if polled >> k & 1:
-            tick = links[DUE, k] - piconet[T_POLL]
-            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-            links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
+            last = links[DUE, k] - piconet[T_POLL]
+            links[HEARD_DOWN, k] = time_of(piconet, last) + HEADER_AIR
+            links[HEARD_UP, k] = time_of(piconet, last + 2) + HEADER_AIR
     piconet[IDLE] += count
     piconet[POLLS] += count
     piconet[NULLS] += count
-    piconet[NEXT] = max(piconet[NEXT], end)
+    if tick >= end:
+        piconet[NEXT] = max(piconet[NEXT], end)
 
 
 @njit(cache=True)
