@@ -170,10 +170,6 @@ BAND_FAULTS = [
         "            if train.device not in (source, receiver):\n                return False\n",
         "            pass\n",
     ),
-    Fault("frames of others are overlooked", "inquiry", "radio", "and other not in (source, receiver)", "and False"),
-    Fault(
-        "frames in the medium are overlooked", "band", "radio", "max(self._others, now + LONGEST_FRAME)", "self._others"
-    ),
     Fault(
         "noise never breaks what is heard by a piconet alone",
         "band",

@@ -216,6 +216,8 @@ class Air:
         A frame that ends at the instant at which powers change is judged with the new ones.
         """
         last_end = now if last_end is None else last_end
+        if self._running and self._closing < now:
+            self.advance(self._closing)  # from there on a piconet may be alone
         if self._idle:
             self._advance_and_report(now, last_end)
         elif self._running:
