@@ -86,10 +86,10 @@ BAND_FAULTS = [
         "NULLs are not on the air",
         "band",
         "band",
-        "            put(band.medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)\n",
+        "                put(medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)\n",
         "",
     ),
-    Fault("idle slots go on one too far", "band", "band", "(until - 1 if starts[p]", "(until if starts[p]"),
+    Fault("idle slots go on one too far", "band", "band", "(2 * until - 1 if when[p]", "(2 * until + 1 if when[p]"),
     Fault("two piconets are as calm as one", "band", "radio", "self._running <= 1", "self._running <= 2"),
     Fault(
         "presence is looked at too late",
@@ -102,8 +102,8 @@ BAND_FAULTS = [
         "a POLL is heard at its start",
         "band",
         "band",
-        "links[HEARD_UP if up else HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR",
-        "links[HEARD_UP if up else HEARD_DOWN, k] = time_of(piconet, tick)",
+        "links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR",
+        "links[HEARD_UP if up else HEARD_DOWN, k] = start",
     ),
     Fault(
         "the air is calm though a link does not hear",
@@ -181,8 +181,8 @@ BAND_FAULTS = [
         "idle slots of a piconet alone go on one too far",
         "band",
         "band",
-        "(until - 1 if starts else",
-        "(until if starts else",
+        "(2 * until - 1 if when &",
+        "(2 * until + 1 if when &",
     ),
     Fault(
         "a part is left too late", "band", "polling", "if into + need <= links[COUNT, k]:", "if into < links[COUNT, k]:"

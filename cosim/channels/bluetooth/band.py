@@ -124,14 +124,14 @@ def _assess(band: Band, adapted: Adapted | None, p: int, well: bool) -> None:
 
 
 @njit(cache=True)
-def _when(piconet: State, links: State) -> tuple[int, bool]:
-    """Return when something happens next in a piconet without payloads, and whether that is a slot's start."""
+def _next_event(piconet: State, links: State) -> int:
+    """Return twice the time at which something happens next in a piconet without payloads; plus 1 if a slot begins."""
     if piconet[STAGE]:
-        return time_of(piconet, piconet[PAIR_TICK] + 2 * (piconet[STAGE] - 1)) + HEADER_AIR, False
+        return 2 * (time_of(piconet, piconet[PAIR_TICK] + 2 * (piconet[STAGE] - 1)) + HEADER_AIR)
     if not piconet[RUNNING]:
-        return NEVER, True
+        return NEVER
     tick, _ = next_poll(piconet, links, links[DUE], piconet[NEXT])
-    return (NEVER, True) if tick == NEVER else (time_of(piconet, tick), True)
+    return NEVER if tick == NEVER else 2 * time_of(piconet, tick) + 1
 
 
 @njit(cache=True)
@@ -161,50 +161,39 @@ def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alon
 
 
 @njit(cache=True)
-def _outcome(
-    band: Band, noise: Noise | None, jammers: Jammers | None, adapted: Adapted | None, p: int, up: bool, alone: bool
-) -> int:
-    """Return the fate of the POLL, or, going *up*, of the NULL of the idle pair under way, at its end."""
-    piconet, links, medium = band.piconets[p], band.links[p], band.medium
-    k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK] + (2 if up else 0)
-    source, receiver = piconet[MASTER], links[SLAVE, k]
-    if up:
-        source, receiver = receiver, source
-    carrier = band.carriers_dbm[p, 1 if up else 0]
-    if up and not heard_of(noise, carrier, DETECTABLE_DB):
-        return OUT_OF_RANGE
-    if not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
-        return NOT_TUNED
-    start = time_of(piconet, tick)
-    if alone:
-        lost = broken(noise, source, receiver, start, carrier, 0, False)
-        return BIT_ERRORS + lost if lost else RECEIVED
-    channel, end = _channel(band, adapted, p, tick), start + HEADER_AIR
-    return judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
-
-
-@njit(cache=True)
 def _end(
     band: Band, noise: Noise | None, jammers: Jammers | None, adapted: Adapted | None, p: int, alone: bool, assess: bool
 ) -> int:
-    """End the POLL or NULL under way in a piconet and return its fate."""
-    piconet, links = band.piconets[p], band.links[p]
-    k, up = piconet[PAIR_LINK], piconet[STAGE] == 2
-    piconet[STAGE] = 0
-    fate: int = _outcome(band, noise, jammers, adapted, p, up, alone)
+    """End the POLL, or the NULL that goes *up*, of the idle pair under way in a piconet, and return its fate."""
+    piconet, links, medium = band.piconets[p], band.links[p], band.medium
+    k, up = piconet[PAIR_LINK], piconet[STAGE] - 1
+    tick = piconet[PAIR_TICK] + 2 * up
+    start, carrier = time_of(piconet, tick), band.carriers_dbm[p, up]
+    source, receiver = piconet[MASTER], links[SLAVE, k]
+    if up:
+        source, receiver = receiver, source
+    if up and not heard_of(noise, carrier, DETECTABLE_DB):
+        fate = OUT_OF_RANGE
+    elif not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
+        fate = NOT_TUNED
+    elif alone:
+        lost = broken(noise, source, receiver, start, carrier, 0, False)
+        fate = BIT_ERRORS + lost if lost else RECEIVED
+    else:
+        channel, end = _channel(band, adapted, p, tick), start + HEADER_AIR
+        fate = judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
     if assess and (up or fate != RECEIVED):
         _assess(band, adapted, p, fate == RECEIVED)
-    if fate != RECEIVED:
-        return fate
-    tick = piconet[PAIR_TICK] + (2 if up else 0)
-    links[HEARD_UP if up else HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-    if not up:
-        if not alone:
-            answer, channel = time_of(piconet, tick + 2), _channel(band, adapted, p, tick + 2)
-            put(band.medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
-        piconet[NULLS] += 1
-        piconet[STAGE] = 2
-    return RECEIVED
+    piconet[STAGE] = 0
+    if fate == RECEIVED:
+        links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR
+        if not up:
+            piconet[NULLS] += 1
+            piconet[STAGE] = 2
+            if not alone:
+                answer, channel = time_of(piconet, tick + 2), _channel(band, adapted, p, tick + 2)
+                put(medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
+    return fate
 
 
 @njit(cache=True)
@@ -223,28 +212,28 @@ def advance(
     Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done.
     """
     size = band.piconets.shape[0]
-    when, starts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
+    when = np.empty(size, dtype=np.int64)
     for p in range(size):
-        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+        when[p] = _next_event(band.piconets[p], band.links[p])
     count = 0
     while True:
         p = 0
         for other in range(1, size):
-            if when[other] < when[p] or (when[other] == when[p] and starts[p] and not starts[other]):
+            if when[other] < when[p]:
                 p = other
-        if when[p] > (until - 1 if starts[p] else last_end):
+        if when[p] > (2 * until - 1 if when[p] & 1 else 2 * last_end):
             break
         if 0 < log.shape[0] <= count:
             return count + 1
-        up = band.piconets[p, STAGE] == 2
-        over = not starts[p]
+        piconet = band.piconets[p]
+        up, over = piconet[STAGE] == 2, piconet[STAGE] > 0
         fate = _end(band, noise, jammers, adapted, p, False, True) if over else _poll(band, noise, adapted, p, False)
         if log.shape[0] and (over or fate != RECEIVED):
-            tick = band.piconets[p, PAIR_TICK] + (2 if up else 0)
-            log[count, 0], log[count, 1], log[count, 2] = p, tick, band.piconets[p, PAIR_LINK]
-            log[count, 3], log[count, 4] = up, fate
+            row = log[count]
+            row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
+            row[3], row[4] = up, fate
             count += 1
-        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+        when[p] = _next_event(piconet, band.links[p])
     for p in range(size):
         piconet = band.piconets[p]
         if piconet[RUNNING] and piconet[T_POLL]:
@@ -295,10 +284,10 @@ def run_alone(
     while True:
         if not piconet[STAGE]:  # or else the pair under way has the powers of its start
             skip(piconet, links, end - 4, sure)
-        when, starts = _when(piconet, links)
-        if when > (until - 1 if starts else last_end):
+        when = _next_event(piconet, links)
+        if when > (2 * until - 1 if when & 1 else 2 * last_end):
             break
-        if starts:
+        if when & 1:
             _poll(band, noise, adapted, p, True)
         else:
             _end(band, noise, jammers, adapted, p, True, assess)
