@@ -144,6 +144,8 @@ class Air:
         self.adapted: Adapted | None = None
         """The adapted hop sets, if there are any."""
         self.noise = Noise(noise_dbm, *key) if noise_dbm > _NOTHING_DBM else None
+        self.fades = self.noise is not None
+        """True if powers are those of a law of propagation."""
         self._jammers: Jammers | None = None
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
@@ -174,16 +176,6 @@ class Air:
         self.advance(now, now - 1)
         self.band.medium.power_dbm[:] = power_dbm
         self._power = None
-
-    @property
-    def fades(self) -> bool:
-        """True if powers are those of a law of propagation."""
-        return self.noise is not None
-
-    @property
-    def noise_dbm(self) -> float:
-        """The noise at all receivers, -inf without any."""
-        return _NOTHING_DBM if self.noise is None else self.noise.dbm
 
     def carrier(self, source: Address, receiver: Address) -> float:
         """Return the power in dBm with which *receiver* gets *source* now."""
