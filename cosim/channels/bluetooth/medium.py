@@ -66,7 +66,7 @@ SENDER: Final = np.dtype([("next", np.int64), ("until", np.int64)], align=True)
 
 TRAIN: Final = np.dtype(
     [
-        ("device", np.int64),
+        ("sender", np.int64),  # not "device", which NumPy takes for itself
         ("phase", np.int64),  # its clock
         ("ppm", np.int64),
         ("first", np.int64),  # as in ``scanning.IdTrain``
@@ -232,9 +232,9 @@ def _interference_mw(
                 total += 10.0 ** (dbm / 10.0) * _weight(mode, frame.channel - channel)
     for row in range(len(medium.trains)):
         train = medium.trains[row]
-        dbm = medium.power_dbm[train.device, receiver]
+        dbm = medium.power_dbm[train.sender, receiver]
         outside = train.since >= end or train.until <= start - ID_AIR
-        if train.device != source and train.device != receiver and dbm > -np.inf and not outside:
+        if train.sender != source and train.sender != receiver and dbm > -np.inf and not outside:
             total += 10.0 ** (dbm / 10.0) * _ids(train, mode, channel, start, end)
     if jammers is not None:
         for row in range(len(jammers.sent)):

@@ -425,7 +425,7 @@ class Air:
         before = self.band.medium.trains
         trains = mediums.records(len(before) + 1, mediums.TRAIN)
         trains[:-1], trains[-1] = before, train[0]
-        new = _Train(int(train["device"][0]), int(train["until"][0]))
+        new = _Train(int(train["sender"][0]), int(train["until"][0]))
         self._set_trains(trains, [*self._trains, new])
         self._trains_changed(now)
 
