@@ -15,13 +15,6 @@ class Fault(NamedTuple):
 
 BAND_FAULTS = [
     Fault(
-        "a frame that just ends there counts",
-        "band",
-        "medium",
-        "frame.end > start:",
-        "frame.end >= start:",
-    ),
-    Fault(
         "a frame that just begins there counts",
         "band",
         "medium",
@@ -148,13 +141,6 @@ BAND_FAULTS = [
         "radio",
         "train.end = at\n",
         "train.end = at + 625_000\n",
-    ),
-    Fault(
-        "trains are forgotten at once",
-        "band",
-        "radio",
-        "if train.end + 2 * LONGEST_FRAME > now]",
-        "if train.end > now]",
     ),
     Fault(
         "noise never breaks what is heard by a piconet alone",
