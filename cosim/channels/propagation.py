@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from cosim.arrays import Floats
-from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.arrays import Floats, Int64s
+from cosim.geometry.segments import SegmentGrid, crossed_weights, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Decibels, Gain, Metres, Settings
-from cosim.world.sight import wall_losses_db, wall_losses_from_db
+from cosim.world.sight import LOSS_UNIT_DB, loss_units, wall_losses_db, wall_losses_from_db
 
 NEAREST_M: Final = 0.1
 """Least distance that counts, about a wavelength, as the law holds for the far field only."""
@@ -71,6 +71,9 @@ class Propagation:
         if self._loss_db.shape != (len(walls.walls_m),):
             raise ValueError(f"{len(walls.walls_m)} walls have losses of shape {self._loss_db.shape}")
         self._through_walls = settings.walls
+        crossable = walls.walls_m if settings.walls else np.empty((0, 4))
+        self._crossed = crossable, loss_units(walls, self._loss_db)[: len(crossable)]
+        """The walls that cost anything, and what each does, in units."""
         exponent = 2.0 if settings.model == "free_space" else settings.exponent
         self._law = (settings.reference_loss_db, exponent, settings.shadowing_db, settings.shadowing_cell_m)
         self._key = draws.key
@@ -87,9 +90,8 @@ class Propagation:
         are those of the rows, and decide, with their places, the shadowing.
         """
         positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-        gains = _gains_db(positions, self._law, self._key)
-        if self._through_walls:
-            gains -= wall_losses_db(self._walls, self._loss_db, positions)
+        gains = np.empty((len(positions), len(positions)))
+        _write_gains(positions, self._law, self._key, *self._crossed, gains)
         if self._barriers:
             lines = segment_grid([barrier[:4] for barrier in self._barriers])
             gains -= wall_losses_db(lines, [barrier.loss_db for barrier in self._barriers], positions)
@@ -111,14 +113,20 @@ class Propagation:
 
 
 @njit(cache=True)
-def _gains_db(positions: Floats, law: tuple[float, float, float, float], key: tuple[int, int]) -> Floats:
-    """Return the gains without walls."""
-    robots = positions.shape[0]
-    gains = np.full((robots, robots), -np.inf)
-    for i in range(robots):
-        for j in range(i + 1, robots):
-            gains[i, j] = gains[j, i] = _gain_db(positions, i, j, law, key)
-    return gains
+def _write_gains(
+    positions: Floats,
+    law: tuple[float, float, float, float],
+    key: tuple[int, int],
+    walls_m: Floats,
+    losses: Int64s,
+    gains: Floats,
+) -> None:
+    """Write the gains through walls that cost *losses*, in units, into *gains*."""
+    crossed = crossed_weights(walls_m, losses, positions)
+    for i in range(positions.shape[0]):
+        gains[i, i] = -np.inf
+        for j in range(i + 1, positions.shape[0]):
+            gains[i, j] = gains[j, i] = _gain_db(positions, i, j, law, key) - crossed[i, j] * LOSS_UNIT_DB
 
 
 @njit(cache=True)

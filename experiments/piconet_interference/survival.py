@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
 from cosim.channels.bluetooth.hopping import CHANNELS, basic_hop
 from cosim.channels.bluetooth.inquiry import CLOCK_RANGE
 from cosim.channels.bluetooth.medium import CO_CHANNEL, NEIGHBOURING, RECEIVED, Medium, judge, new_medium, put
@@ -109,7 +110,7 @@ def survival(given: Parameters, streams: Streams) -> float:
     phases = stream.integers(CLOCK_RANGE * TICK, size=given.piconets)
     if given.traffic == "synchronised":
         phases -= phases % SLOT
-    medium = new_medium(2 * given.piconets, MODES[given.interference], -math.inf, (0, 0))
+    medium = new_medium(2 * given.piconets, MODES[given.interference])
     received = _received(medium, words, phases, FRAME[given.traffic], given.slots)
     return received / (given.piconets * given.slots)
 
@@ -121,14 +122,15 @@ def _received(medium: Medium, words: NDArray[np.int64], phases: NDArray[np.int64
     for number in range(slots + 2 * MARGIN):
         for p in range(len(words)):
             start, source, channel = _frame(words[p], phases[p], p, number)
-            put(medium.frames, medium.cursor, source, start, start + air, channel)
+            put(medium, source, start, start + air, channel)
         if number < 2 * MARGIN:
             continue
         # two slots on, all that starts before a frame's end has been put on the air
         for p in range(len(words)):
             start, source, channel = _frame(words[p], phases[p], p, number - MARGIN)
             receiver = source ^ 1
-            fate = judge(medium, source, receiver, channel, start, start + air, 0.0, 0, False)
+            end = start + air
+            fate = judge(medium, None, None, source, receiver, channel, start, end, 0.0, 0, False, ACCESS_CODE)
             count += fate == RECEIVED
     return count
 

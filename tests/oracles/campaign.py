@@ -129,6 +129,7 @@ def plant(monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> M
         if name == module:
             assert source.count(old) == 1, f"{name}.py has {source.count(old)} of {old!r}, to plant a fault at"
             source = source.replace(old, new)
+        source = source.replace("from cosim.jit import COMPILES, njit\n", "COMPILES = False\n")
         loaded = ModuleType(original.__name__)
         monkeypatch.setitem(sys.modules, original.__name__, loaded)
         monkeypatch.setattr(package, name, loaded)

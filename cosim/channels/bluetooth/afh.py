@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from cosim.channels.bluetooth.hopping import CHANNELS
-from cosim.channels.bluetooth.polling import NEXT, RUNNING, USED, time_of
+from cosim.channels.bluetooth.polling import NEXT, RUNNING, USED
 from cosim.channels.bluetooth.state import PiconetState
 from cosim.kernel import Handle
 from cosim.units import Time
@@ -90,9 +90,11 @@ class Adaptation:
         """Assess every *interval*, and try a bad channel again after *retry*."""
         self._kernel = state.kernel
         self._air = state.air
+        self._clock = state.clock
         self._links = state.links
         self._interval = interval
         self._map = ChannelMap(retry)
+        self._sets = self._air.adapt()
         self._pending: Handle | None = None
         self._use()
 
@@ -105,13 +107,13 @@ class Adaptation:
         """Choose a hop set at the beginning of a slot pair, when nothing of this piconet is on the air."""
         now, piconet = self._kernel.now, self._links.piconet
         self._air.advance(now)
-        boundary = int(time_of(piconet, piconet[NEXT]))
+        boundary = self._clock.time_of(int(piconet[NEXT]))
         if piconet[RUNNING] and boundary > now:
             self._pending = self._kernel.at(boundary, self._assess)
             return
         self._pending = None
         if piconet[RUNNING]:
-            tallies = self._air.band.tallies[self._links.master]
+            tallies = self._sets.tallies[self._links.master]
             heard, failed = tallies.tolist()
             tallies[:] = 0
             if self._map.update(heard, failed, now):
@@ -120,5 +122,5 @@ class Adaptation:
 
     def _use(self) -> None:
         used = self._map.used
-        self._air.band.used[self._links.master, : len(used)] = used
+        self._sets.used[self._links.master, : len(used)] = used
         self._links.piconet[USED] = len(used)

@@ -12,10 +12,25 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.arrays import Floats, Int64s
+from cosim.channels.bluetooth.bits.errors import ACCESS_CODE, CLEAR_DB
 from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
-from cosim.channels.bluetooth.medium import NONE, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Medium, heard_of, judge, put
+from cosim.channels.bluetooth.medium import (
+    BIT_ERRORS,
+    DETECTABLE_DB,
+    NOT_TUNED,
+    OUT_OF_RANGE,
+    RECEIVED,
+    Jammers,
+    Medium,
+    Noise,
+    broken,
+    heard_of,
+    judge,
+    put,
+)
 from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.channels.bluetooth.polling import (
+    ALL_SURE,
     DUE,
     FIELDS,
     HEARD_DOWN,
@@ -44,6 +59,7 @@ from cosim.channels.bluetooth.polling import (
     first_slot_at,
     next_poll,
     serve,
+    skip,
     time_of,
 )
 from cosim.jit import njit
@@ -62,199 +78,217 @@ class Band(NamedTuple):
     """(n, FIELDS, 8)."""
     carriers_dbm: Floats
     """(n, 2): power of the two frames of the idle pair under way at their receivers, as it was at its start."""
+
+
+class Adapted(NamedTuple):
+    """The adapted hop sets; where nobody adapts, None as for ``medium.Noise``."""
+
     used: Int64s
-    """(n, 79): the channels of adapted hop sets, ascending, even ones first."""
+    """(n, 79): the channels of the sets, ascending, even ones first."""
     tallies: Int64s
-    """(n, 2, 79): slot pairs that went well, and badly, by channel, where hop sets are adapted."""
+    """(n, 2, 79): slot pairs that went well, and badly, by channel."""
 
 
 def new_band(medium: Medium) -> Band:
     """Return a band without links."""
-    size = len(medium.cursor)
-    return Band(
-        medium,
-        np.zeros((size, PICONET_FIELDS), dtype=np.int64),
-        np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64),
-        np.zeros((size, 2)),
-        np.zeros((size, 79), dtype=np.int64),
-        np.zeros((size, 2, 79), dtype=np.int64),
-    )
+    size = len(medium.power_dbm)
+    piconets = np.zeros((size, PICONET_FIELDS), dtype=np.int64)
+    links = np.zeros((size, FIELDS, MOST_SLAVES + 1), dtype=np.int64)
+    return Band(medium, piconets, links, np.zeros((size, 2)))
+
+
+def new_adapted(size: int) -> Adapted:
+    """Return hop sets without channels."""
+    return Adapted(np.zeros((size, 79), dtype=np.int64), np.zeros((size, 2, 79), dtype=np.int64))
 
 
 @njit(cache=True)
-def channel_of(band: Band, p: int, tick: int) -> int:
+def _channel(band: Band, adapted: Adapted | None, p: int, tick: int) -> int:
     """Return the channel on which the piconet of device *p* is at *tick*."""
     piconet = band.piconets[p]
-    if piconet[USED]:
-        channel: int = adapted_hop(piconet[WORD], tick, band.used[p, : piconet[USED]])
-        return channel
+    if adapted is not None:  # noqa: SIM102  # numba leaves out what is behind a plain test for None only
+        if piconet[USED]:
+            channel: int = adapted_hop(piconet[WORD], tick, adapted.used[p, : piconet[USED]])
+            return channel
     hop: int = basic_hop(piconet[WORD], tick)
     return hop
 
 
 @njit(cache=True)
-def _assess(band: Band, p: int, tick: int, well: bool) -> None:
-    """Count whether the idle pair of *tick* went well on its channel, if the hop set is adapted."""
+def _assess(band: Band, adapted: Adapted | None, p: int, well: bool) -> None:
+    """Count whether the idle pair under way went well on its channel, if the hop set is adapted."""
+    if adapted is None:
+        return
     if band.piconets[p, USED]:
-        band.tallies[p, 0 if well else 1, channel_of(band, p, tick)] += 1
+        adapted.tallies[p, 0 if well else 1, _channel(band, adapted, p, band.piconets[p, PAIR_TICK])] += 1
 
 
 @njit(cache=True)
-def _when(piconet: State, links: State) -> tuple[int, bool]:
-    """Return when something happens next in a piconet without payloads, and whether that is a slot's start."""
-    if piconet[STAGE] == 1:
-        return time_of(piconet, piconet[PAIR_TICK]) + HEADER_AIR, False
-    if piconet[STAGE] == 2:
-        return time_of(piconet, piconet[PAIR_TICK] + 2) + HEADER_AIR, False
+def _next_event(piconet: State, links: State) -> int:
+    """Return twice the time at which something happens next in a piconet without payloads; plus 1 if a slot begins."""
+    if piconet[STAGE]:
+        return 2 * (time_of(piconet, piconet[PAIR_TICK] + 2 * (piconet[STAGE] - 1)) + HEADER_AIR)
     if not piconet[RUNNING]:
-        return NEVER, True
+        return NEVER
     tick, _ = next_poll(piconet, links, links[DUE], piconet[NEXT])
-    return (NEVER, True) if tick == NEVER else (time_of(piconet, tick), True)
+    return NEVER if tick == NEVER else 2 * time_of(piconet, tick) + 1
 
 
 @njit(cache=True)
-def _poll(band: Band, p: int) -> int:
-    """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED."""
+def _poll(band: Band, noise: Noise | None, adapted: Adapted | None, p: int, alone: bool) -> int:
+    """Start the next idle pair; return the fate of its POLL if it is known at once, else RECEIVED.
+
+    Who is *alone* on the air need not put it there.
+    """
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
     tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
-    start = time_of(piconet, tick)
     master, slave = piconet[MASTER], links[SLAVE, k]
     serve(piconet, links, tick, k)
     piconet[NEXT] = tick + 4
     piconet[IDLE] += 1
     piconet[POLLS] += 1
     piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = tick, k, links[HERE, k]
-    put(medium.frames, medium.cursor, master, start, start + HEADER_AIR, channel_of(band, p, tick))
+    if not alone:
+        start = time_of(piconet, tick)
+        put(medium, master, start, start + HEADER_AIR, _channel(band, adapted, p, tick))
     band.carriers_dbm[p, 0] = medium.power_dbm[master, slave]
     band.carriers_dbm[p, 1] = medium.power_dbm[slave, master]
-    if not heard_of(medium, band.carriers_dbm[p, 0]):
-        _assess(band, p, tick, False)
+    if not heard_of(noise, band.carriers_dbm[p, 0], DETECTABLE_DB):
+        _assess(band, adapted, p, False)
         return OUT_OF_RANGE
     piconet[STAGE] = 1
     return RECEIVED
 
 
 @njit(cache=True)
-def _outcome(band: Band, p: int, up: bool) -> int:
-    """Return the fate of the POLL, or, going *up*, of the NULL of the idle pair under way, at its end."""
+def _end(
+    band: Band, noise: Noise | None, jammers: Jammers | None, adapted: Adapted | None, p: int, alone: bool, assess: bool
+) -> int:
+    """End the POLL, or the NULL that goes *up*, of the idle pair under way in a piconet, and return its fate."""
     piconet, links, medium = band.piconets[p], band.links[p], band.medium
-    k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK] + (2 if up else 0)
+    k, up = piconet[PAIR_LINK], piconet[STAGE] - 1
+    tick = piconet[PAIR_TICK] + 2 * up
+    start, carrier = time_of(piconet, tick), band.carriers_dbm[p, up]
     source, receiver = piconet[MASTER], links[SLAVE, k]
     if up:
         source, receiver = receiver, source
-    carrier = band.carriers_dbm[p, 1 if up else 0]
-    if up and not heard_of(medium, carrier):
-        return OUT_OF_RANGE
-    if not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
-        return NOT_TUNED
-    start = time_of(piconet, tick)
-    fate: int = judge(medium, source, receiver, channel_of(band, p, tick), start, start + HEADER_AIR, carrier, 0, False)
+    if up and not heard_of(noise, carrier, DETECTABLE_DB):
+        fate = OUT_OF_RANGE
+    elif not (links[HELD, k] if up else links[JOINED, k] and piconet[PAIR_HERE]):
+        fate = NOT_TUNED
+    elif alone:
+        lost = broken(noise, source, receiver, start, carrier, 0, False)
+        fate = BIT_ERRORS + lost if lost else RECEIVED
+    else:
+        channel, end = _channel(band, adapted, p, tick), start + HEADER_AIR
+        fate = judge(medium, noise, jammers, source, receiver, channel, start, end, carrier, 0, False, ACCESS_CODE)
+    if assess and (up or fate != RECEIVED):
+        _assess(band, adapted, p, fate == RECEIVED)
+    piconet[STAGE] = 0
+    if fate == RECEIVED:
+        links[HEARD_UP if up else HEARD_DOWN, k] = start + HEADER_AIR
+        if not up:
+            piconet[NULLS] += 1
+            piconet[STAGE] = 2
+            if not alone:
+                answer, channel = time_of(piconet, tick + 2), _channel(band, adapted, p, tick + 2)
+                put(medium, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
     return fate
 
 
 @njit(cache=True)
-def _end(band: Band, p: int) -> int:
-    """End the POLL or NULL under way in a piconet and return its fate."""
-    piconet, links, medium = band.piconets[p], band.links[p], band.medium
-    k, up = piconet[PAIR_LINK], piconet[STAGE] == 2
-    piconet[STAGE] = 0
-    fate: int = _outcome(band, p, up)
-    if up or fate != RECEIVED:
-        _assess(band, p, piconet[PAIR_TICK], fate == RECEIVED)
-    if fate != RECEIVED:
-        return fate
-    tick = piconet[PAIR_TICK] + (2 if up else 0)
-    links[HEARD_UP if up else HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-    if not up:
-        answer = time_of(piconet, tick + 2)
-        channel = channel_of(band, p, tick + 2)
-        put(medium.frames, medium.cursor, links[SLAVE, k], answer, answer + HEADER_AIR, channel)
-        piconet[NULLS] += 1
-        piconet[STAGE] = 2
-    return RECEIVED
-
-
-@njit(cache=True)
-def running(band: Band) -> int:
-    """Return how many piconets send anything."""
-    count = 0
-    for p in range(band.piconets.shape[0]):
-        count += (band.piconets[p, RUNNING] and band.links[p, HELD].any()) or band.piconets[p, STAGE] > 0
-    return count
-
-
-@njit(cache=True)
-def calm(band: Band) -> bool:
-    """Return whether no frame can be destroyed: there is no noise, and no other device sends anything."""
-    medium = band.medium
-    if medium.noise_dbm[0] > -np.inf:
-        return False
-    quiet = medium.numbers[1] == 0 and medium.jams.shape[0] == 0
-    return medium.numbers[0] == NONE or (quiet and running(band) <= 1)
-
-
-@njit(cache=True)
-def all_hear(band: Band, p: int) -> bool:
-    """Return whether all links of the piconet of device *p* are up on both sides, and in reach."""
-    links, power = band.links[p], band.medium.power_dbm
-    for k in range(1, MOST_SLAVES + 1):
-        slave = links[SLAVE, k]
-        if links[HELD, k] and not (
-            links[JOINED, k]
-            and links[HERE, k]
-            and heard_of(band.medium, power[p, slave])
-            and heard_of(band.medium, power[slave, p])
-        ):
-            return False
-    return True
-
-
-@njit(cache=True)
-def expose(band: Band, p: int) -> None:
-    """Put the idle pair under way in a piconet, which was alone up to now, on the air for others to meet."""
-    piconet, medium = band.piconets[p], band.medium
-    if not piconet[STAGE]:
-        return
-    slave, tick = band.links[p, SLAVE, piconet[PAIR_LINK]], piconet[PAIR_TICK]
-    band.carriers_dbm[p, 0], band.carriers_dbm[p, 1] = medium.power_dbm[p, slave], medium.power_dbm[slave, p]
-    for i in range(piconet[STAGE]):
-        start = time_of(piconet, tick + 2 * i)
-        source = slave if i else p
-        put(medium.frames, medium.cursor, source, start, start + HEADER_AIR, channel_of(band, p, tick + 2 * i))
-
-
-@njit(cache=True)
-def advance(band: Band, until: int, last_end: int, log: Int64s) -> int:
+def advance(
+    band: Band,
+    noise: Noise | None,
+    jammers: Jammers | None,
+    adapted: Adapted | None,
+    until: int,
+    last_end: int,
+    log: Int64s,
+) -> int:
     """Decide all slots that start before *until*, all idle, and end all frames of them that end by *last_end*.
 
     Rows of *log*, shape (m, LOG_FIELDS), take the idle frames in the order of their ends; with m = 0 none are wanted.
     Return the number of idle frames; more than m if *log* is too short, in which case the rest is still to be done.
     """
     size = band.piconets.shape[0]
-    when, starts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
+    when = np.empty(size, dtype=np.int64)
     for p in range(size):
-        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+        when[p] = _next_event(band.piconets[p], band.links[p])
     count = 0
     while True:
         p = 0
         for other in range(1, size):
-            if when[other] < when[p] or (when[other] == when[p] and starts[p] and not starts[other]):
+            if when[other] < when[p]:
                 p = other
-        if when[p] > (until - 1 if starts[p] else last_end):
+        if when[p] > (2 * until - 1 if when[p] & 1 else 2 * last_end):
             break
         if 0 < log.shape[0] <= count:
             return count + 1
-        up = band.piconets[p, STAGE] == 2
-        over = not starts[p]
-        fate = _end(band, p) if over else _poll(band, p)
+        piconet = band.piconets[p]
+        up, over = piconet[STAGE] == 2, piconet[STAGE] > 0
+        fate = _end(band, noise, jammers, adapted, p, False, True) if over else _poll(band, noise, adapted, p, False)
         if log.shape[0] and (over or fate != RECEIVED):
-            tick = band.piconets[p, PAIR_TICK] + (2 if up else 0)
-            log[count, 0], log[count, 1], log[count, 2] = p, tick, band.piconets[p, PAIR_LINK]
-            log[count, 3], log[count, 4] = up, fate
+            row = log[count]
+            row[0], row[1], row[2] = p, piconet[PAIR_TICK] + (2 if up else 0), piconet[PAIR_LINK]
+            row[3], row[4] = up, fate
             count += 1
-        when[p], starts[p] = _when(band.piconets[p], band.links[p])
+        when[p] = _next_event(piconet, band.links[p])
     for p in range(size):
         piconet = band.piconets[p]
         if piconet[RUNNING] and piconet[T_POLL]:
             piconet[NEXT] = max(piconet[NEXT], first_slot_at(piconet, until))
     return count
+
+
+# ---------------------------------------------------------------- a piconet that is alone on the air
+
+
+@njit(cache=True)
+def _sure(band: Band, noise: Noise | None, p: int) -> int:
+    """Return the links whose frames are all received, as bits: up on both sides, and too strong for noise."""
+    links, power_dbm = band.links[p], band.medium.power_dbm
+    sure = ALL_SURE
+    for k in range(1, MOST_SLAVES + 1):
+        slave = links[SLAVE, k]
+        if links[HELD, k] and not (
+            links[JOINED, k]
+            and links[HERE, k]
+            and heard_of(noise, power_dbm[p, slave], CLEAR_DB)
+            and heard_of(noise, power_dbm[slave, p], CLEAR_DB)
+        ):
+            sure &= ~(1 << k)
+    return sure
+
+
+@njit(cache=True)
+def run_alone(
+    band: Band,
+    noise: Noise | None,
+    jammers: Jammers | None,
+    adapted: Adapted | None,
+    p: int,
+    until: int,
+    last_end: int,
+) -> None:
+    """Do what :func:`advance` does for a piconet that alone is on the air: only noise can destroy a frame.
+
+    Where there is no noise, and all links are sure, pairs are not assessed.
+    """
+    piconet, links = band.piconets[p], band.links[p]
+    sure, assess = _sure(band, noise, p), False
+    if adapted is not None:  # noqa: SIM102
+        if piconet[USED] and (sure != ALL_SURE or noise is not None):  # each pair counts
+            sure, assess = 0, True
+    end = first_slot_at(piconet, until)
+    while True:
+        if not piconet[STAGE]:  # or else the pair under way has the powers of its start
+            skip(piconet, links, end - 4, sure)
+        when = _next_event(piconet, links)
+        if when > (2 * until - 1 if when & 1 else 2 * last_end):
+            break
+        if when & 1:
+            _poll(band, noise, adapted, p, True)
+        else:
+            _end(band, noise, jammers, adapted, p, True, assess)
+    piconet[NEXT] = max(piconet[NEXT], end)

@@ -6,6 +6,7 @@ of the specification matter only where the hop kernel reads them. Two devices' t
 
 from dataclasses import dataclass
 
+from cosim.jit import njit
 from cosim.units import TICK, Time
 
 MILLION = 1_000_000
@@ -35,3 +36,18 @@ class NativeClock:
     def time_of(self, tick: int) -> Time:
         """Return the instant at which *tick* begins."""
         return self.at_local(tick * TICK)
+
+
+@njit(cache=True)
+def tick_at(phase: Time, ppm: int, time: Time) -> int:
+    """Return :meth:`NativeClock.tick`, for kernels."""
+    return (phase + time + time * ppm // MILLION) // TICK
+
+
+@njit(cache=True)
+def start_of(phase: Time, ppm: int, tick: int) -> Time:
+    """Return :meth:`NativeClock.time_of`, for kernels: in whole turns and a rest, so that no product leaves 64 bits."""
+    rate = MILLION + ppm
+    elapsed = tick * TICK - phase
+    turns = elapsed // rate
+    return turns * MILLION - (turns * rate - elapsed) * MILLION // rate

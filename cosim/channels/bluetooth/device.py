@@ -85,6 +85,7 @@ class BluetoothChannel(Channel):
         super().__init__(kernel, trace, size)
         self.settings = settings
         self._on = np.ones(size, dtype=np.bool_)
+        self._all_on = True
         self._reach = _reach(settings, size, streams, floor, power_classes)
         self._calls_wanted = trace.wants(CALLS)
         self._idle_wanted = settings.idle_frames and trace.wants(FRAMES)
@@ -178,6 +179,7 @@ class BluetoothChannel(Channel):
             if self._transport is not None:
                 self._transport.clear(address)
         self._on[address] = on
+        self._all_on = bool(self._on.all())
         self._update_powers()
         if on:
             device.switch_on()
@@ -201,8 +203,9 @@ class BluetoothChannel(Channel):
             self.air.advance(now)
 
     def _update_powers(self) -> None:
-        powers = np.where(self._on & self._on[:, None], self._reach.power_dbm(), -np.inf)
-        np.fill_diagonal(powers, -np.inf)
+        powers = self._reach.power_dbm()
+        if not self._all_on:
+            powers[~(self._on & self._on[:, None])] = -np.inf
         self.air.set_powers(powers, self.kernel.now)
         if self._jammers:
             self.air.set_jam_powers(self._reach.jam_dbm(self._jammers), self.kernel.now)
@@ -246,7 +249,7 @@ class BluetoothChannel(Channel):
         self._deliver((), events)
 
     def _deliver(self, arrivals: Iterable[Arrival], events: Iterable[tuple[Address, LinkEvent]]) -> None:
-        if not self._on.all():
+        if not self._all_on:
             arrivals = [arrival for arrival in arrivals if self._on[arrival[0]]]
             events = [item for item in events if self._on[item[0]]]
         self.deliver(arrivals, events)

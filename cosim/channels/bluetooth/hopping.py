@@ -46,18 +46,24 @@ _EXCHANGED = np.array(  # the two bits of Z that P0, P1, ... P13 exchange
 
 
 @njit(cache=True)
-def _perm5(z: int, control: int) -> int:
+def _permuted(z: int, control: int, bits: int) -> int:
+    """Return PERM5 of *z*, of 5 *bits*; with 4, without the exchanges with the fifth."""
     for i in range(13, -1, -1):
         first, second = _EXCHANGED[i, 0], _EXCHANGED[i, 1]
-        differ = (control >> i) & ((z >> first) ^ (z >> second)) & 1
-        z ^= (differ << first) | (differ << second)
+        if second < bits:
+            differ = (control >> i) & ((z >> first) ^ (z >> second)) & 1
+            z ^= (differ << first) | (differ << second)
     return z
 
 
 @njit(cache=True)
-def _select(address: int, x: int, y1: int, mix: int) -> int:
-    """Return PERM5 + E; *mix* is the clock where it mixes into A, C and D (connection), else 0."""
-    a = ((address >> 23) ^ (mix >> 21)) & 31
+def _select(address: int, x: int, y1: int, mix: int, bits: int) -> int:
+    """Return PERM5 + E; *mix* is the clock where it mixes into A, C and D (connection), else 0.
+
+    *bits* is 5; the 23-channel system has 4 bits where the other has 5.
+    """
+    mask = (1 << bits) - 1
+    a = ((address >> 23) ^ (mix >> 21)) & mask
     b = (address >> 19) & 15
     # C = A8,6,4,2,0 and E = A13,11,9,7,5,3,1: every second bit, gathered
     c = e = 0
@@ -68,33 +74,7 @@ def _select(address: int, x: int, y1: int, mix: int) -> int:
     c = (c ^ (mix >> 16)) & 31
     d = ((address >> 10) ^ (mix >> 7)) & 511
     control = d | ((c ^ (31 * y1)) << 9)
-    return _perm5(((x + a) & 31) ^ b, control) + e
-
-
-@njit(cache=True)
-def _perm4(z: int, control: int) -> int:
-    """Return PERM5 for four bits, without the exchanges with the fifth."""
-    for i in range(13, -1, -1):
-        first, second = _EXCHANGED[i, 0], _EXCHANGED[i, 1]
-        if second < 4:
-            differ = (control >> i) & ((z >> first) ^ (z >> second)) & 1
-            z ^= (differ << first) | (differ << second)
-    return z
-
-
-@njit(cache=True)
-def _narrow_hop(address: int, x: int, y1: int, mix: int, f: int) -> int:
-    """Return the channel of the 23-channel system: the kernel with 4 bits where it has 5, and 23 for 79."""
-    a = ((address >> 23) ^ (mix >> 21)) & 15
-    b = (address >> 19) & 15
-    c = e = 0
-    for i in range(5):
-        c |= ((address >> 2 * i) & 1) << i
-    for i in range(7):
-        e |= ((address >> (2 * i + 1)) & 1) << i
-    control = (((address >> 10) ^ (mix >> 7)) & 511) | ((((c ^ (mix >> 16)) & 31) ^ (31 * y1)) << 9)
-    index = _perm4(((x + a) & 15) ^ b, control) + e + f + 16 * y1
-    return 2 * (index % NARROW_CHANNELS) % NARROW_CHANNELS
+    return _permuted(((x + a) & mask) ^ b, control, bits) + e
 
 
 @njit(cache=True)
@@ -103,9 +83,9 @@ def basic_hop(address: int, clk: int) -> int:
     clk &= 0xFFFFFFF
     y1 = (clk >> 1) & 1
     if address & NARROW:
-        narrow: int = _narrow_hop(address, (clk >> 2) & 15, y1, clk, 8 * (clk >> 6))
-        return narrow
-    index = _select(address, (clk >> 2) & 31, y1, clk) + 16 * (clk >> 7) + 32 * y1
+        narrow = _select(address, (clk >> 2) & 15, y1, clk, 4) + 8 * (clk >> 6) + 16 * y1
+        return 2 * (narrow % NARROW_CHANNELS) % NARROW_CHANNELS
+    index = _select(address, (clk >> 2) & 31, y1, clk, 5) + 16 * (clk >> 7) + 32 * y1
     return 2 * (index % 79) % 79
 
 
@@ -113,7 +93,7 @@ def basic_hop(address: int, clk: int) -> int:
 def adapted_hop(address: int, clk: int, bank: NDArray[np.int64]) -> int:
     """Return :func:`adapted_channel` of one clock; *bank* holds the used channels ascending, even ones first."""
     clk &= 0xFFFFFFF
-    index = _select(address, (clk >> 2) & 31, 0, clk)
+    index = _select(address, (clk >> 2) & 31, 0, clk, 5)
     channel = 2 * ((index + 16 * (clk >> 7)) % 79) % 79
     for used in bank:
         if used == channel:
@@ -137,9 +117,11 @@ def _adapted_hops(address: int, clks: NDArray[np.int64], bank: NDArray[np.int64]
 @lru_cache(maxsize=4096)
 def _channels(address: int) -> tuple[int, ...]:
     """Return the channels of *address* outside of a connection, at 32 * Y1 + X."""
+    halves = [(x, y1) for y1 in (0, 1) for x in range(32)]
     if address & NARROW:
-        return tuple(_narrow_hop(address, x & 15, y1, 0, 0) for y1 in (0, 1) for x in range(32))
-    return tuple(2 * ((_select(address, x, y1, 0) + 32 * y1) % CHANNELS) % CHANNELS for y1 in (0, 1) for x in range(32))
+        indices = [_select(address, x & 15, y1, 0, 4) + 16 * y1 for x, y1 in halves]
+        return tuple(2 * (index % NARROW_CHANNELS) % NARROW_CHANNELS for index in indices)
+    return tuple(2 * ((_select(address, x, y1, 0, 5) + 32 * y1) % CHANNELS) % CHANNELS for x, y1 in halves)
 
 
 def _lookup(address: int, index: Clock) -> Clock:

@@ -228,6 +228,10 @@ class _Reply:
         """Reason why the inquirer did not lock on it; None if it did."""
 
 
+def _order(reply: _Reply) -> tuple[Time, Address]:
+    return reply.frame.start, reply.frame.source
+
+
 class Inquiry:
     """One inquiry of one device, from the first transmit slot at or after now until its time is up or it has enough.
 
@@ -268,7 +272,8 @@ class Inquiry:
         self._locked: _Reply | None = None
         # the answer to the last ID ends within the tick after the last receive slot
         self._end = kernel.at(clock.time_of(self.ids.end + 1), self._complete)
-        self._send_from(clock.time_of(first))
+        train = self.ids.on_air(self.address, clock.time_of(first))
+        self._air.open_train(train, scan_channels(self.word), kernel.now)
         for scanner in scanners:
             scanner.join(self)
 
@@ -295,19 +300,16 @@ class Inquiry:
 
     def _settle(self) -> None:
         """Decide on the replies whose access code is over whether the receiver locks on them."""
-        now = self._kernel.now
-        ready = [reply for reply in self._unsettled if reply.frame.start + ID_AIR <= now]
+        begun = self._kernel.now - ID_AIR
+        ready = [reply for reply in self._unsettled if reply.frame.start <= begun]
+        if not ready:
+            return
         self._unsettled = [reply for reply in self._unsettled if reply not in ready]
-        for reply in sorted(ready, key=lambda reply: (reply.frame.start, reply.frame.source)):
+        for reply in sorted(ready, key=_order):
             reply.lost = self._hindrance(reply)
             if reply.lost is None:
                 self._locked = reply
-                self._air.close_train(self.address, reply.frame.start + 1)  # silent while it receives
-                if not self._over:
-                    self._send_from(reply.end)
-
-    def _send_from(self, since: Time) -> None:
-        self._air.open_train(self.ids.on_air(self.address, since), scan_channels(self.word), self._kernel.now)
+                self._air.silence_train(self.address, reply.frame.start + 1, reply.end)  # while it receives
 
     def _hindrance(self, reply: _Reply) -> Fate | None:
         frame, listens = reply.frame, reply.tick + 2
@@ -317,7 +319,7 @@ class Inquiry:
             return UNTUNED
         if self._locked is not None and frame.start < self._locked.end:
             return TAKEN
-        fate = self._air.judge(frame._replace(duration=ID_AIR), self.address, reply.carrier_dbm)
+        fate = self._air.judge(Frame(frame.start, ID_AIR, *frame[2:]), self.address, reply.carrier_dbm)
         return None if fate is GOOD else fate
 
     def _judge(self, reply: _Reply) -> None:

@@ -11,23 +11,33 @@ it may have hit is judged.
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.arrays import Floats, Int64s
-from cosim.channels.bluetooth.bits.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
+from cosim.arrays import Floats
+from cosim.channels.bluetooth.bits.errors import (
+    ACCESS_CODE,
+    CLEAR_DB,
+    HEADER,
+    PAYLOAD,
+    failed_section,
+    section_probabilities,
+)
+from cosim.channels.bluetooth.clock import start_of, tick_at
 from cosim.channels.bluetooth.hopping import train_phase_of
 from cosim.channels.bluetooth.packets import ACCESS_AIR, HEADER_AIR, ID_AIR
 from cosim.channels.jamming import Jammer, jams
-from cosim.jit import njit
+from cosim.jit import COMPILES, njit
 from cosim.randomness import philox_words
-from cosim.units import TICK
+
+Records: TypeAlias = np.ndarray[Any, np.dtype[np.void]]
 
 RING: Final = 8
 """Number of frames kept for each device, which sends no more in the 5 ms in which they can matter."""
-TRAINS: Final = 16
-"""Initial number of rows for trains of IDs that are on the air, or just have been."""
+
+GAPS: Final = 8
+"""Number of times kept at which a train is interrupted, for an answer that is received: not more than every 1.25 ms."""
 
 # modes of interference
 NONE: Final = 0
@@ -48,88 +58,112 @@ WEIGHTS: Final = (1.0, 10.0**-1.1, 10.0**-4.1, 10.0**-5.1)
 ERRORS_PURPOSE: Final = 2
 """Purpose of the draws of bit errors."""
 
-# trains[...]
-T_DEVICE: Final = 0
-T_PHASE: Final = 1
-T_PPM: Final = 2
-T_FIRST: Final = 3
-T_SWITCH: Final = 4
-T_KOFFSET: Final = 5
-T_ESTIMATE: Final = 6
-T_FROM: Final = 7  # IDs that start at or after this instant...
-T_TO: Final = 8  # ...and before this one are sent
-TRAIN_FIELDS: Final = 9
+FRAME: Final = np.dtype([("start", np.int64), ("end", np.int64), ("channel", np.int64)], align=True)
+"""A frame on the air, or one that has been; ns."""
 
-# jams[...]
-J_MODE: Final = 0
-J_DWELL: Final = 1
-J_ON: Final = 2
-J_PERIOD: Final = 3
-J_START: Final = 4
-J_END: Final = 5
-J_COUNT: Final = 6
-JAM_FIELDS: Final = 7
+SENDER: Final = np.dtype([("next", np.int64), ("until", np.int64)], align=True)
+"""The index of a device's next frame, and the instant at which the last of them is over."""
 
-_MILLION = 1_000_000
+TRAIN: Final = np.dtype(
+    [
+        ("sender", np.int64),  # not "device", which NumPy takes for itself
+        ("phase", np.int64),  # its clock
+        ("ppm", np.int64),
+        ("first", np.int64),  # as in ``scanning.IdTrain``
+        ("switch", np.int64),  # ticks after which the train changes
+        ("koffset", np.int64),
+        ("estimate", np.int64),
+        ("since", np.int64),  # IDs that start at or after this instant...
+        ("until", np.int64),  # ...and before this one are sent
+        ("channels", np.int64, (32,)),  # of each X
+        ("silent_since", np.int64, (GAPS,)),  # the last times at which it is interrupted
+        ("silent_until", np.int64, (GAPS,)),
+    ],
+    align=True,
+)
+"""IDs that a device sends."""
+
+JAM: Final = np.dtype(
+    [
+        ("mode", np.int64),
+        ("dwell", np.int64),
+        ("on", np.int64),
+        ("period", np.int64),
+        ("start", np.int64),
+        ("end", np.int64),
+        ("count", np.int64),  # of its channels
+        ("channels", np.int64, (79,)),  # in the order of its sweep
+    ],
+    align=True,
+)
+"""What a jammer sends."""
 
 
 class Medium(NamedTuple):
     """The state of the air between *n* devices, for compiled functions."""
 
+    mode: int
+    """NONE, CO_CHANNEL or NEIGHBOURING."""
     power_dbm: Floats
     """(n, n): power with which the second receives the first; -inf for nothing."""
+    frames: Records
+    """(n, RING): the frames that each device sent last."""
+    senders: Records
+    """(n,)."""
+    trains: Records
+    """Trains of IDs that are on the air, or just have been."""
+
+
+class Noise(NamedTuple):
+    """The noise at all receivers. Where there is none kernels take None, and are compiled without all that it needs."""
+
+    dbm: float
+    key_0: int
+    """The key of the draws of bit errors, two words."""
+    key_1: int
+
+
+class Jammers(NamedTuple):
+    """What jams; where nothing does, None as for :class:`Noise`."""
+
+    sent: Records
+    """(jammers,)."""
     power_mw: Floats
-    frames: Int64s
-    """(n, RING, 3): start, end (ns) and channel of the frames that each device sent last."""
-    cursor: Int64s
-    """(n,): index of each device's next frame."""
-    trains: Int64s
-    """(TRAINS, TRAIN_FIELDS)."""
-    train_channels: Int64s
-    """(TRAINS, 32): the channel of each X."""
-    jams: Int64s
-    """(jammers, JAM_FIELDS)."""
-    jam_channels: Int64s
-    """(jammers, 79): the channels of each in the order of its sweep, J_COUNT of them."""
-    jam_mw: Floats
     """(jammers, n): what each device receives of each jammer."""
-    numbers: Int64s
-    """Mode of interference, number of trains, the two words of the key of bit errors."""
-    noise_dbm: Floats
-    """(1,): -inf without noise."""
 
 
-def new_medium(size: int, mode: int, noise_dbm: float, key: tuple[int, int]) -> Medium:
+def new_medium(size: int, mode: int) -> Medium:
     """Return the air between *size* devices, which all receive each other with 0 dBm."""
     power_dbm = np.zeros((size, size))
     np.fill_diagonal(power_dbm, -np.inf)
-    return Medium(
-        power_dbm,
-        np.where(np.isfinite(power_dbm), 1.0, 0.0),
-        np.full((size, RING, 3), -1, dtype=np.int64),
-        np.zeros(size, dtype=np.int64),
-        np.zeros((TRAINS, TRAIN_FIELDS), dtype=np.int64),
-        np.zeros((TRAINS, 32), dtype=np.int64),
-        np.zeros((0, JAM_FIELDS), dtype=np.int64),
-        np.zeros((0, 79), dtype=np.int64),
-        np.zeros((0, size)),
-        np.array([mode, 0, *key], dtype=np.int64),
-        np.array([noise_dbm]),
-    )
+    frames = records((size, RING), FRAME)
+    for name in ("start", "end", "channel"):
+        frames[name] = -1
+    return Medium(mode, power_dbm, frames, records(size, SENDER), records(0, TRAIN))
+
+
+def records(shape: int | tuple[int, ...], fields: "np.dtype[np.void]") -> Records:
+    """Return records whose fields plain Python can name as kernels do, where these are plain Python."""
+    zeros = np.zeros(shape, fields)
+    return zeros if COMPILES else zeros.view(np.recarray)
 
 
 @njit(cache=True)
-def put(frames: Int64s, cursor: Int64s, source: int, start: int, end: int, channel: int) -> None:
-    """Put a frame of *source* on the air, into the arrays of :class:`Medium`."""
-    at = cursor[source]
-    frames[source, at, 0], frames[source, at, 1], frames[source, at, 2] = start, end, channel
-    cursor[source] = (at + 1) % RING
+def put(medium: Medium, source: int, start: int, end: int, channel: int) -> None:
+    """Put a frame of *source* on the air."""
+    sender = medium.senders[source]
+    frame = medium.frames[source, sender.next]
+    frame.start, frame.end, frame.channel = start, end, channel
+    sender.next = (sender.next + 1) % RING
+    sender.until = max(sender.until, end)
 
 
 @njit(cache=True)
-def heard_of(medium: Medium, carrier_dbm: float) -> bool:
-    """Return whether a receiver notices a frame of this power at all."""
-    return carrier_dbm - medium.noise_dbm[0] >= DETECTABLE_DB if carrier_dbm > -np.inf else False
+def heard_of(noise: Noise | None, carrier_dbm: float, least_db: float) -> bool:
+    """Return whether a receiver notices a frame of this power at all: if it is *least_db*, at least, above noise."""
+    if noise is None:
+        return carrier_dbm > -np.inf
+    return carrier_dbm - noise.dbm >= least_db
 
 
 @njit(cache=True)
@@ -140,99 +174,98 @@ def _weight(mode: int, apart: int) -> float:
 
 
 @njit(cache=True)
-def _tick_at_or_after(phase: int, ppm: int, time: int) -> int:
-    """Return the first tick of a clock that begins at or after *time*."""
-    before = time - 1
-    return (phase + before + before * ppm // _MILLION) // TICK + 1
-
-
-@njit(cache=True)
-def start_of(phase: int, ppm: int, tick: int) -> int:
-    """Return the instant at which *tick* begins, as ``NativeClock.time_of``, but safe in 64 bits for years."""
-    rate = _MILLION + ppm
-    elapsed = tick * TICK - phase
-    turns = elapsed // rate
-    return turns * _MILLION - (turns * rate - elapsed) * _MILLION // rate
-
-
-@njit(cache=True)
-def _ids(medium: Medium, row: int, mode: int, channel: int, start: int, end: int) -> float:
+def _ids(train: Any, mode: int, channel: int, start: int, end: int) -> float:
     """Return the weights of the IDs of one train that overlap [start, end)."""
-    train = medium.trains[row]
-    first_start = max(start - ID_AIR + 1, train[T_FROM])
-    end = min(end, train[T_TO])
-    tick = max(_tick_at_or_after(train[T_PHASE], train[T_PPM], first_start), train[T_FIRST])
+    first_start = max(start - ID_AIR + 1, train.since)
+    end = min(end, train.until)
+    tick = max(tick_at(train.phase, train.ppm, first_start - 1) + 1, train.first)
     total = 0.0
-    while start_of(train[T_PHASE], train[T_PPM], tick) < end:
-        if tick & 2 == 0:
-            turn = (tick - train[T_FIRST]) // train[T_SWITCH]
-            koffset = train[T_KOFFSET] if turn % 2 == 0 else 32 - train[T_KOFFSET]
-            x = train_phase_of(tick + train[T_ESTIMATE], koffset)
-            total += _weight(mode, medium.train_channels[row, x] - channel)
+    while True:
+        begin = start_of(train.phase, train.ppm, tick)
+        if begin >= end:
+            return total
+        sent = tick & 2 == 0
+        for gap in range(GAPS):
+            sent &= not train.silent_since[gap] <= begin < train.silent_until[gap]
+        if sent:
+            turn = (tick - train.first) // train.switch
+            koffset = train.koffset if turn % 2 == 0 else 32 - train.koffset
+            x = train_phase_of(tick + train.estimate, koffset)
+            total += _weight(mode, train.channels[x] - channel)
         tick += 1
-    return total
 
 
 @njit(cache=True)
-def _jam(medium: Medium, row: int, mode: int, channel: int, start: int, end: int) -> float:
+def _jam(jam: Any, mode: int, channel: int, start: int, end: int) -> float:
     """Return the weights of the channels that one jammer fills at some time of [start, end)."""
-    jam = medium.jams[row]
-    count = jam[J_COUNT]
     total = 0.0
-    if start >= jam[J_END] or end <= jam[J_START]:
+    if start >= jam.end or end <= jam.start:
         return total
-    for place in range(count):
-        weight = _weight(mode, medium.jam_channels[row, place] - channel)
+    for place in range(jam.count):
+        weight = _weight(mode, jam.channels[place] - channel)
         if weight > 0.0 and jams(
-            jam[J_MODE], jam[J_DWELL], jam[J_ON], jam[J_PERIOD], jam[J_START], jam[J_END], place, count, start, end
+            jam.mode, jam.dwell, jam.on, jam.period, jam.start, jam.end, place, jam.count, start, end
         ):
             total += weight
     return total
 
 
 @njit(cache=True)
-def interference_mw(medium: Medium, source: int, receiver: int, channel: int, start: int, end: int) -> float:
+def _interference_mw(
+    medium: Medium, jammers: Jammers | None, source: int, receiver: int, channel: int, start: int, end: int
+) -> float:
     """Return the sum of all powers at *receiver* on or beside *channel* during [start, end), without *source*."""
-    mode = medium.numbers[0]
+    mode = medium.mode
     total = 0.0
     if mode == NONE or start >= end:
         return total
     frames = medium.frames
     for other in range(frames.shape[0]):
-        power = medium.power_mw[other, receiver]
-        if power == 0.0 or other == source or other == receiver:  # noqa: SIM109  # compiled, a tuple costs
+        dbm = medium.power_dbm[other, receiver]
+        if dbm == -np.inf or other == source or other == receiver:  # noqa: SIM109  # compiled, a tuple costs
+            continue
+        if medium.senders[other].until <= start:
             continue
         for i in range(RING):
-            if frames[other, i, 0] < end and frames[other, i, 1] > start:
-                total += power * _weight(mode, frames[other, i, 2] - channel)
-    for row in range(medium.numbers[1]):
+            frame = frames[other, i]
+            if frame.start < end and frame.end > start:
+                total += 10.0 ** (dbm / 10.0) * _weight(mode, frame.channel - channel)
+    for row in range(len(medium.trains)):
         train = medium.trains[row]
-        power = medium.power_mw[train[T_DEVICE], receiver]
-        outside = train[T_FROM] >= end or train[T_TO] <= start - ID_AIR
-        if train[T_DEVICE] != source and train[T_DEVICE] != receiver and power > 0.0 and not outside:
-            total += power * _ids(medium, row, mode, channel, start, end)
-    for row in range(medium.jams.shape[0]):
-        if medium.jam_mw[row, receiver] > 0.0:
-            total += medium.jam_mw[row, receiver] * _jam(medium, row, mode, channel, start, end)
+        dbm = medium.power_dbm[train.sender, receiver]
+        outside = train.since >= end or train.until <= start - ID_AIR
+        if train.sender != source and train.sender != receiver and dbm > -np.inf and not outside:
+            total += 10.0 ** (dbm / 10.0) * _ids(train, mode, channel, start, end)
+    if jammers is not None:
+        for row in range(len(jammers.sent)):
+            if jammers.power_mw[row, receiver] > 0.0:
+                total += jammers.power_mw[row, receiver] * _jam(jammers.sent[row], mode, channel, start, end)
     return total
 
 
 @njit(cache=True)
-def _noise(medium: Medium, source: int, receiver: int, start: int, carrier_dbm: float, bits: int, coded: bool) -> int:
-    """Return the first section that noise destroys, or RECEIVED."""
-    if medium.noise_dbm[0] == -np.inf:
+def broken(
+    noise: Noise | None, source: int, receiver: int, start: int, carrier_dbm: float, bits: int, coded: bool
+) -> int:
+    """Return the first section that noise destroys of the frame of *source* that starts at *start*, or RECEIVED."""
+    if noise is None:
         return RECEIVED
-    access, header, payload = section_probabilities(carrier_dbm - medium.noise_dbm[0], bits, coded)
+    es_n0_db = carrier_dbm - noise.dbm
+    if es_n0_db >= CLEAR_DB:
+        return RECEIVED
+    access, header, payload = section_probabilities(es_n0_db, bits, coded)
     if access == 0.0 and header == 0.0 and payload == 0.0:
         return RECEIVED
-    key = medium.numbers
-    words = philox_words(start & 0xFFFFFFFF, start >> 32, source << 16 | receiver, ERRORS_PURPOSE, key[2], key[3])
+    pair = source << 16 | receiver
+    words = philox_words(start & 0xFFFFFFFF, start >> 32, pair, ERRORS_PURPOSE, noise.key_0, noise.key_1)
     return failed_section(words[0], words[1], words[2], words[3], access, header, payload)
 
 
 @njit(cache=True)
 def judge(
     medium: Medium,
+    noise: Noise | None,
+    jammers: Jammers | None,
     source: int,
     receiver: int,
     channel: int,
@@ -241,7 +274,7 @@ def judge(
     carrier_dbm: float,
     bits: int,
     coded: bool,
-    first: int = ACCESS_CODE,
+    first: int,
 ) -> int:
     """Return the fate at *receiver* of the frame [start, end) of *source*, in its sections from *first* on.
 
@@ -249,8 +282,9 @@ def judge(
     longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
     before *end* must be on the air by now.
     """
-    carrier = 10.0 ** (carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE
-    lost = _noise(medium, source, receiver, start, carrier_dbm, bits, coded)
+    lost = broken(noise, source, receiver, start, carrier_dbm, bits, coded)
+    met = _interference_mw(medium, jammers, source, receiver, channel, start, end) > 0.0
+    carrier = 10.0 ** (carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE if met else 0.0
     alone = end - start <= ID_AIR
     for section in range(first, PAYLOAD + 1):
         if section == ACCESS_CODE:
@@ -261,29 +295,19 @@ def judge(
             since, until = start + HEADER_AIR, end
         if section > ACCESS_CODE and alone:
             break
-        if carrier < interference_mw(medium, source, receiver, channel, since, until):
+        if met and carrier < _interference_mw(medium, jammers, source, receiver, channel, since, until):
             return COLLIDED + section
         if lost == section:
             return BIT_ERRORS + section
     return RECEIVED
 
 
-@njit(cache=True)
-def set_powers(medium: Medium, power_dbm: Floats) -> None:
-    """Let all devices receive each other with *power_dbm*, shape (n, n), from now on."""
-    for one in range(power_dbm.shape[0]):
-        for other in range(power_dbm.shape[0]):
-            power = power_dbm[one, other]
-            medium.power_dbm[one, other] = power
-            medium.power_mw[one, other] = 10.0 ** (power / 10.0) if power > -np.inf else 0.0
-
-
-def jam_arrays(jammers: Sequence[Jammer]) -> tuple[Int64s, Int64s]:
-    """Return *jammers* as the arrays ``jams`` and ``jam_channels`` of :class:`Medium`."""
-    rows = np.zeros((len(jammers), JAM_FIELDS), dtype=np.int64)
-    channels = np.zeros((len(jammers), 79), dtype=np.int64)
+def jam_records(jammers: Sequence[Jammer]) -> Records:
+    """Return *jammers* as the field ``sent`` of :class:`Jammers`."""
+    sent = records(len(jammers), JAM)
     for row, item in enumerate(jammers):
-        count = len(item.channels)
-        rows[row] = (item.mode, item.dwell, item.on, item.period, item.start, item.end, count)
-        channels[row, :count] = item.channels
-    return rows, channels
+        for name in ("mode", "dwell", "on", "period", "start", "end"):
+            sent[name][row] = getattr(item, name)
+        sent["count"][row] = len(item.channels)
+        sent["channels"][row, : len(item.channels)] = item.channels
+    return sent

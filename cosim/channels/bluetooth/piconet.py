@@ -324,11 +324,11 @@ class Piconet:
         now, timeout = self._kernel.now, self._settings.flush
         self._expiry = None
         self._air.advance(now)
-        boundary = polling.time_of(self.links.piconet, self.links.piconet[NEXT])
+        boundary = self.clock.time_of(int(self.links.piconet[NEXT]))
         if timeout is None:
             return
         if boundary > now:
-            self._expiry = self._kernel.at(int(boundary), self._flush_aged)
+            self._expiry = self._kernel.at(boundary, self._flush_aged)
             return
         events: LinkEvents = []
         for queue in range(MOST_SLAVES + 1):

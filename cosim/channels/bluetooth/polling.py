@@ -22,10 +22,10 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cosim.channels.bluetooth.medium import start_of
+from cosim.channels.bluetooth.clock import start_of, tick_at
 from cosim.channels.bluetooth.packets import HEADER_AIR
 from cosim.jit import njit
-from cosim.units import TICK, Time
+from cosim.units import Time
 
 State: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -90,7 +90,8 @@ NOTHING: Final = -1
 EVERYONE: Final = 0  # LT_ADDR of a broadcast
 NEVER: Final = 1 << 62
 
-MILLION: Final = 1_000_000
+ALL_SURE: Final = (2 << MOST_SLAVES) - 1
+"""Bits of all links."""
 _LOOK_AGAIN: Final = 16  # polls until the next check whether the schedule repeats itself
 _LAPS: Final = 64  # tries to find a slot at which two devices are present, until they are taken never to meet
 
@@ -113,8 +114,7 @@ def time_of(piconet: State, tick: int) -> int:
 @njit(cache=True)
 def first_slot_at(piconet: State, time: int) -> int:
     """Return the first TX slot that begins at or after *time*."""
-    before = time - 1
-    tick: int = (piconet[PHASE] + before + before * piconet[PPM] // MILLION) // TICK
+    tick: int = tick_at(piconet[PHASE], piconet[PPM], time - 1)
     return (tick + 4) // 4 * 4
 
 
@@ -132,7 +132,7 @@ def _opening(links: State, k: int, time: int, need: int) -> int:
     if need > links[COUNT, k]:
         return NEVER
     phase, ppm = links[CLOCK_PHASE, k], links[CLOCK_PPM, k]
-    tick = (phase + time + time * ppm // MILLION) // TICK
+    tick = tick_at(phase, ppm, time)
     into = (tick - links[FIRST, k]) % period
     if into + need <= links[COUNT, k]:
         return time
@@ -195,15 +195,6 @@ def _next_due(piconet: State, links: State, due: State, tick: int) -> tuple[int,
 
 
 @njit(cache=True)
-def _weight(piconet: State, links: State, k: int) -> int:
-    """Return how much the scheduler prefers link *k*, by the payloads that wait on either side of it."""
-    waiting: int = links[WAITING, k] + links[QUEUED, k]
-    if piconet[SCHEDULER] == BACKLOG:
-        return waiting
-    return 1 if piconet[SCHEDULER] == EXHAUSTIVE and k == piconet[CURRENT] and waiting else 0
-
-
-@njit(cache=True)
 def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int, int]:
     """Return (TX slot, link) of the next pair from *tick* on, without LAZY's payloads; (NEVER, 0) without links.
 
@@ -216,7 +207,10 @@ def next_poll(piconet: State, links: State, due: State, tick: int) -> tuple[int,
     for k in range(1, MOST_SLAVES + 1):
         if links[HELD, k]:
             slot = open_slot(piconet, links, k, tick, 1)
-            weight = _weight(piconet, links, k)
+            # how much the scheduler prefers it, by the payloads that wait on either side
+            weight = links[WAITING, k] + links[QUEUED, k]
+            if piconet[SCHEDULER] != BACKLOG:
+                weight = 1 if piconet[SCHEDULER] == EXHAUSTIVE and k == piconet[CURRENT] and weight else 0
             first = slot == when and (weight > most or (weight == most and due[k] < due[best]))
             if slot < when or (first and slot != NEVER):
                 best, when, most = k, slot, weight
@@ -232,33 +226,25 @@ def serve(piconet: State, links: State, tick: int, k: int) -> None:
 
 
 @njit(cache=True)
-def _repeats(piconet: State, links: State) -> bool:
-    """Return whether the idle schedule repeats itself every T_POLL: each link is polled when it is due, and no two are
-    due at once."""
+def _skip_periods(piconet: State, links: State, end: int) -> int:
+    """Decide as many whole periods as end before *end*, and return the links polled, as bits.
+
+    There are none unless the idle schedule repeats itself every T_POLL: each link is polled when it is due, and no two
+    are due at once.
+    """
     if piconet[SHARED] or piconet[SCHEDULER] != LAZY:
-        return False
-    first, last = NEVER, 0
+        return 0
+    first, last, held, bits = NEVER, 0, 0, 0
     for k in range(1, MOST_SLAVES + 1):
         if links[HELD, k]:
             due = links[DUE, k]
             if due % 4 or due < piconet[NEXT]:
-                return False
+                return 0
             for other in range(1, k):
                 if links[HELD, other] and links[DUE, other] == due:
-                    return False
-            first, last = min(first, due), max(last, due)
-    return bool(last - first < piconet[T_POLL])
-
-
-@njit(cache=True)
-def _skip_periods(piconet: State, links: State, end: int) -> int:
-    """Decide as many whole periods of a schedule that repeats itself as end before *end*; return the links polled, as
-    bits."""
-    last, held, bits = 0, 0, 0
-    for k in range(1, MOST_SLAVES + 1):
-        if links[HELD, k]:
-            last, held, bits = max(last, links[DUE, k]), held + 1, bits | 1 << k
-    if not held or last >= end:
+                    return 0
+            first, last, held, bits = min(first, due), max(last, due), held + 1, bits | 1 << k
+    if not held or last - first >= piconet[T_POLL] or last >= end:
         return 0
     periods = (end - 1 - last) // piconet[T_POLL] + 1
     for k in range(1, MOST_SLAVES + 1):
@@ -272,61 +258,34 @@ def _skip_periods(piconet: State, links: State, end: int) -> int:
 
 
 @njit(cache=True)
-def skip(piconet: State, links: State, end: int) -> None:
-    """Decide all TX slots before *end* (a TX slot), all of them idle; everything is received at once."""
-    polled = 0
-    count = 0
-    while True:
-        if count % _LOOK_AGAIN == 0 and _repeats(piconet, links):
+def skip(piconet: State, links: State, end: int, sure: int) -> None:
+    """Decide TX slots before *end* (a TX slot), all of them idle, up to the first poll of a link that is not *sure*.
+
+    Bit k of *sure* is set if all frames of link k are received, and those of all links without one.
+    """
+    polled, count = 0, 0
+    tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+    while tick < end and sure >> k & 1:
+        if count % _LOOK_AGAIN == 0 and sure == ALL_SURE:
             polled |= _skip_periods(piconet, links, end)
-        tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
-        if tick >= end:
-            break
+            tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
+            if tick >= end:
+                break
         count += 1
         polled |= 1 << k
         serve(piconet, links, tick, k)
         piconet[NEXT] = tick + 4
+        tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
     for k in range(1, MOST_SLAVES + 1):
         if polled >> k & 1:
-            tick = links[DUE, k] - piconet[T_POLL]
-            links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-            links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
+            last = links[DUE, k] - piconet[T_POLL]
+            links[HEARD_DOWN, k] = time_of(piconet, last) + HEADER_AIR
+            links[HEARD_UP, k] = time_of(piconet, last + 2) + HEADER_AIR
     piconet[IDLE] += count
     piconet[POLLS] += count
     piconet[NULLS] += count
-    piconet[NEXT] = max(piconet[NEXT], end)
-
-
-@njit(cache=True)
-def finish(piconet: State, links: State, until: int) -> bool:
-    """End the frames of the idle pair under way that end by *until* and are received; return whether all have."""
-    k, tick = piconet[PAIR_LINK], piconet[PAIR_TICK]
-    if piconet[STAGE] == 1 and time_of(piconet, tick) + HEADER_AIR <= until:
-        links[HEARD_DOWN, k] = time_of(piconet, tick) + HEADER_AIR
-        piconet[NULLS] += 1
-        piconet[STAGE] = 2
-    if piconet[STAGE] == 2 and time_of(piconet, tick + 2) + HEADER_AIR <= until:
-        links[HEARD_UP, k] = time_of(piconet, tick + 2) + HEADER_AIR
-        piconet[STAGE] = 0
-    return bool(piconet[STAGE] == 0)
-
-
-@njit(cache=True)
-def run_alone(piconet: State, links: State, until: int) -> None:
-    """Bring a piconet in which all is received to *until*: slots that start before, frames that end by then."""
-    if not finish(piconet, links, until):
-        return
-    end = first_slot_at(piconet, until)
-    skip(piconet, links, end - 4)
-    tick, k = next_poll(piconet, links, links[DUE], piconet[NEXT])
-    if tick < end:
-        serve(piconet, links, tick, k)
-        piconet[NEXT] = tick + 4
-        piconet[IDLE] += 1
-        piconet[POLLS] += 1
-        piconet[STAGE], piconet[PAIR_TICK], piconet[PAIR_LINK], piconet[PAIR_HERE] = 1, tick, k, 1
-        finish(piconet, links, until)
-    piconet[NEXT] = max(piconet[NEXT], end)
+    if tick >= end:
+        piconet[NEXT] = max(piconet[NEXT], end)
 
 
 @njit(cache=True)
@@ -370,35 +329,32 @@ def next_served(piconet: State, links: State) -> int:
     return NOTHING
 
 
-@njit(cache=True)
 def overdue(piconet: State, links: State, tick: int) -> int:
     """Return the link that must be addressed at *tick*, or NOTHING."""
     slot, k = _next_due(piconet, links, links[DUE], tick)
     return k if slot == tick else NOTHING
 
 
-@njit(cache=True)
 def turn(piconet: State, links: State, tick: int) -> int:
     """Return the link that is addressed at *tick* if nothing is broadcast then, or NOTHING; not for LAZY."""
     slot, k = next_poll(piconet, links, links[DUE], tick)
     return k if slot == tick else NOTHING
 
 
-@njit(cache=True)
 def last_heard(links: State) -> int:
     """Return the earliest of all "last heard" instants of sides that are up, or NOTHING."""
-    earliest = NOTHING
-    for k in range(1, MOST_SLAVES + 1):
-        for up, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN)):
-            if links[up, k] and (earliest == NOTHING or links[heard, k] < earliest):
-                earliest = links[heard, k]
-    return earliest
+    sides = [
+        int(links[heard, k])
+        for k in range(1, MOST_SLAVES + 1)
+        for up, heard in ((HELD, HEARD_UP), (JOINED, HEARD_DOWN))
+        if links[up, k]
+    ]
+    return min(sides, default=NOTHING)
 
 
 # ---------------------------------------------------------------- slots with a payload
 
 
-@njit(cache=True)
 def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> bool:
     """Send the master's packet of a pair with link *k*, whether with *data*, and *first* if that is new.
 
@@ -416,7 +372,6 @@ def begin_pair(piconet: State, links: State, tick: int, k: int, first: bool, dat
     return acknowledged
 
 
-@njit(cache=True)
 def answer_pair(piconet: State, links: State, tick: int, k: int, first: bool, data: bool, slots: int) -> None:
     """Send the slave's packet at *tick*."""
     if first:
@@ -425,7 +380,6 @@ def answer_pair(piconet: State, links: State, tick: int, k: int, first: bool, da
     piconet[NEXT] = tick + 2 * slots
 
 
-@njit(cache=True)
 def take_down_link(links: State, k: int) -> bool:
     """Let the slave take the master's payload; return whether it is new (its SEQN differs from the last one's)."""
     new = bool(links[SEEN_DOWN, k] != links[SEQ_DOWN, k])
@@ -433,7 +387,6 @@ def take_down_link(links: State, k: int) -> bool:
     return new
 
 
-@njit(cache=True)
 def take_up_link(links: State, k: int) -> bool:
     """Let the master take the slave's payload, which its next packet acknowledges; return whether it is new."""
     new = bool(links[SEEN_UP, k] != links[SEQ_UP, k])

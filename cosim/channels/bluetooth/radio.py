@@ -16,12 +16,24 @@ import numpy as np
 from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
-from cosim.channels.bluetooth.band import LOG_FIELDS, Band
+from cosim.channels.bluetooth.band import LOG_FIELDS, Adapted, Band
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE
-from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.hopping import basic_hop
-from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, T_DEVICE, T_TO
-from cosim.channels.bluetooth.polling import HELD, MASTER, RUNNING, STAGE, USED, WORD, run_alone
+from cosim.channels.bluetooth.clock import NativeClock, start_of
+from cosim.channels.bluetooth.hopping import adapted_hop, basic_hop
+from cosim.channels.bluetooth.medium import BIT_ERRORS, NOT_TUNED, OUT_OF_RANGE, RECEIVED, Jammers, Noise, Records
+from cosim.channels.bluetooth.packets import HEADER_AIR, ID_AIR
+from cosim.channels.bluetooth.polling import (
+    HELD,
+    PAIR_LINK,
+    PAIR_TICK,
+    PHASE,
+    PPM,
+    RUNNING,
+    SLAVE,
+    STAGE,
+    USED,
+    WORD,
+)
 from cosim.channels.jamming import Jammer
 from cosim.kernel import Kernel
 from cosim.machine import Address
@@ -128,38 +140,47 @@ class Air:
         noise_dbm: float = float("-inf"),
         key: tuple[int, int] = (0, 0),
     ) -> None:
-        self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference], noise_dbm, key))
+        self.band: Band = bands.new_band(mediums.new_medium(size, MODES[interference]))
+        self.adapted: Adapted | None = None
+        """The adapted hop sets, if there are any."""
+        self.noise = Noise(noise_dbm, *key) if noise_dbm > _NOTHING_DBM else None
+        self.fades = self.noise is not None
+        """True if powers are those of a law of propagation."""
+        self._jammers: Jammers | None = None
         self.calm = True
         """True if no frame that starts from ``stray`` on can be destroyed."""
-        self.fades = noise_dbm > float("-inf")
-        """True if powers are those of a law of propagation."""
         self._detectable_dbm = noise_dbm + mediums.DETECTABLE_DB
         self._record = record
-        self._rows = list(zip(self.band.piconets, self.band.links, strict=True))
         self._running = 0
+        """Number of piconets that send anything."""
         self._master: Address | None = None
-        """The only piconet that sends anything, while it is not known whether everything is received there."""
-        self._alone: tuple[Int64s, Int64s] | None = None
-        """Arrays of the only piconet that sends anything, if its air is calm and everything is received there."""
-        self._in_flight: deque[tuple[Address, Time, Time, int]] = deque(maxlen=mediums.RING)
-        """Frames (source, start, end, channel) of a calm air, which the medium needs only when the calm ends."""
+        """The only one, if it is, and nothing else that could destroy a frame is sent from ``stray`` on."""
+        self._alone = False
+        """True if that is so from now on: its idle frames are not put on the air."""
+        self._sent: deque[tuple[Address, Time, Time, int]] = deque()
+        """Frames (source, start, end, channel) that are not in the medium yet, which needs few of them."""
+        self._others: Time = 0
+        """Instant at which the last frame that is in the medium may be over."""
         self._idle: dict[Address, IdleFrame] = {}  # by master, where idle frames are wanted
         self.stray: Time = 0
         """Instant from which nothing is on the air that a change, an inquiry or a page has left there."""
+        self._trains: list[_Train] = []  # as in the medium
         self._closing: Time = FOREVER  # when the first train that has ended may be forgotten
-        self._power: list[list[float]] = self.band.medium.power_dbm.tolist()
+        self._power: list[list[float]] | None = None
+        """The powers, if anybody has asked for one since they changed."""
 
     # ------------------------------------------------------------ powers
 
     def set_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let devices receive each other with *power_dbm*, shape (n, n), from now on; -inf is nothing."""
         self.advance(now, now - 1)
-        self._disturb()
-        mediums.set_powers(self.band.medium, power_dbm)
-        self._power = self.band.medium.power_dbm.tolist()
+        self.band.medium.power_dbm[:] = power_dbm
+        self._power = None
 
     def carrier(self, source: Address, receiver: Address) -> float:
         """Return the power in dBm with which *receiver* gets *source* now."""
+        if self._power is None:
+            self._power = self.band.medium.power_dbm.tolist()
         return self._power[source][receiver]
 
     def reaches(self, carrier_dbm: float) -> bool:
@@ -169,16 +190,15 @@ class Air:
     def set_jammers(self, jammers: Sequence[Jammer], now: Time) -> None:
         """Put these jammers, and no others, on the air; no device receives them before :meth:`set_jam_powers`."""
         self.advance(now)
-        jams, channels = mediums.jam_arrays(jammers)
-        power_mw = np.zeros((len(jammers), len(self._power)))
-        medium = self.band.medium._replace(jams=jams, jam_channels=channels, jam_mw=power_mw)
-        self.band = self.band._replace(medium=medium)
+        power_mw = np.zeros((len(jammers), len(self.band.medium.power_dbm)))
+        self._jammers = Jammers(mediums.jam_records(jammers), power_mw) if jammers else None
         self.changed(now)
 
     def set_jam_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let the jammers be received with *power_dbm*, shape (jammers, n), from now on."""
         self.advance(now, now - 1)
-        self.band.medium.jam_mw[:] = 10.0 ** (power_dbm / 10.0)
+        if self._jammers is not None:
+            self._jammers.power_mw[:] = 10.0 ** (power_dbm / 10.0)
 
     # ------------------------------------------------------------ time
 
@@ -188,26 +208,32 @@ class Air:
         A frame that ends at the instant at which powers change is judged with the new ones.
         """
         last_end = now if last_end is None else last_end
+        if self._running and self._closing < now:
+            self.advance(self._closing)  # from there on a piconet may be alone
         if self._idle:
             self._advance_and_report(now, last_end)
-        elif self._alone is not None:
-            run_alone(*self._alone, now)
         elif self._running:
-            if self.calm and self._master is not None and self.stray < now:  # from there on there may be a shortcut
-                bands.advance(self.band, self.stray, self.stray, _NO_LOG)
-                self._seek_shortcut(self.stray)
-                self.advance(now, last_end)
-                return
-            bands.advance(self.band, now, last_end, _NO_LOG)
-            self._seek_shortcut(now)
+            if self._master is not None and not self._alone:
+                since = min(self.stray, now)
+                self._advance_together(since, last_end if since == now else since)
+                self._alone = self.stray <= now
+            if self._master is None:
+                self._advance_together(now, last_end)
+            elif self._alone:
+                bands.run_alone(self.band, self.noise, self._jammers, self.adapted, self._master, now, last_end)
         if now >= self._closing:
             self._forget_trains(now)
+
+    def _advance_together(self, now: Time, last_end: Time, log: Int64s = _NO_LOG) -> int:
+        self._put_sent()
+        self._others = max(self._others, now + LONGEST_FRAME)
+        return int(bands.advance(self.band, self.noise, self._jammers, self.adapted, now, last_end, log))
 
     def _advance_and_report(self, now: Time, last_end: Time) -> None:
         more = True
         while more:
             log = np.empty((_LOG_ROWS, LOG_FIELDS), dtype=np.int64)
-            count = bands.advance(self.band, now, last_end, log)
+            count = self._advance_together(now, last_end, log)
             more = count > _LOG_ROWS
             for master, tick, k, up, fate in log[:count].tolist():
                 if master in self._idle:
@@ -219,32 +245,61 @@ class Air:
 
     def changed(self, now: Time) -> None:
         """Note that devices have begun or ended to send or to listen; all piconets must be advanced to *now* before."""
-        self._disturb()
-        self._stray_until(now + LONGEST_FRAME)
-        masters = [p for p, row in enumerate(self._rows) if row[0][RUNNING] and row[1][HELD].any()]
+        piconets, links = self.band.piconets, self.band.links
+        sends = (piconets[:, RUNNING] > 0) & links[:, HELD].any(axis=1)
         # a pair under way outlives the pause, and the last link, of its piconet
-        ending = any(row[0][STAGE] and p not in masters for p, row in enumerate(self._rows))
-        self._running = len(masters) + ending
-        self.calm = bool(bands.calm(self.band))
-        self._master = masters[0] if len(masters) == 1 and not ending else None
+        ending = (piconets[:, STAGE] > 0) & ~sends
+        self._disturb()
+        masters = sends.nonzero()[0].tolist()
+        self._running = len(masters) + int(ending.sum())
+        self._settle(masters[0] if len(masters) == self._running == 1 else None, now)
 
-    def _seek_shortcut(self, now: Time) -> None:
-        """Take the shortcut from *now* on if only one piconet sends, nothing else is on the air, and all hear it."""
-        if self.calm and self._master is not None and now >= self.stray:
-            master, self._master = self._master, None
-            if bands.all_hear(self.band, master):
-                self._alone = self._rows[master]
+    def _trains_changed(self, now: Time) -> None:
+        """Note that a train has begun or is forgotten."""
+        if self._running:  # or perhaps not any more
+            self.changed(now)
+            return
+        self._disturb()
+        self._settle(None, now)
+
+    def _settle(self, master: Address | None, now: Time) -> None:
+        """Note what can destroy frames; *master* is that of the only piconet that sends anything, if it is."""
+        self._stray_until(now + LONGEST_FRAME)
+        medium = self.band.medium
+        quiet = medium.mode == mediums.NONE or (not len(medium.trains) and self._jammers is None)
+        self._master = master if quiet else None
+        alone = medium.mode == mediums.NONE or self._running <= 1
+        self.calm = self.noise is None and quiet and alone
 
     def _disturb(self) -> None:
-        """End the calm: put what is on the air now into the medium."""
-        medium = self.band.medium
-        for source, start, end, channel in self._in_flight:
-            mediums.put(medium.frames, medium.cursor, source, start, end, channel)
-        self._in_flight.clear()
-        if self._alone is not None:
-            self._master = int(self._alone[0][MASTER])
-            self._alone = None
-            bands.expose(self.band, self._master)
+        """End the time in which a piconet is alone on the air."""
+        if self._alone and self._master is not None:
+            self._alone = False
+            self._expose(self._master)
+
+    def _expose(self, master: Address) -> None:
+        """Put the idle pair under way in a piconet, which was alone up to now, on the air for others to meet."""
+        piconet, links = self.band.piconets[master], self.band.links[master]
+        slave = int(links[SLAVE, piconet[PAIR_LINK]])
+        for i in range(piconet[STAGE]):
+            tick = int(piconet[PAIR_TICK]) + 2 * i
+            start = start_of(int(piconet[PHASE]), int(piconet[PPM]), tick)
+            source, channel = slave if i else master, self.channel(master, tick)
+            self._note(source, start, start + HEADER_AIR, channel)
+
+    def _note(self, source: Address, start: Time, end: Time, channel: int) -> None:
+        """Note a frame that is on the air; a frame that has been over for long can meet nothing any more."""
+        sent = self._sent
+        while sent and sent[0][2] + 2 * LONGEST_FRAME < start:
+            sent.popleft()
+        sent.append((source, start, end, channel))
+
+    def _put_sent(self) -> None:
+        """Put into the medium what is not there yet."""
+        for source, start, end, channel in self._sent:
+            mediums.put(self.band.medium, source, start, end, channel)
+            self._others = max(self._others, end)
+        self._sent.clear()
 
     def _stray_until(self, time: Time) -> None:
         self.stray = max(self.stray, time)
@@ -253,17 +308,19 @@ class Air:
 
     def send(self, source: Address, start: Time, duration: Time, channel: int) -> None:
         """Put a frame of a piconet on the air; all piconets must have been advanced to now."""
-        if self.calm and start >= self.stray:
-            self._in_flight.append((source, start, start + duration, channel))
-        else:
-            medium = self.band.medium
-            mediums.put(medium.frames, medium.cursor, source, start, start + duration, channel)
+        self._note(source, start, start + duration, channel)
+
+    def adapt(self) -> Adapted:
+        """Return the adapted hop sets, for a piconet that has one."""
+        if self.adapted is None:
+            self.adapted = bands.new_adapted(len(self.band.piconets))
+        return self.adapted
 
     def channel(self, master: Address, tick: int) -> int:
         """Return the channel on which the piconet of *master* is at *tick*."""
-        piconet, _ = self._rows[master]
-        if piconet[USED]:
-            return int(bands.channel_of(self.band, master, tick))
+        piconet = self.band.piconets[master]
+        if self.adapted is not None and piconet[USED]:
+            return int(adapted_hop(piconet[WORD], tick, self.adapted.used[master, : piconet[USED]]))
         hop: int = basic_hop(piconet[WORD], tick)
         return hop
 
@@ -286,8 +343,7 @@ class Air:
         self.advance(frame.start)
         self._disturb()
         end = frame.start + frame.duration
-        medium = self.band.medium
-        mediums.put(medium.frames, medium.cursor, frame.source, frame.start, end, frame.channel)
+        self._note(frame.source, frame.start, end, frame.channel)
         self._stray_until(end)
 
     def judge(self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int = 0, first: int = 1) -> Fate:
@@ -304,10 +360,47 @@ class Air:
     ) -> Fate:
         start, end = frame.start, frame.start + frame.duration
         self.advance(end)
-        medium, source = self.band.medium, frame.source
-        return FATES[
-            mediums.judge(medium, source, receiver, frame.channel, start, end, carrier_dbm, bits, coded, first)
-        ]
+        if self._undisturbed(frame.source, receiver, start, end):
+            return self._by_noise(frame, receiver, carrier_dbm, bits, coded, first)
+        self._put_sent()
+        fate: int = mediums.judge(
+            self.band.medium,
+            self.noise,
+            self._jammers,
+            frame.source,
+            receiver,
+            frame.channel,
+            start,
+            end,
+            carrier_dbm,
+            bits,
+            coded,
+            first,
+        )
+        return FATES[fate]
+
+    def _undisturbed(self, source: Address, receiver: Address, start: Time, end: Time) -> bool:
+        """Return whether nobody but *source* and *receiver* sends anything during [start, end), on any channel."""
+        if start < self._others or self._jammers is not None:
+            return False
+        for train in self._trains:
+            if train.device not in (source, receiver):
+                return False
+        for other, begun, over, _ in self._sent:
+            if begun < end and over > start and other not in (source, receiver):
+                return False
+        return True
+
+    def _by_noise(
+        self, frame: Frame, receiver: Address, carrier_dbm: float, bits: int, coded: bool, first: int
+    ) -> Fate:
+        """Return the fate of *frame* if nothing else is sent."""
+        if self.noise is None:
+            return GOOD
+        lost: int = mediums.broken(self.noise, frame.source, receiver, frame.start, carrier_dbm, bits, coded)
+        if lost < first or (lost > ACCESS_CODE and frame.duration <= ID_AIR):
+            return GOOD
+        return FATES[BIT_ERRORS + lost]
 
     @property
     def recorded(self) -> bool:
@@ -321,49 +414,57 @@ class Air:
 
     # ------------------------------------------------------------ trains of IDs
 
-    def open_train(self, row: Int64s, channels: Int64s, now: Time) -> None:
-        """Have a device send IDs, one train at a time, until its end or :meth:`close_train`.
+    def open_train(self, train: Records, channels: Int64s, now: Time) -> None:
+        """Have a device send the IDs of *train*, shape (1,), until its end or :meth:`close_train`.
 
-        *row* has the fields of ``medium.Medium.trains``, *channels* the channel of each X.
+        *channels* are those of each X.
         """
         self.advance(now)
+        train["channels"] = channels
         self._forget_trains(now)
-        medium = self.band.medium
-        count = int(medium.numbers[1])
-        if count == len(medium.trains):
-            trains, each = np.zeros_like(medium.trains), np.zeros_like(medium.train_channels)
-            medium = medium._replace(
-                trains=np.concatenate((medium.trains, trains)),
-                train_channels=np.concatenate((medium.train_channels, each)),
-            )
-            self.band = self.band._replace(medium=medium)
-        medium.trains[count], medium.train_channels[count] = row, channels
-        medium.numbers[1] = count + 1
-        self._closing = min(self._closing, int(row[T_TO]) + 2 * LONGEST_FRAME)
-        self.changed(now)
+        before = self.band.medium.trains
+        trains = mediums.records(len(before) + 1, mediums.TRAIN)
+        trains[:-1], trains[-1] = before, train[0]
+        new = _Train(int(train["sender"][0]), int(train["until"][0]))
+        self._set_trains(trains, [*self._trains, new])
+        self._trains_changed(now)
+
+    def silence_train(self, device: Address, since: Time, until: Time) -> None:
+        """Let the train of *device*, if it sends one, send nothing that would start in [since, until)."""
+        for row, train in enumerate(self._trains):
+            if train.end > since and train.device == device:
+                gap, train.gaps = train.gaps, (train.gaps + 1) % mediums.GAPS
+                records = self.band.medium.trains
+                records["silent_since"][row, gap], records["silent_until"][row, gap] = since, until
 
     def close_train(self, device: Address, at: Time) -> None:
         """Let the train of *device*, if it sends one, send nothing more that would start at or after *at*."""
-        medium = self.band.medium
-        for row in range(int(medium.numbers[1])):
-            train = medium.trains[row]
-            if train[T_DEVICE] == device and train[T_TO] > at:
-                train[T_TO] = at
+        for row, train in enumerate(self._trains):
+            if train.end > at and train.device == device:
+                self.band.medium.trains["until"][row] = train.end = at
                 self._closing = min(self._closing, at + 2 * LONGEST_FRAME)
 
     def _forget_trains(self, now: Time) -> None:
         """Drop the trains that ended so long ago that nothing on the air can have met them."""
-        medium = self.band.medium
-        count = int(medium.numbers[1])
-        kept = [row for row in range(count) if medium.trains[row, T_TO] + 2 * LONGEST_FRAME > now]
-        if len(kept) == count:
-            return
-        medium.trains[: len(kept)] = medium.trains[kept]
-        medium.train_channels[: len(kept)] = medium.train_channels[kept]
-        medium.numbers[1] = len(kept)
-        ends = (int(medium.trains[row, T_TO]) for row in range(len(kept)))
-        self._closing = min(ends, default=FOREVER) + 2 * LONGEST_FRAME
-        self.changed(now)
+        kept = [row for row, train in enumerate(self._trains) if train.end + 2 * LONGEST_FRAME > now]
+        if len(kept) < len(self._trains):
+            self._set_trains(self.band.medium.trains[kept], [self._trains[row] for row in kept])
+            self._trains_changed(now)
+
+    def _set_trains(self, records: Records, trains: list["_Train"]) -> None:
+        self.band = self.band._replace(medium=self.band.medium._replace(trains=records))
+        self._trains = trains
+        self._closing = min((train.end for train in trains), default=FOREVER) + 2 * LONGEST_FRAME
+
+
+@dataclass(slots=True)
+class _Train:
+    """A train in the medium."""
+
+    device: Address
+    end: Time
+    gaps: int = 0
+    """Place of the next time at which it is interrupted."""
 
 
 @dataclass(frozen=True, slots=True)

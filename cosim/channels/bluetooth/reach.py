@@ -49,8 +49,10 @@ class Disc:
         return True
 
     def power_dbm(self) -> Floats:
-        """Return what each device receives of each other, shape (n, n)."""
-        return np.where(self._near, 0.0, -np.inf)
+        """Return what each device (column) receives of each other (row), shape (n, n), and nothing of itself."""
+        power_dbm = np.where(self._near, 0.0, -np.inf)
+        np.fill_diagonal(power_dbm, -np.inf)
+        return power_dbm
 
     def jam_dbm(self, jammers: Sequence[Jammer]) -> Floats:
         """Return what each device receives of each jammer, shape (jammers, n): as much as of another device."""
@@ -80,7 +82,7 @@ class Fading:
         self._propagation.set_barriers(tuple(barriers))
 
     def power_dbm(self) -> Floats:
-        """Return what each device (column) receives of each other (row), shape (n, n)."""
+        """Return what each device (column) receives of each other (row), shape (n, n), and nothing of itself."""
         power: Floats = self._transmit_dbm[:, None] + self._propagation.gains_db(self._positions_m)
         return power
 

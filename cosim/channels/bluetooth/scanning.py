@@ -15,12 +15,11 @@ both trains are the same, and there is always a solution.
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from cosim.arrays import Int64s
-from cosim.channels.bluetooth.clock import NativeClock
+from cosim.channels.bluetooth.clock import NativeClock, start_of, tick_at
 from cosim.channels.bluetooth.hopping import KOFFSET, Train, train_phase
+from cosim.channels.bluetooth.medium import TRAIN, Records, records
 from cosim.channels.bluetooth.packets import ID_AIR
 from cosim.jit import njit
 from cosim.kernel import DELIVER, Callback, Handle, Kernel
@@ -33,7 +32,6 @@ WINDOW: Final = 36
 RESPONSE_DELAY: Final[Time] = SLOT
 """Time from the start of a heard ID to the start of its answer."""
 
-_MILLION = 1_000_000
 _NEVER = 1 << 62
 
 
@@ -85,12 +83,14 @@ class IdTrain:
         """Return X at *tick*."""
         return train_phase(tick + self.estimate, self.train(tick))
 
-    def on_air(self, device: Address, since: Time) -> Int64s:
-        """Return the row for ``Air.open_train``: *device* sends the train from the instant *since* to its end."""
+    def on_air(self, device: Address, since: Time) -> Records:
+        """Return the record (1,) for ``Air.open_train``: *device* sends the train from *since* (ns) to its end."""
         clock, switch = self.clock, 32 * self.repetitions
         koffset, end = KOFFSET[self.first_train], self.clock.time_of(self.end)
+        train = records(1, TRAIN)
         row = (device, clock.phase, clock.ppm, self.first, switch, koffset, self.estimate, since, max(since, end))
-        return np.array(row, dtype=np.int64)
+        train[0] = (*row, 0, 0, 0)
+        return train
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,21 +159,6 @@ def _as_meeting(found: int) -> Meeting | None:
 
 
 @njit(cache=True)
-def _tick(phase: int, ppm: int, time: int) -> int:
-    """NativeClock.tick."""
-    return (phase + time + time * ppm // _MILLION) // TICK
-
-
-@njit(cache=True)
-def _time_of(phase: int, ppm: int, tick: int) -> int:
-    """NativeClock.time_of, in whole turns and a rest so that no product leaves 64 bits."""
-    rate = _MILLION + ppm
-    elapsed = tick * TICK - phase
-    turns = elapsed // rate
-    return turns * _MILLION - (turns * rate - elapsed) * _MILLION // rate
-
-
-@njit(cache=True)
 def _solve(x: int, block: int, koffset: int, tick: int, estimate: int, mask: int) -> int:
     """Return the first c >= *tick* at which a train in *block* with *koffset* has the phase *x*, or -1.
 
@@ -193,8 +178,8 @@ def _in_window(
 ) -> int:
     """Return the first c in [lo, hi] that meets a scanner of phase CLKN16-12 + x, all of these ticks heard; else -1."""
     while lo <= hi:
-        block = _tick(sph, spm, _time_of(ph, pm, lo)) >> 12
-        change = _tick(ph, pm, _time_of(sph, spm, (block + 1) << 12) - 1)
+        block = tick_at(sph, spm, start_of(ph, pm, lo)) >> 12
+        change = tick_at(ph, pm, start_of(sph, spm, (block + 1) << 12) - 1)
         mine = (lo + est) >> 12
         turn = (lo - first) // switch
         last = min(hi, change, ((mine + 1) << 12) - est - 1, first + (turn + 1) * switch - 1)
@@ -227,25 +212,25 @@ def _next_meeting(
     until: int,
 ) -> int:
     """Return 2 * tick + (1 in a second window) of the next meeting, or -1."""
-    lo = max(tick, first, _tick(ph, pm, since - 1) + 1)
+    lo = max(tick, first, tick_at(ph, pm, since - 1) + 1)
     hi = end - 1
     if until != _NEVER:
-        hi = min(hi, _tick(ph, pm, until - ID_AIR))
+        hi = min(hi, tick_at(ph, pm, until - ID_AIR))
     if second < 0:
         found = _in_window(ph, pm, first, switch, k, est, mask, sph, spm, n, lo, hi)
         return 2 * found if found >= 0 else -1
-    window = (_tick(sph, spm, _time_of(ph, pm, lo)) - offset) // interval
+    window = (tick_at(sph, spm, start_of(ph, pm, lo)) - offset) // interval
     while lo <= hi:
         edge = offset + window * interval
         for part in range(second + 1):
-            opening = _time_of(sph, spm, edge + part * WINDOW)
-            closing = _time_of(sph, spm, edge + (part + 1) * WINDOW)
-            start = max(lo, _tick(ph, pm, opening - 1) + 1)
-            stop = min(hi, _tick(ph, pm, closing - ID_AIR))
+            opening = start_of(sph, spm, edge + part * WINDOW)
+            closing = start_of(sph, spm, edge + (part + 1) * WINDOW)
+            start = max(lo, tick_at(ph, pm, opening - 1) + 1)
+            stop = min(hi, tick_at(ph, pm, closing - ID_AIR))
             found = _in_window(ph, pm, first, switch, k, est, mask, sph, spm, n + 16 * part, start, stop)
             if found >= 0:
                 return 2 * found + part
             lo = max(lo, stop + 1)
         window += 1
-        lo = max(lo, _tick(ph, pm, _time_of(sph, spm, offset + window * interval) - 1) + 1)
+        lo = max(lo, tick_at(ph, pm, start_of(sph, spm, offset + window * interval) - 1) + 1)
     return -1

@@ -120,4 +120,6 @@ class Schedule:
             power_dbm = carrier(links.slaves[k], links.master)
         else:
             power_dbm = carrier(links.master, links.slaves[k])
-        return power_dbm - float(self._air.band.medium.noise_dbm[0]) if power_dbm > float("-inf") else power_dbm
+        noise = self._air.noise
+        noise_dbm = float("-inf") if noise is None else noise.dbm
+        return power_dbm - noise_dbm if power_dbm > float("-inf") else power_dbm

@@ -304,7 +304,7 @@ class Slots:
     def _assess(self, frame: Frame, well: bool) -> None:
         """Count whether the pair that ends with *frame* went well on its channel, if the hop set is adapted."""
         if self.links.piconet[USED]:
-            self._air.band.tallies[self.address, 0 if well else 1, frame.channel] += 1
+            self._air.adapt().tallies[self.address, 0 if well else 1, frame.channel] += 1
 
     def _received(
         self, receiver: Address, payload: Payload, source: Address, carrier_dbm: float, broadcast: bool = False

@@ -3,7 +3,6 @@
 import numpy as np
 
 from cosim.channels.bluetooth.clock import NativeClock
-from cosim.channels.bluetooth.medium import set_powers
 from cosim.channels.bluetooth.radio import Air, Heard
 from cosim.kernel import Kernel
 from cosim.units import TICK
@@ -29,7 +28,7 @@ class _HoledAir(Air):
         powers = [
             [0.0 if one != two and self._field.reach(one, two, now) else -np.inf for two in devices] for one in devices
         ]
-        set_powers(self.band.medium, np.array(powers))
+        self.band.medium.power_dbm[:] = powers
         return super()._sections(frame, receiver, *rest)
 
 

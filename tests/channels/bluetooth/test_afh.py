@@ -97,7 +97,7 @@ def test_with_a_jammer_on_twenty_channels_the_loss_falls_to_nothing() -> None:
     assert loss(bench, 30 * S) == (1000, 0.0)
     early = [heard for frame, heard in bench.frames if frame.start < 2 * S and frame.kind == "POLL"]
     assert 0.1 < 1 - early.count(Heard.RECEIVED) / len(early) < 0.4  # 20 / 79 of 200, four standard deviations
-    assert bench.air.band.used[0, :59].tolist() == in_order(FREE)
+    assert bench.air.adapted.used[0, :59].tolist() == in_order(FREE)
     assert bench.air.band.piconets[0, USED] == 59
 
 
@@ -109,7 +109,7 @@ def test_payloads_tell_of_bad_channels_as_well_as_polls_do(source: int) -> None:
     for i in range(1500):
         bench.send(i * 5 * MS, source, 1 - source, bytes(27))
     bench.run(12 * S)
-    assert bench.air.band.used[0, :59].tolist() == in_order(FREE)
+    assert bench.air.adapted.used[0, :59].tolist() == in_order(FREE)
     assert bench.air.band.piconets[0, USED] == 59
 
 
@@ -131,7 +131,7 @@ def test_when_the_jammer_is_gone_all_channels_come_back() -> None:
     assert bench.air.band.piconets[0, USED] <= 65
     bench.run(32 * S)
     assert bench.air.band.piconets[0, USED] == 79
-    assert bench.air.band.used[0].tolist() == in_order(range(79))
+    assert bench.air.adapted.used[0].tolist() == in_order(range(79))
 
 
 @pytest.mark.parametrize("slots", [1, 3, 5])
@@ -155,7 +155,7 @@ def test_a_slave_answers_on_the_channel_of_the_packet_that_it_answers(slots: int
 def test_a_new_hop_set_waits_for_the_end_of_the_slot_pair_under_way() -> None:
     bench = Bench(1, afh=(1 * S + 1 * MS, 60 * S))
     bench.send(1 * S, 0, 1, bytes(300))  # six slots: until 1.00375 s
-    bench.kernel.at(1 * S, lambda: bench.air.band.tallies[0, 1].__setitem__(5, 10))
+    bench.kernel.at(1 * S, lambda: bench.air.adapted.tallies[0, 1].__setitem__(5, 10))
     bench.run(1003 * MS)
     assert bench.air.band.piconets[0, USED] == 79
     bench.run(1004 * MS)

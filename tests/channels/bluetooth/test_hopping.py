@@ -198,5 +198,5 @@ def test_an_impossible_set_of_used_channels_is_refused(used):
 
 
 def test_the_exchanges_form_a_permutation_for_every_control_word():
-    images = {tuple(sorted(hopping._perm5(z, control) for z in range(32))) for control in range(0, 1 << 14, 7)}
+    images = {tuple(sorted(hopping._permuted(z, control, 5) for z in range(32))) for control in range(0, 1 << 14, 7)}
     assert images == {tuple(range(32))}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cosim.channels.bluetooth.bits.errors import section_errors
-from cosim.channels.bluetooth.medium import Medium
+from cosim.channels.bluetooth.medium import Noise
 from cosim.channels.bluetooth.packets import ACL
 from cosim.machine import BROADCAST
 from cosim.units import MS, Time
@@ -14,8 +14,7 @@ from tests.channels.bluetooth.piconet_bench import Bench
 def noisy_bench(size: int, es_n0_db: float, **settings: object) -> Bench:
     """A bench on which everybody receives everybody with *es_n0_db*."""
     bench = Bench(size, idle=False, **settings)
-    medium: Medium = bench.air.band.medium
-    medium.noise_dbm[0] = -100.0
+    bench.air.noise = Noise(-100.0, 0, 0)
     set_es_n0(bench, es_n0_db)
     return bench
 

@@ -12,6 +12,7 @@ import pytest
 
 from cosim.channels.bluetooth.clock import NativeClock
 from cosim.channels.bluetooth.hopping import GIAC, inquiry_channel, page_channel, scan_channels
+from cosim.channels.bluetooth.medium import GAPS
 from cosim.channels.bluetooth.radio import Fate, Frame, Heard, Interference, Part
 from cosim.channels.bluetooth.scanning import IdTrain
 from cosim.units import MS, TICK, US, Time
@@ -239,6 +240,19 @@ def test_a_frame_is_hit_by_exactly_the_ids_that_overlap_it(pager: bool):
         assert (scene.judge(frame) != RECEIVED) == expected
         hits += expected
     assert 200 < hits < 900
+
+
+def test_a_train_that_pauses_sends_no_id_that_would_start_meanwhile():
+    clock = NativeClock(0)
+    pauses = [range(64 + 8 * i, 68 + 8 * i) for i in range(GAPS + 1)]  # the first is so old that it counts no more
+    for tick in (tick for tick in range(64, pauses[-1].stop + 8) if tick & 2 == 0):
+        scene = Scene(interference="co_channel")
+        scene.air.open_train(IdTrain(clock, 32, 640, 100).on_air(2, 0), scan_channels(GIAC), 0)
+        for pause in pauses:
+            scene.air.silence_train(2, clock.time_of(pause.start) + 1, clock.time_of(pause.stop))
+        silent = any(tick in pause and tick > pause.start for pause in pauses[1:])
+        frame = scene.put(1, clock.time_of(tick), channel=inquiry_channel(tick, "A"))
+        assert (scene.judge(frame) == RECEIVED) == silent
 
 
 def test_a_train_does_not_disturb_its_own_device_or_who_does_not_hear_it():

@@ -9,7 +9,6 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from cosim.channels.bluetooth.medium import T_DEVICE, T_FROM
 from cosim.machine import (
     BROADCAST,
     Address,
@@ -304,9 +303,8 @@ def test_a_slave_begins_to_page_when_the_slot_pair_under_way_is_over(length: int
         frames = net.run_for(8 * MS)
         (answer,) = [f for f in frames if (f["source"], f["destination"]) == (1, 0)]
         assert answer["outcome"] == "received"
-        air = net.channel.air.band.medium
-        trains = air.trains[: air.numbers[1]]
-        (first_id,) = trains[trains[:, T_DEVICE] == 1, T_FROM]
+        trains = net.channel.air.band.medium.trains
+        (first_id,) = trains["since"][trains["sender"] == 1]
         assert answer["time_ns"] + answer["duration_ns"] <= first_id <= answer["time_ns"] + 4 * SLOT
 
 

@@ -123,7 +123,7 @@ def _any_of(count: int, each: Floats) -> Floats:
 
 _STEPS_PER_DB: Final = 8
 _LOWEST_DB: Final = -40.0
-_HIGHEST_DB: Final = 22.0
+CLEAR_DB: Final = 22.0
 """Es/N0 in dB above which even the longest payload is broken with negligible probability only."""
 _LOG_BER: Final[Floats] = np.fromstring(
     """
@@ -227,7 +227,7 @@ def fast_bit_error_rate(es_n0_db: float) -> float:
     A cubic through the four nearest entries of a table of the logarithm, in steps of 1/8 dB. Below -40 dB the value
     there, which is a half but for 1e-4 of it.
     """
-    if es_n0_db >= _HIGHEST_DB:
+    if es_n0_db >= CLEAR_DB:
         return 0.0
     x = (max(es_n0_db, _LOWEST_DB) - _LOWEST_DB) * _STEPS_PER_DB
     at = int(x)
