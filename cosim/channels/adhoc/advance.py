@@ -28,6 +28,7 @@ from cosim.channels.adhoc.dcf import (
     send_data,
     sent,
 )
+from cosim.channels.adhoc.reception import is_calm
 from cosim.channels.adhoc.state import HEARD, NONE, OVER, Network
 from cosim.jit import njit
 from cosim.kernel import DELIVER
@@ -110,14 +111,19 @@ def _act(network: Network, address: int, kind: int, order: int, life: int, now: 
 @njit(cache=True)
 def _arrive(network: Network, now: Time) -> None:
     """Have all frames that begin to arrive now do so, in the order of their senders."""
+    common, powers_mw = network.common[0], network.powers_mw
     number = next_arrival(network, now)
     while number != NONE:
         frame = network.frames[number]
         sender = network.stations[frame.source]
         frame.row, frame.row_end = sender.row, sender.row_end
         for at in range(frame.row, frame.row_end):
-            reached = network.rows[at]
-            energy_begins(network, reached.address, number, reached.mw, now)
+            address, mw = network.rows[at].address, network.rows[at].mw
+            if mw < common.follows_mw and is_calm(network, address, mw):  # so it is with most frames at most stations
+                powers_mw[number, address] = mw
+                network.stations[address].arriving += 1
+            else:
+                energy_begins(network, address, number, mw, now)
         push(network, now + frame.form.duration, DELIVER, LEAVE, number)
         number = next_arrival(network, now)
 
@@ -127,8 +133,12 @@ def _leave(network: Network, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
     frame, noted, missed = network.frames[number], network.common[0].noted, True
     for at in range(frame.row, frame.row_end):
-        address = network.rows[at].address
-        received = energy_ends(network, address, number, now)
+        address, received = network.rows[at].address, False
+        if is_calm(network, address, 0.0):
+            network.powers_mw[number, address] = 0.0
+            network.stations[address].arriving -= 1
+        else:
+            received = energy_ends(network, address, number, now)
         missed &= frame.destination != BROADCAST and frame.destination != address
         if noted:
             tell_frame(network, HEARD, address, number, received, 0.0)
