@@ -19,15 +19,17 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from cosim.arrays import Floats
-from cosim.geometry.segments import SegmentGrid, segment_grid
+from cosim.arrays import Floats, Int64s
+from cosim.geometry.segments import SegmentGrid, crossed_weight, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Decibels, Gain, Metres, Settings
-from cosim.world.sight import wall_losses_db, wall_losses_from_db
+from cosim.world.sight import LOSS_UNIT_DB, loss_units, wall_losses_db
 
 NEAREST_M: Final = 0.1
 """Least distance that counts, about a wavelength, as the law holds for the far field only."""
+MOST_NORMAL: Final = 6.77
+"""Bound of what is taken for a standard normal number: its radius is at most (66 ln 2)^(1/2)."""
 
 
 class PropagationSettings(Settings):
@@ -57,6 +59,25 @@ class Barrier(NamedTuple):
     x2_m: float
     y2_m: float
     loss_db: float
+
+
+class Losses(NamedTuple):
+    """What signals lose on their way, as kernels need it."""
+
+    law: tuple[float, float, float, float]
+    """Loss at 1 m in dB, exponent, shadowing in dB, and side of its squares in m."""
+    key: tuple[int, int]
+    """Key of the draws of shadowing."""
+    walls_m: Floats
+    wall_units: Int64s
+    """Loss of each wall in whole ``LOSS_UNIT_DB``."""
+    barriers_m: Floats
+    barrier_units: Int64s
+
+
+_NO_WALLS: Final = np.zeros((0, 4)), np.zeros(0, np.int64)
+LOSSLESS: Final = Losses((0.0, 0.0, 0.0, 1.0), (0, 0), *_NO_WALLS, *_NO_WALLS)
+"""No losses at all."""
 
 
 class Propagation:
@@ -95,16 +116,22 @@ class Propagation:
             gains -= wall_losses_db(lines, [barrier.loss_db for barrier in self._barriers], positions)
         return gains
 
-    def gains_from_db(self, positions_m: npt.ArrayLike, source: int) -> Floats:
-        """Return the row *source* of :meth:`gains_db`, shape (n,), without the others."""
-        positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-        gains = _gains_from_db(positions, source, self._law, self._key)
-        if self._through_walls:
-            gains -= wall_losses_from_db(self._walls, self._loss_db, positions, source)
-        if self._barriers:
-            lines = segment_grid([barrier[:4] for barrier in self._barriers])
-            gains -= wall_losses_from_db(lines, [barrier.loss_db for barrier in self._barriers], positions, source)
-        return gains
+    def distance_m(self, loss_db: float) -> float:
+        """Return a distance in m from which on signals lose more than *loss_db*, whatever their walls and shadowing."""
+        reference_db, exponent, shadowing_db, _ = self._law
+        decades = (loss_db - reference_db + shadowing_db * MOST_NORMAL) / (10.0 * exponent)
+        farthest_m: float = 10.0 ** min(decades, 300.0)
+        return max(NEAREST_M, farthest_m) * (1.0 + 1e-9)  # more than rounding
+
+    @property
+    def losses(self) -> Losses:
+        """What signals lose now, for kernels."""
+        walls_m, wall_units = self._walls.walls_m, loss_units(self._walls, self._loss_db)
+        if not self._through_walls:
+            walls_m, wall_units = _NO_WALLS
+        lines = segment_grid([barrier[:4] for barrier in self._barriers])
+        line_units = loss_units(lines, [barrier.loss_db for barrier in self._barriers])
+        return Losses(self._law, self._key, walls_m, wall_units, lines.walls_m, line_units)
 
 
 # ---------------------------------------------------------------- kernels
@@ -116,29 +143,34 @@ def _gains_db(positions: Floats, law: tuple[float, float, float, float], key: tu
     robots = positions.shape[0]
     gains = np.full((robots, robots), -np.inf)
     for i in range(robots):
+        ax, ay = positions[i]
         for j in range(i + 1, robots):
-            gains[i, j] = gains[j, i] = _gain_db(positions, i, j, law, key)
+            gains[i, j] = gains[j, i] = _gain_db(i, j, ax, ay, positions[j, 0], positions[j, 1], law, key)
     return gains
 
 
 @njit(cache=True)
-def _gains_from_db(
-    positions: Floats, source: int, law: tuple[float, float, float, float], key: tuple[int, int]
-) -> Floats:
-    """Return the gains of one row without walls."""
-    gains = np.full(positions.shape[0], -np.inf)
-    for other in range(positions.shape[0]):
-        if other != source:
-            gains[other] = _gain_db(positions, min(source, other), max(source, other), law, key)
-    return gains
+def gain_db(losses: Losses, i: int, j: int, ax: float, ay: float, bx: float, by: float) -> float:
+    """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b; a kernel for kernels."""
+    gain: float = _gain_db(i, j, ax, ay, bx, by, losses.law, losses.key)
+    gain -= crossed_weight(losses.walls_m, losses.wall_units, ax, ay, bx, by) * LOSS_UNIT_DB
+    gain -= crossed_weight(losses.barriers_m, losses.barrier_units, ax, ay, bx, by) * LOSS_UNIT_DB
+    return gain
 
 
 @njit(cache=True)
-def _gain_db(positions: Floats, i: int, j: int, law: tuple[float, float, float, float], key: tuple[int, int]) -> float:
+def _gain_db(
+    i: int,
+    j: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    law: tuple[float, float, float, float],
+    key: tuple[int, int],
+) -> float:
     """Return the gain between robots *i* and *j* > *i* without walls."""
     reference_db, exponent, shadowing_db, cell = law
-    ax, ay = positions[i]
-    bx, by = positions[j]
     square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
     gain = -reference_db - 5.0 * exponent * math.log10(square)
     if shadowing_db > 0.0:

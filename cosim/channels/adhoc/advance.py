@@ -29,7 +29,7 @@ from cosim.channels.adhoc.dcf import (
     sent,
 )
 from cosim.channels.adhoc.reception import is_calm
-from cosim.channels.adhoc.state import HEARD, NONE, OVER, Network
+from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Network
 from cosim.jit import njit
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST
@@ -38,7 +38,7 @@ from cosim.units import Time
 IDLE: Final = 0
 """Nothing is due before the given instant and phase."""
 TOLD: Final = 1
-"""Something has come out for hosts, in the instant and phase in which the network is now."""
+"""Something has come out for hosts."""
 ROWLESS: Final = 2
 """A row of powers is needed."""
 FULL: Final = 3
@@ -46,10 +46,11 @@ FULL: Final = 3
 
 
 @njit(cache=True)
-def advance(network: Network, until: Time, phase: int) -> int:
-    """Carry out what is due before the instant *until* and its *phase*; return why that has ended.
+def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
+    """Carry out what is due before the instant *until* and its *phase*; return why that has ended, and what is next.
 
-    All events of one instant and phase are carried out before it ends because something has come out.
+    That is the instant and phase of what has come out for hosts, or of the next event; the instant is NEVER if there is
+    none. All events of one instant and phase are carried out before it ends because something has come out.
     """
     common = network.common[0]
     while common.events > 0:
@@ -60,11 +61,11 @@ def advance(network: Network, until: Time, phase: int) -> int:
         if now > until or (now == until and due >= phase):
             break
         if not _has_room(network):
-            return FULL
+            return FULL, now, due
         if first.kind == ARRIVE:
             common.rowless = without_row(network, now)
             if common.rowless != NONE:
-                return ROWLESS
+                return ROWLESS, now, due
         common.now, common.phase = now, due
         kind, who, life, order = first.kind, first.who, first.life, first.rank & (1 << ORDER_BITS) - 1
         drop_first(network)
@@ -74,7 +75,11 @@ def advance(network: Network, until: Time, phase: int) -> int:
             _leave(network, who, now)
         else:
             _act(network, who, kind, order, life, now)
-    return TOLD if common.urgent else IDLE
+    if common.urgent:
+        return TOLD, common.now, common.phase
+    if common.events == 0:
+        return IDLE, NEVER, 0
+    return IDLE, network.agenda[0].time, network.agenda[0].rank >> ORDER_BITS
 
 
 @njit(cache=True)
