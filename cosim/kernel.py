@@ -14,7 +14,9 @@ Nothing may be scheduled at the present instant into a phase that has already pa
 SimPy cannot take events out of its queue; a cancelled handle stays there as an empty event until its time comes.
 """
 
+from collections import deque
 from collections.abc import Callable
+from heapq import heappush
 from operator import index
 from typing import Any, Final
 
@@ -60,7 +62,11 @@ class Handle(simpy.Event):
         kernel = self._kernel
         kernel.phase = (self.time, self.priority)
         kernel.executed += 1
+        kernel._calling = True
         self.callback()
+        if kernel._soon:
+            kernel._call_soon()
+        kernel._calling = False
 
 
 class Repeated(Handle):
@@ -82,12 +88,16 @@ class Repeated(Handle):
         kernel = self._kernel
         kernel.phase = (self.time, self.priority)
         kernel.executed += 1
+        kernel._calling = True
         self.callback()
         period = self._period
         if period:
             self.time += period
             self.callbacks = self._again.copy()
-            kernel.environment.schedule(self, self.priority, period)  # type: ignore[arg-type]
+            kernel._schedule(self.time, self.priority, self)
+        if kernel._soon:
+            kernel._call_soon()
+        kernel._calling = False
 
 
 class Kernel:
@@ -98,6 +108,10 @@ class Kernel:
         self.phase: tuple[Time, int] = (0, STOP)
         self.executed = 0
         self._ends: list[simpy.Event] = []
+        self._calling = False
+        """True inside of a callback."""
+        self._soon: deque[tuple[Time, int, int, Callback]] = deque()
+        """Instants, priorities and numbers of events that the present callback has asked for, and what they call."""
 
     @property
     def now(self) -> Time:
@@ -117,7 +131,7 @@ class Kernel:
                 f"scheduled at {time} ns, priority {priority}, but it is {now} ns, phase {self.phase[1]}"
             )
         handle = Handle(self, time, priority, callback)
-        self.environment.schedule(handle, priority, time - now)  # type: ignore[arg-type]
+        self._schedule(time, priority, handle)
         return handle
 
     def after(self, delay: Time, callback: Callback, priority: int = DELIVER) -> Handle:
@@ -134,21 +148,45 @@ class Kernel:
         if period < 1:
             raise LocalProtocolError(f"every {period} ns: time would not go on")
         handle = Repeated(self, self.now + period, priority, callback, period)
-        self.environment.schedule(handle, priority, period)  # type: ignore[arg-type]
+        self._schedule(handle.time, priority, handle)
         return handle
 
-    def soon(self, callback: Callback) -> Handle:
-        """Call *callback* at this instant, as a new event, in the phase DELIVER or the present one if that is later."""
-        time, phase = self.phase
-        return self.at(self.now, callback, max(DELIVER, phase) if time == self.now else DELIVER)
+    def soon(self, callback: Callback) -> None:
+        """Call *callback* at this instant, as a new event, in the phase DELIVER or the present one if that is later.
+
+        Mostly that is the very next event: then it does without the queue.
+        """
+        now, (time, phase) = self.now, self.phase
+        phase = max(DELIVER, phase) if time == now else DELIVER
+        self._soon.append((now, phase, next(self.environment._eid), callback))
+        if not self._calling:
+            self._queue_soon()
+
+    def _call_soon(self) -> None:
+        """Call what is due soon, or queue it where something else is due before."""
+        soon, queue = self._soon, self.environment._queue
+        while soon:
+            if queue and queue[0] < soon[0]:  # type: ignore[operator]  # no two have one number
+                self._queue_soon()
+                return
+            time, priority, _, callback = soon.popleft()
+            self.phase = (time, priority)
+            self.executed += 1
+            callback()
+
+    def _queue_soon(self) -> None:
+        while self._soon:
+            time, priority, number, callback = self._soon.popleft()
+            heappush(self.environment._queue, (time, priority, number, Handle(self, time, priority, callback)))  # type: ignore[misc]
 
     def peek(self) -> tuple[Time, int]:
         """Return the instant and priority of the next event, also of one that is cancelled; ``END`` if there is none.
 
         A model that has a queue of its own may run ahead to what comes before that: nothing else happens until then.
         """
-        queue = self.environment._queue
-        return queue[0][:2] if queue else END  # type: ignore[return-value]
+        queue, soon = self.environment._queue, self._soon
+        first = queue[0][:2] if queue else END
+        return min(first, soon[0][:2]) if soon else first  # type: ignore[return-value]
 
     def run(self, until: Time) -> None:
         """Execute everything strictly before *until* and set the clock to it: ``run(a); run(b)`` equals ``run(b)``.
@@ -163,6 +201,8 @@ class Kernel:
         try:
             self.environment.run(until=self._end(until))
         finally:
+            self._calling = False
+            self._queue_soon()
             for end in self._ends:
                 end.callbacks = []  # one that has not been reached must not end a later run
             self._ends.clear()
@@ -180,6 +220,10 @@ class Kernel:
         event = simpy.Event(self.environment)
         event._ok = True
         event._value = None
-        self.environment.schedule(event, STOP, time - self.now)  # type: ignore[arg-type]
+        self._schedule(time, STOP, event)
         self._ends.append(event)
         return event
+
+    def _schedule(self, time: Time, priority: int, event: simpy.Event) -> None:
+        environment = self.environment
+        heappush(environment._queue, (time, priority, next(environment._eid), event))  # type: ignore[misc]

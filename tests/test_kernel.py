@@ -446,3 +446,28 @@ def test_a_run_that_is_stopped_by_what_repeats_goes_on_with_it():
 def test_a_period_that_does_not_pass_is_our_own_misuse(period: int):
     with pytest.raises(LocalProtocolError, match="time would not go on"):
         Kernel().every(period, lambda: None)
+
+
+def test_soon_keeps_its_place_among_what_is_due_at_this_instant(log: Log):
+    def fire() -> None:
+        log.kernel.soon(lambda: (log.note("soon")(), log.kernel.soon(log.note("from it"))))
+        log.kernel.at(10, log.note("after it"))
+
+    log.kernel.at(10, fire)
+    log.kernel.at(10, log.note("before it"))
+    log.kernel.at(10, log.note("wake"), WAKE)
+    log.kernel.run(11)
+    assert log.names == ["before it", "soon", "after it", "from it", "wake"]
+
+
+def test_soon_is_seen_by_peek_and_waits_behind_a_stop(log: Log):
+    def fire() -> None:
+        log.kernel.soon(log.note("soon"))
+        assert log.kernel.peek() == (10, WAKE)
+        log.kernel.stop()
+
+    log.kernel.at(10, fire, WAKE)
+    log.kernel.run(11)
+    assert log.names == []
+    log.kernel.run(11)
+    assert log.names == ["soon"]

@@ -20,14 +20,16 @@ import numpy.typing as npt
 from pydantic import Field
 
 from cosim.arrays import Floats, Int64s
-from cosim.geometry.segments import SegmentGrid, crossed_weights, segment_grid
+from cosim.geometry.segments import SegmentGrid, crossed_weight, crossed_weights, segment_grid
 from cosim.jit import njit
 from cosim.randomness import Draws, philox_words
 from cosim.settings import Decibels, Gain, Metres, Settings
-from cosim.world.sight import LOSS_UNIT_DB, loss_units, wall_losses_db, wall_losses_from_db
+from cosim.world.sight import LOSS_UNIT_DB, loss_units, wall_losses_db
 
 NEAREST_M: Final = 0.1
 """Least distance that counts, about a wavelength, as the law holds for the far field only."""
+MOST_NORMAL: Final = 6.77
+"""Bound of what is taken for a standard normal number: its radius is at most (66 ln 2)^(1/2)."""
 
 
 class PropagationSettings(Settings):
@@ -59,6 +61,25 @@ class Barrier(NamedTuple):
     loss_db: float
 
 
+class Losses(NamedTuple):
+    """What signals lose on their way, as kernels need it."""
+
+    law: tuple[float, float, float, float]
+    """Loss at 1 m in dB, exponent, shadowing in dB, and side of its squares in m."""
+    key: tuple[int, int]
+    """Key of the draws of shadowing."""
+    walls_m: Floats
+    wall_units: Int64s
+    """Loss of each wall in whole ``LOSS_UNIT_DB``."""
+    barriers_m: Floats
+    barrier_units: Int64s
+
+
+_NO_WALLS: Final = np.zeros((0, 4)), np.zeros(0, np.int64)
+LOSSLESS: Final = Losses((0.0, 0.0, 0.0, 1.0), (0, 0), *_NO_WALLS, *_NO_WALLS)
+"""No losses at all."""
+
+
 class Propagation:
     """The gains between all robots of a run."""
 
@@ -66,13 +87,8 @@ class Propagation:
         self, settings: PropagationSettings, walls: SegmentGrid, wall_loss_db: npt.ArrayLike, draws: Draws
     ) -> None:
         """Prepare for *walls* that cost *wall_loss_db*, shape (n,), in their order; *draws* decide the shadowing."""
-        self._walls = walls
-        self._loss_db = np.ascontiguousarray(wall_loss_db, dtype=np.float64)
-        if self._loss_db.shape != (len(walls.walls_m),):
-            raise ValueError(f"{len(walls.walls_m)} walls have losses of shape {self._loss_db.shape}")
-        self._through_walls = settings.walls
         crossable = walls.walls_m if settings.walls else np.empty((0, 4))
-        self._crossed = crossable, loss_units(walls, self._loss_db)[: len(crossable)]
+        self._crossed = crossable, loss_units(walls, wall_loss_db)[: len(crossable)]
         """The walls that cost anything, and what each does, in units."""
         exponent = 2.0 if settings.model == "free_space" else settings.exponent
         self._law = (settings.reference_loss_db, exponent, settings.shadowing_db, settings.shadowing_cell_m)
@@ -97,16 +113,19 @@ class Propagation:
             gains -= wall_losses_db(lines, [barrier.loss_db for barrier in self._barriers], positions)
         return gains
 
-    def gains_from_db(self, positions_m: npt.ArrayLike, source: int) -> Floats:
-        """Return the row *source* of :meth:`gains_db`, shape (n,), without the others."""
-        positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-        gains = _gains_from_db(positions, source, self._law, self._key)
-        if self._through_walls:
-            gains -= wall_losses_from_db(self._walls, self._loss_db, positions, source)
-        if self._barriers:
-            lines = segment_grid([barrier[:4] for barrier in self._barriers])
-            gains -= wall_losses_from_db(lines, [barrier.loss_db for barrier in self._barriers], positions, source)
-        return gains
+    def distance_m(self, loss_db: float) -> float:
+        """Return a distance in m from which on signals lose more than *loss_db*, whatever their walls and shadowing."""
+        reference_db, exponent, shadowing_db, _ = self._law
+        decades = (loss_db - reference_db + shadowing_db * MOST_NORMAL) / (10.0 * exponent)
+        farthest_m: float = 10.0 ** min(decades, 300.0)
+        return max(NEAREST_M, farthest_m) * (1.0 + 1e-9)  # more than rounding
+
+    @property
+    def losses(self) -> Losses:
+        """What signals lose now, for kernels."""
+        lines = segment_grid([barrier[:4] for barrier in self._barriers])
+        line_units = loss_units(lines, [barrier.loss_db for barrier in self._barriers])
+        return Losses(self._law, self._key, *self._crossed, lines.walls_m, line_units)
 
 
 # ---------------------------------------------------------------- kernels
@@ -125,28 +144,34 @@ def _write_gains(
     crossed = crossed_weights(walls_m, losses, positions)
     for i in range(positions.shape[0]):
         gains[i, i] = -np.inf
+        ax, ay = positions[i]
         for j in range(i + 1, positions.shape[0]):
-            gains[i, j] = gains[j, i] = _gain_db(positions, i, j, law, key) - crossed[i, j] * LOSS_UNIT_DB
+            gain = _gain_db(i, j, ax, ay, positions[j, 0], positions[j, 1], law, key) - crossed[i, j] * LOSS_UNIT_DB
+            gains[i, j] = gains[j, i] = gain
 
 
 @njit(cache=True)
-def _gains_from_db(
-    positions: Floats, source: int, law: tuple[float, float, float, float], key: tuple[int, int]
-) -> Floats:
-    """Return the gains of one row without walls."""
-    gains = np.full(positions.shape[0], -np.inf)
-    for other in range(positions.shape[0]):
-        if other != source:
-            gains[other] = _gain_db(positions, min(source, other), max(source, other), law, key)
-    return gains
+def gain_db(losses: Losses, i: int, j: int, ax: float, ay: float, bx: float, by: float) -> float:
+    """Return what ``Propagation.gains_db`` does of robots *i* at a and *j* > *i* at b; a kernel for kernels."""
+    gain: float = _gain_db(i, j, ax, ay, bx, by, losses.law, losses.key)
+    gain -= crossed_weight(losses.walls_m, losses.wall_units, ax, ay, bx, by) * LOSS_UNIT_DB
+    gain -= crossed_weight(losses.barriers_m, losses.barrier_units, ax, ay, bx, by) * LOSS_UNIT_DB
+    return gain
 
 
 @njit(cache=True)
-def _gain_db(positions: Floats, i: int, j: int, law: tuple[float, float, float, float], key: tuple[int, int]) -> float:
+def _gain_db(
+    i: int,
+    j: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    law: tuple[float, float, float, float],
+    key: tuple[int, int],
+) -> float:
     """Return the gain between robots *i* and *j* > *i* without walls."""
     reference_db, exponent, shadowing_db, cell = law
-    ax, ay = positions[i]
-    bx, by = positions[j]
     square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
     gain = -reference_db - 5.0 * exponent * math.log10(square)
     if shadowing_db > 0.0:

@@ -408,21 +408,16 @@ def _cross_block(walls: Floats, weight: Int64s, points: Floats, total: Int64s) -
 
 
 @njit(cache=True)
-def crossed_weights_from(walls: Floats, weight: Int64s, points: Floats, source: int) -> Int64s:
-    """Return the row *source* of :func:`crossed_weights`, (m,), without the others. A kernel for kernels."""
-    total = np.zeros(points.shape[0], np.int64)
-    for other in range(points.shape[0]):
-        ax, ay = points[min(source, other)]
-        bx, by = points[max(source, other)]
-        sign = -1.0 if bx < ax or (bx == ax and by < ay) else 1.0  # which side is which has to be so both ways
-        dx, dy = sign * (bx - ax), sign * (by - ay)
-        found = 0
-        for k in range(walls.shape[0]):
-            cx, cy, ex, ey = walls[k]
-            side_c = dx * (cy - ay) - dy * (cx - ax)
-            side_e = dx * (ey - ay) - dy * (ex - ax)
-            left_a = (ex - cx) * (ay - cy) - (ey - cy) * (ax - cx) >= 0.0
-            left_b = (ex - cx) * (by - cy) - (ey - cy) * (bx - cx) >= 0.0
-            found += weight[k] if ((side_c >= 0.0) != (side_e >= 0.0)) & (left_a != left_b) else 0
-        total[other] = found
-    return total
+def crossed_weight(walls: Floats, weight: Int64s, ax: float, ay: float, bx: float, by: float) -> int:
+    """Return what :func:`crossed_weights` does of two points, of which a has the lower number. A kernel for kernels."""
+    sign = -1.0 if bx < ax or (bx == ax and by < ay) else 1.0  # which side is which has to be so both ways
+    dx, dy = sign * (bx - ax), sign * (by - ay)
+    found = 0
+    for k in range(walls.shape[0]):
+        cx, cy, ex, ey = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        side_c = dx * (cy - ay) - dy * (cx - ax)
+        side_e = dx * (ey - ay) - dy * (ex - ax)
+        left_a = (ex - cx) * (ay - cy) - (ey - cy) * (ax - cx) >= 0.0
+        left_b = (ex - cx) * (by - cy) - (ey - cy) * (bx - cx) >= 0.0
+        found += weight[k] if ((side_c >= 0.0) != (side_e >= 0.0)) & (left_a != left_b) else 0
+    return found

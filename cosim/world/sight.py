@@ -10,14 +10,13 @@ from cosim.geometry.segments import (
     PackedWalls,
     SegmentGrid,
     crossed_weights,
-    crossed_weights_from,
     in_sight,
     unpacked,
 )
 from cosim.jit import njit
 
 LOSS_UNIT_DB: Final = 2.0**-20
-"""The unit in which losses of walls are summed, in dB."""
+"""Unit in which losses of walls are added up, about a millionth of a dB."""
 
 
 def lines_of_sight(walls: PackedWalls, positions_m: npt.ArrayLike, range_m: float) -> Bools:
@@ -53,15 +52,8 @@ def wall_losses_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.
     return crossed.astype(np.float64) * LOSS_UNIT_DB
 
 
-def wall_losses_from_db(walls: SegmentGrid, loss_db: npt.ArrayLike, positions_m: npt.ArrayLike, source: int) -> Floats:
-    """Return the row *source* of :func:`wall_losses_db`, shape (n,), without the others."""
-    positions = np.ascontiguousarray(positions_m, dtype=np.float64).reshape(-1, 2)
-    crossed = crossed_weights_from(walls.walls_m, loss_units(walls, loss_db), positions, source)
-    return crossed.astype(np.float64) * LOSS_UNIT_DB
-
-
 def loss_units(walls: SegmentGrid, loss_db: npt.ArrayLike) -> Int64s:
-    """Return losses as whole numbers of ``LOSS_UNIT_DB``: their sum depends on no order.
+    """Return losses in whole ``LOSS_UNIT_DB``, shape (walls,): their sum depends on no order.
 
     Raise ValueError if there is not one loss for each wall.
     """

@@ -28,7 +28,8 @@ from cosim.channels.adhoc.dcf import (
     send_data,
     sent,
 )
-from cosim.channels.adhoc.state import HEARD, NONE, OVER, Network
+from cosim.channels.adhoc.reception import is_calm
+from cosim.channels.adhoc.state import HEARD, NEVER, NONE, OVER, Network
 from cosim.jit import njit
 from cosim.kernel import DELIVER
 from cosim.machine import BROADCAST
@@ -37,7 +38,7 @@ from cosim.units import Time
 IDLE: Final = 0
 """Nothing is due before the given instant and phase."""
 TOLD: Final = 1
-"""Something has come out for hosts, in the instant and phase in which the network is now."""
+"""Something has come out for hosts."""
 ROWLESS: Final = 2
 """A row of powers is needed."""
 FULL: Final = 3
@@ -45,10 +46,11 @@ FULL: Final = 3
 
 
 @njit(cache=True)
-def advance(network: Network, until: Time, phase: int) -> int:
-    """Carry out what is due before the instant *until* and its *phase*; return why that has ended.
+def advance(network: Network, until: Time, phase: int) -> tuple[int, Time, int]:
+    """Carry out what is due before the instant *until* and its *phase*; return why that has ended, and what is next.
 
-    All events of one instant and phase are carried out before it ends because something has come out.
+    That is the instant and phase of what has come out for hosts, or of the next event; the instant is NEVER if there is
+    none. All events of one instant and phase are carried out before it ends because something has come out.
     """
     common = network.common[0]
     while common.events > 0:
@@ -59,11 +61,11 @@ def advance(network: Network, until: Time, phase: int) -> int:
         if now > until or (now == until and due >= phase):
             break
         if not _has_room(network):
-            return FULL
+            return FULL, now, due
         if first.kind == ARRIVE:
             common.rowless = without_row(network, now)
             if common.rowless != NONE:
-                return ROWLESS
+                return ROWLESS, now, due
         common.now, common.phase = now, due
         kind, who, life, order = first.kind, first.who, first.life, first.rank & (1 << ORDER_BITS) - 1
         drop_first(network)
@@ -73,7 +75,11 @@ def advance(network: Network, until: Time, phase: int) -> int:
             _leave(network, who, now)
         else:
             _act(network, who, kind, order, life, now)
-    return TOLD if common.urgent else IDLE
+    if common.urgent:
+        return TOLD, common.now, common.phase
+    if common.events == 0:
+        return IDLE, NEVER, 0
+    return IDLE, network.agenda[0].time, network.agenda[0].rank >> ORDER_BITS
 
 
 @njit(cache=True)
@@ -110,14 +116,19 @@ def _act(network: Network, address: int, kind: int, order: int, life: int, now: 
 @njit(cache=True)
 def _arrive(network: Network, now: Time) -> None:
     """Have all frames that begin to arrive now do so, in the order of their senders."""
+    common, powers_mw = network.common[0], network.powers_mw
     number = next_arrival(network, now)
     while number != NONE:
         frame = network.frames[number]
         sender = network.stations[frame.source]
         frame.row, frame.row_end = sender.row, sender.row_end
         for at in range(frame.row, frame.row_end):
-            reached = network.rows[at]
-            energy_begins(network, reached.address, number, reached.mw, now)
+            address, mw = network.rows[at].address, network.rows[at].mw
+            if mw < common.follows_mw and is_calm(network, address, mw):  # so it is with most frames at most stations
+                powers_mw[number, address] = mw
+                network.stations[address].arriving += 1
+            else:
+                energy_begins(network, address, number, mw, now)
         push(network, now + frame.form.duration, DELIVER, LEAVE, number)
         number = next_arrival(network, now)
 
@@ -127,8 +138,12 @@ def _leave(network: Network, number: int, now: Time) -> None:
     """Have a frame end wherever it has arrived."""
     frame, noted, missed = network.frames[number], network.common[0].noted, True
     for at in range(frame.row, frame.row_end):
-        address = network.rows[at].address
-        received = energy_ends(network, address, number, now)
+        address, received = network.rows[at].address, False
+        if is_calm(network, address, 0.0):
+            network.powers_mw[number, address] = 0.0
+            network.stations[address].arriving -= 1
+        else:
+            received = energy_ends(network, address, number, now)
         missed &= frame.destination != BROADCAST and frame.destination != address
         if noted:
             tell_frame(network, HEARD, address, number, received, 0.0)

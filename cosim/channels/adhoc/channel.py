@@ -21,10 +21,11 @@ from cosim.arrays import Floats
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
 from cosim.channels.adhoc.mac import KINDS, Packet
+from cosim.channels.adhoc.reach import FAINT_MW, Reach
 from cosim.channels.adhoc.routing.base import Delivery
 from cosim.channels.adhoc.settings import AdhocSettings, mw
-from cosim.channels.adhoc.state import HEARD, Report
-from cosim.channels.adhoc.stations import Row, Rules, Stations
+from cosim.channels.adhoc.state import HEARD, Records, Report
+from cosim.channels.adhoc.stations import Rules, Stations
 from cosim.channels.base import Arrival, Positions
 from cosim.channels.ideal import IdealChannel, IdealSettings, of_each
 from cosim.channels.jamming import Jammer
@@ -38,8 +39,6 @@ from cosim.randomness import Draws, Streams
 from cosim.trace import FRAMES, TRANSMISSIONS, Trace
 from cosim.units import Time, from_seconds
 
-FAINT_MW: Final = 1e-14
-"""Power (-140 dBm) below which a signal is neglected, even as interference."""
 JITTER: Final = 3
 """Purpose of the draws of the time that a host takes to hand over a payload."""
 UNJAMMED: Final = {"ofdm": "it works at 5 GHz", "fhss": "its hopping is not modelled"}
@@ -109,9 +108,8 @@ class AdhocChannel(IdealChannel):
         self._propagation = _fading(settings, walls, streams)
         self._strength = _strength(settings, strengths, size)
         self._alike = len(np.unique(self._strength)) == 1
-        self._rows: dict[Address, Row] = {}
-        """Robots that robots reach, and with how many mW, as far as it was needed since the last move."""
-        self._positions_m: Positions = np.zeros((size, 2))
+        faintest_mw = FAINT_MW if self._propagation is None else max(FAINT_MW, settings.neglected_mw())
+        self._reach = Reach(size, self._strength, faintest_mw, self._propagation)
         self._receptions = {(a, to_all): Reception(a, to_all) for a in range(size) for to_all in (False, True)}
         self._arrivals: list[Arrival] = []
         self._least_mw = 0.0 if self._propagation is None else settings.limits().follows_mw
@@ -156,8 +154,8 @@ class AdhocChannel(IdealChannel):
 
     def moved(self, positions_m: Positions) -> None:
         """Note that robots have moved; links between robots that are no longer in reach of each other are lost."""
-        self._positions_m = positions_m
-        self._forget_rows()
+        self._reach.moved(positions_m)
+        self._stations.moved()
         self._jamming.moved()
         self._lose_links()
 
@@ -168,7 +166,8 @@ class AdhocChannel(IdealChannel):
     def power(self, address: Address, on: bool) -> None:
         """Switch a device on or off; what it holds is lost, and what it is just sending is spoilt."""
         super().power(address, on)
-        self._forget_rows()
+        self._reach.power(address, on)
+        self._stations.moved()
         self._stations.power(address, on)
         self._held[address] = 0
         self._handover.forget(address)
@@ -190,7 +189,8 @@ class AdhocChannel(IdealChannel):
             raise UserError("radios without propagation notice no walls")
         self._jamming.advance()
         self._propagation.set_barriers(tuple(barriers))
-        self._forget_rows()
+        self._reach.changed()
+        self._stations.moved()
         self._jamming.moved()
 
     def jam(self, jammer: Jammer) -> None:
@@ -206,48 +206,22 @@ class AdhocChannel(IdealChannel):
 
     def _jam_mw(self, jammers: Sequence[Jammer]) -> list[list[float]]:
         """Return the power of each jammer (row) at each robot on one of its channels, in mW."""
-        places_m = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
+        places_m = [(jammer.x_m, jammer.y_m) for jammer in jammers]
         if self._propagation is None:
-            apart = np.linalg.norm(places_m[:, None] - self._positions_m[None], axis=-1)
-            near: list[list[float]] = np.where(apart <= (self._settings.range_m or math.inf), 1.0, 0.0).tolist()
-            return near
-        gains_db = self._propagation.gains_db(np.vstack((self._positions_m, places_m)))[self.size :, : self.size]
-        power_dbm = np.array([[jammer.power_dbm] for jammer in jammers]) + gains_db
-        received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
-        return received
+            return self._reach.from_others(places_m, [1.0] * len(jammers), self._settings.range_m or math.inf)
+        return self._reach.from_others(places_m, [mw(jammer.power_dbm) for jammer in jammers], math.inf)
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
         """Return the robots that can receive a frame of *address*, if nothing else is on the air."""
-        row = self.reached_by(address)
-        return tuple(row.addresses[row.powers_mw >= self._least_mw].tolist())
+        return self._reach.hearers(address, self._least_mw)
 
     def _hears(self, one: Address, other: Address) -> bool:
         """Return whether a frame of *one* can be received by *other*, if nothing else is on the air."""
         return super()._hears(one, other) and other in self.in_reach(one)
 
-    def reached_by(self, source: Address) -> Row:
-        """Return the robots that *source* reaches now, with how many mW: all that are switched on, however weakly."""
-        row = self._rows.get(source)
-        if row is None:
-            powers_mw = self._powers_mw(source)
-            reached = (powers_mw > FAINT_MW) & np.array(self._on) & self._on[source]
-            addresses = np.flatnonzero(reached)
-            row = self._rows[source] = Row(addresses, powers_mw[addresses])
-        return row
-
-    def _powers_mw(self, source: Address) -> Floats:
-        if self._propagation is None:
-            apart_m = np.linalg.norm(self._positions_m[source] - self._positions_m, axis=-1)
-            near: Floats = np.where(apart_m <= self._strength[source], 1.0, 0.0)
-            near[source] = 0.0
-            return near
-        gains_db = self._propagation.gains_from_db(self._positions_m, source)
-        powers_mw: Floats = self._strength[source] * 10.0 ** (gains_db / 10.0)
-        return powers_mw
-
-    def _forget_rows(self) -> None:
-        self._rows.clear()
-        self._stations.moved()
+    def write_row(self, source: Address, rows: Records) -> int:
+        """Write whom *source* reaches now, with how many mW: all that are switched on, however weakly."""
+        return self._reach.write(source, rows)
 
     # ------------------------------------------------------------ what stations report
 

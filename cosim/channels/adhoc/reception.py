@@ -41,6 +41,18 @@ def energy(network: Network, address: int) -> bool:
 
 
 @njit(cache=True)
+def is_calm(network: Network, address: int, more_mw: float) -> bool:
+    """Return whether a station follows no frame and, if signals fade, finds the medium idle with *more_mw* as well.
+
+    There a frame that begins or ends, and is too weak to be followed, changes nothing but the power.
+    """
+    common, station = network.common[0], network.stations[address]
+    if station.followed != NONE:
+        return False
+    return bool(station.jammers_mw + (total_mw(network, address) + more_mw) < common.busy_mw)  # 0 if they do not fade
+
+
+@njit(cache=True)
 def begins(network: Network, address: int, number: int, mw: float, now: Time) -> bool:
     """Note that a frame begins to arrive; a station that sends follows none. Return whether silence ends."""
     common, station = network.common[0], network.stations[address]

@@ -55,6 +55,13 @@ class AdhocSettings(ChannelSettings):
         ge=0,
         description="dB by which a frame must be stronger to take over from one in its preamble; null: none does",
     )
+    neglect_db: Decibels | None = Field(
+        default=None,
+        ge=0,
+        description="dB below a receiver's noise, from which on it is spared signals, as interference too: k of them "
+        "at once would lower a signal-to-noise ratio by less than 10 lg(1 + k 10^(-neglect_db / 10)) dB; "
+        "null: spared only what is below -140 dBm",
+    )
     phy: PhyName = Field(
         default="dsss", description="802.11b (dsss, or with short preambles), 802.11g (erp), 802.11a (ofdm), or hopping"
     )
@@ -108,6 +115,10 @@ class AdhocSettings(ChannelSettings):
                     raise error_at((field,), rate, expected)
         if self.propagation is not None and self.phy == "fhss":
             raise error_at(("phy",), self.phy, "has no model of bit errors, which propagation needs")
+        if self.neglect_db is not None and self.propagation is None:
+            raise error_at(("neglect_db",), self.neglect_db, "is for signals that fade: there is no propagation")
+        if self.neglect_db is not None and self.neglected_mw() >= mw(self.detection_dbm):
+            raise error_at(("neglect_db",), self.neglect_db, "neglects signals above detection_dbm, expected more")
         if self.access.cw_max < self.access.cw_min:
             raise error_at(("cw_max",), self.access.cw_max, f"is not >= {self.access.cw_min}, cw_min")
         return self
@@ -162,8 +173,15 @@ class AdhocSettings(ChannelSettings):
     def limits(self) -> Limits:
         """Return the thresholds of receivers, if signals fade."""
         capture = math.inf if self.capture_db is None else mw(self.capture_db)
-        noise = noise_dbm(self.radio.bandwidth_hz, self.noise_figure_db)
-        return Limits(mw(noise), mw(self.detection_dbm), mw(self.energy_dbm), capture)
+        return Limits(mw(self._noise_dbm), mw(self.detection_dbm), mw(self.energy_dbm), capture)
+
+    def neglected_mw(self) -> float:
+        """Return the power in mW up to which signals are neglected, if they fade; 0 if ``neglect_db`` says nothing."""
+        return 0.0 if self.neglect_db is None else mw(self._noise_dbm - self.neglect_db)
+
+    @property
+    def _noise_dbm(self) -> float:
+        return noise_dbm(self.radio.bandwidth_hz, self.noise_figure_db)
 
 
 def form(phy: Phy, rate_kbps: int, octets: int) -> Form:

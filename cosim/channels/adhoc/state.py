@@ -227,7 +227,7 @@ def new_network(
     size: int, timing: Timing, access: Access, limits: Limits | None, key: tuple[int, int], cck: Floats, now: Time
 ) -> Network:
     """Return a network of *size* stations that begin at *now*; without *limits* all frames in reach are alike."""
-    common = _records(1, COMMON)
+    common = new_records(1, COMMON)
     for name in ("slot", "sifs", "difs", "eifs", "cca", "delay", "timeout"):
         common[name] = getattr(timing, name)
     for name in ("ack", "rts", "cts"):
@@ -246,7 +246,7 @@ def new_network(
     common["key_0"], common["key_1"] = key
     for name in ("first_begun", "last_begun", "first_there", "last_there", "free_frame", "free_packet", "rowless"):
         common[name] = NONE
-    stations = _records(size, STATION)
+    stations = new_records(size, STATION)
     for name in ("first", "last", "ends_event", "sending", "awaits", "timeout_event", "followed", "row"):
         stations[name] = NONE
     stations["ends"] = stations["jammed_from"] = NEVER
@@ -255,12 +255,12 @@ def new_network(
     network = Network(
         common,
         stations,
-        packets=_records(0, PACKET),
-        frames=_records(0, FRAME),
+        packets=new_records(0, PACKET),
+        frames=new_records(0, FRAME),
         powers_mw=np.zeros((0, size)),
-        rows=_records(16 * size, REACHED),
-        agenda=_records(16 * size + 16, EVENT),
-        told=_records(16 * size + 16, REPORT),
+        rows=new_records(16 * size, REACHED),
+        agenda=new_records(16 * size + 16, EVENT),
+        told=new_records(16 * size + 16, REPORT),
         cck=cck,
     )
     return with_packets(with_frames(network, 16), 64)
@@ -277,7 +277,7 @@ def with_packets(network: Network, more: int) -> Network:
     return network._replace(packets=_longer(network.packets, more, network.common, "free_packet"))
 
 
-def _records(count: int, fields: "np.dtype[np.void]") -> Records:
+def new_records(count: int, fields: "np.dtype[np.void]") -> Records:
     """Return records whose fields plain Python can name as kernels do, where these are plain Python."""
     records = np.zeros(count, fields)
     return records if COMPILES else records.view(np.recarray)
@@ -286,7 +286,7 @@ def _records(count: int, fields: "np.dtype[np.void]") -> Records:
 def _longer(pool: Records, more: int, common: Records, free: str) -> Records:
     """Return *pool* with *more* records, which are free: a list by their field next."""
     before = len(pool)
-    longer = np.concatenate((pool, _records(more, pool.dtype)))
+    longer = np.concatenate((pool, new_records(more, pool.dtype)))
     longer["next"][before:] = [*range(before + 1, before + more), common[free][0]]
     common[free] = before
     return longer
@@ -294,4 +294,4 @@ def _longer(pool: Records, more: int, common: Records, free: str) -> Records:
 
 def doubled(array: Records) -> Records:
     """Return *array* with twice the room."""
-    return np.concatenate((array, _records(len(array), array.dtype)))
+    return np.concatenate((array, new_records(len(array), array.dtype)))

@@ -8,20 +8,21 @@ together.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.arrays import Floats, Int64s
-from cosim.channels.adhoc.advance import FULL, IDLE, ROWLESS, advance, jam_all
+from cosim.channels.adhoc.advance import FULL, ROWLESS, TOLD, advance, jam_all
 from cosim.channels.adhoc.agenda import ORDER_BITS
 from cosim.channels.adhoc.dcf import matters, power, queue
 from cosim.channels.adhoc.errors import tables
 from cosim.channels.adhoc.mac import Access, Form, Limits, Packet, Timing
 from cosim.channels.adhoc.state import (
     DONE,
+    NEVER,
     NONE,
     RECEIVED,
+    Records,
     Report,
     doubled,
     new_network,
@@ -33,6 +34,9 @@ from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import Time
 
+ROWS: Final = 256
+"""Number of rows after which those that no frame uses are forgotten: all rows would be stations times stations."""
+
 
 class Rules(NamedTuple):
     """What all stations of a network have in common."""
@@ -43,20 +47,11 @@ class Rules(NamedTuple):
     """Noise and thresholds; None if all frames in reach are alike."""
 
 
-class Row(NamedTuple):
-    """Whom a sender reaches."""
-
-    addresses: Int64s
-    """Rising, shape (m,)."""
-    powers_mw: Floats
-    """Power at each of them, above 0, shape (m,)."""
-
-
 class Host(Protocol):
     """The other side of all stations."""
 
-    def reached_by(self, source: Address) -> Row:
-        """Return whom a frame reaches that begins to arrive now."""
+    def write_row(self, source: Address, rows: Records) -> int:
+        """Write to the first of *rows* whom a frame reaches that begins to arrive now, rising; return how many."""
 
     def received(self, receivers: Sequence[Address], source: Address, packet: Packet, mw: Sequence[float]) -> None:
         """Take the DATA of *source* for all *receivers*, and with which power it has arrived at each; only once."""
@@ -83,9 +78,12 @@ class Stations:
         self._packets: dict[int, Packet] = {}
         self._heard: list[dict[Address, int]] = [{} for _ in range(size)]
         """Last sequence number of each sender, by receiver."""
-        self._rows_used = 0
+        self._rows_used = self._rows = 0
+        """Room that is taken by rows, and number of them that have been written since they were forgotten."""
         self._handle: Handle | None = None
         self._pumping = False
+        self._stirred = False
+        """Something has been put on the agenda since the pump has begun."""
 
     # ------------------------------------------------------------ what goes in
 
@@ -130,7 +128,7 @@ class Stations:
             number = int(frame["next"])
         if kept:
             network.rows[:used] = np.concatenate(kept)
-        self._rows_used = used
+        self._rows_used, self._rows = used, 0
 
     # ------------------------------------------------------------ what can be asked
 
@@ -153,54 +151,74 @@ class Stations:
 
     def _arm(self) -> None:
         """Have the kernel call back at the next event."""
-        if self._pumping or not self._common["events"]:
-            return
-        first = self._network.agenda[0]
-        self._call_back(int(first["time"]), int(first["rank"]) >> ORDER_BITS)
+        if self._pumping:
+            self._stirred = True
+        elif self._common["events"]:
+            first = self._network.agenda[0]
+            self._call_back((int(first["time"]), int(first["rank"]) >> ORDER_BITS))
 
-    def _call_back(self, time: Time, phase: int) -> None:
+    def _call_back(self, due: tuple[Time, int]) -> None:
         handle = self._handle
         if handle is not None:
-            if (handle.time, handle.priority) <= (time, phase):
+            if (handle.time, handle.priority) <= due:
                 return
             handle.cancel()
+        time, phase = due
         self._handle = self._kernel.at(time, self._pump, phase)
 
     def _pump(self) -> None:
-        """Run ahead to the kernel's next event, or to what hosts must hear of."""
+        """Tell hosts what has come out for this instant and phase; when they have acted on it, run ahead."""
+        kernel = self._kernel
+        now, phase = here = kernel.phase
         self._handle = None
-        self._pumping = True
-        kernel, common = self._kernel, self._common
-        now, phase = kernel.phase
-        self._tell()
-        until = max(kernel.peek(), (now, phase + 1))  # all that is due in this phase
-        while (why := advance(self._network, *until)) != IDLE:
+        self._pumping, self._stirred = True, False
+        told = self._tell()
+        if told and not self._stirred:  # nothing else was due in this phase
+            kernel.soon(self._run_ahead)
+            return
+        rest = (now, phase + 1)
+        out, due = self._advance(rest if told else max(kernel.peek(), rest))
+        while out and due == here:
+            told = self._tell()
+            out, due = self._advance(rest)
+        if told:
+            kernel.soon(self._run_ahead)
+        else:
+            self._wait(out, due)
+
+    def _run_ahead(self) -> None:
+        """Run ahead to the kernel's next event, or to what hosts must hear of."""
+        self._wait(*self._advance(self._kernel.peek()))
+
+    def _advance(self, until: tuple[Time, int]) -> tuple[bool, tuple[Time, int]]:
+        """Run ahead; return whether something has come out for hosts, and when: or else when the next event is."""
+        while True:
+            why, time, phase = advance(self._network, *until)
             if why == ROWLESS:
-                self._add_row(int(common["rowless"]))
+                self._add_row(int(self._common["rowless"]))
             elif why == FULL:
                 self._make_room()
-            elif (common["now"], common["phase"]) == (now, phase):
-                self._tell()
-                until = max(kernel.peek(), (now, phase + 1))
             else:
-                break
+                return why == TOLD, (time, phase)
+
+    def _wait(self, out: bool, due: tuple[Time, int]) -> None:
+        """Have the kernel call back at *due*, when something has come *out*, or the next event is."""
         self._pumping = False
-        if common["urgent"]:
-            self._call_back(int(common["now"]), int(common["phase"]))
-        else:
+        if not out:
             self._tell()
-            self._arm()
+        if due[0] != NEVER:
+            self._call_back(due)
 
     def _add_row(self, source: Address) -> None:
-        row = self._host.reached_by(source)
-        begin, end = self._rows_used, self._rows_used + len(row.addresses)
-        while end > len(self._network.rows):
+        size, station = len(self._network.stations), self._network.stations[source]
+        if self._rows > ROWS and self._rows > self._common["frames_under_way"]:
+            self.moved()
+        while self._rows_used + size > len(self._network.rows):
             self._network = self._network._replace(rows=doubled(self._network.rows))
-        rows = self._network.rows[begin:end]
-        rows["address"], rows["mw"] = row
-        station = self._network.stations[source]
-        station["row"], station["row_end"] = begin, end
-        self._rows_used = end
+        begin = self._rows_used
+        self._rows_used = begin + self._host.write_row(source, self._network.rows[begin:])
+        self._rows += 1
+        station["row"], station["row_end"] = begin, self._rows_used
 
     def _make_room(self) -> None:
         """Make room for another packet, and for what the next event may bring."""
@@ -217,11 +235,11 @@ class Stations:
             network = network._replace(agenda=doubled(network.agenda))
         self._network = network
 
-    def _tell(self) -> None:
-        """Tell the host what has come out."""
+    def _tell(self) -> bool:
+        """Tell the host what has come out; return whether anything has."""
         count = int(self._common["told"])
         if not count:
-            return
+            return False
         told = self._network.told[:count].copy()
         self._common["told"], self._common["urgent"] = 0, False
         whats, stations, numbers = (told[name].tolist() for name in ("what", "station", "packet"))
@@ -232,7 +250,7 @@ class Stations:
             packet, begin = packets[at], at
             at += 1
             if whats[begin] not in (RECEIVED, DONE):
-                self._host.noted(Report(*told[begin].tolist()), packet)
+                self._host.noted(Report(*told[begin].item()), packet)
                 continue
             assert packet is not None
             if whats[begin] == DONE:
@@ -243,6 +261,7 @@ class Stations:
             source = int(told["source"][begin])
             if packet.destination == BROADCAST or self._is_new(stations[begin], source, int(told["number"][begin])):
                 self._host.received(stations[begin:at], source, packet, told["mw"][begin:at].tolist())
+        return True
 
     def _is_new(self, address: Address, source: Address, number: int) -> bool:
         """Return whether DATA to one station is not the last that it has received of its sender (9.2.9)."""

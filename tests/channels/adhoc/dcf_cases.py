@@ -5,11 +5,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
 from cosim.channels.adhoc.mac import KINDS, Access, Form, Packet, Timing
-from cosim.channels.adhoc.state import NONE, OVER, Report
-from cosim.channels.adhoc.stations import Row, Rules, Stations
+from cosim.channels.adhoc.state import NONE, OVER, Records, Report
+from cosim.channels.adhoc.stations import Rules, Stations
 from cosim.kernel import WORLD, Kernel
 from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
@@ -146,9 +144,10 @@ class Network:
         self.told.frames.sort()
         return self.told
 
-    def reached_by(self, source: Address) -> Row:
-        addresses = np.flatnonzero(self._case.hears[source])
-        return Row(addresses[addresses != source], np.ones(np.sum(addresses != source)))
+    def write_row(self, source: Address, rows: Records) -> int:
+        addresses = [other for other, hears in enumerate(self._case.hears[source]) if hears and other != source]
+        rows["address"][: len(addresses)], rows["mw"][: len(addresses)] = addresses, 1.0
+        return len(addresses)
 
     def noted(self, report: Report, packet: Packet | None) -> None:
         if report.what == OVER:
