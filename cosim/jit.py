@@ -1,27 +1,31 @@
-"""Numba, with a cache that notices every edit: the one place from which the project's kernels take ``njit``.
+"""Numba, with a cache that notices every edit and compiles no more than is called: where kernels take ``njit`` from.
 
-Numba's own cache looks at the file of the compiled function only. It notices neither an edited callee in another file
-nor an edited constant, which is compiled in. So the cache directory is named by a digest of all sources that hold
-kernels and of all that those import: an edit of any of them starts an empty cache. Kernels of other packages are
-cached there too, and start anew with ours.
+Numba's own cache looks at the file of the compiled function only: it notices neither an edited callee in another file
+nor an edited constant, which is compiled in. Ours keeps the kernels of a module in a folder of :mod:`cosim.caches`,
+named by a digest of the module and of all that it imports. And it has a file for each signature, where numba's has one
+index for all: of two processes that compile at once, each for other types, one could find the other's code.
 """
 
 import hashlib
 import os
+import pickle
 import platform
-import re
 import sys
-import tempfile
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
+from uuid import uuid4
 
 import numba
 from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
-from numba.core import event, types
+from numba.core import compiler, event, serialize, sigutils, types
 
-__all__ = ["COMPILES", "before_compiling", "cache_folder", "njit", "processor"]
+from cosim.caches import begin, cache_folder, sources_digest
+
+__all__ = ["COMPILES", "before_compiling", "njit", "processor"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for
@@ -35,62 +39,97 @@ if "scipy.linalg" not in sys.modules:
 
 COMPILES: Final = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 """False if the environment's NUMBA_DISABLE_JIT has kernels run as plain Python."""
+# numba has no types
+_type_of: Final[Any] = types.unliteral
+_normalized: Final[Any] = sigutils.normalize_signature
+_rebuilt: Final[Any] = compiler.CompileResult._rebuild
+_dumped: Final[Any] = serialize.dumps
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     """Return a decorator that compiles a kernel on its first call, as numba's own with these *options* does.
 
-    But a kernel that another one calls with a constant is compiled for the type of the constant, not once more for its
-    value: that cost a seventh of all compiling, and no kernel asks for it.
+    But a kernel that another one calls is compiled for the type of a constant, not once more for its value, and without
+    what it takes to call it from Python or C, unless Python has called it before. That is a third of all compiling.
     """
-    compiled = numba.njit(**options)
-    unliteral: Callable[[Any], Any] = types.unliteral
+    cached = options.pop("cache", False)
+
+    def compiled(function: Kernel, **more: Any) -> Any:
+        kernel: Any = numba.njit(**options, **more)(function)
+        if cached and function.__closure__ is None:
+            kernel._cache = _Cache(function, "".join(more))
+        return kernel
 
     def decorate(function: Kernel) -> Kernel:
-        kernel: Any = compiled(function)
-        if kernel is function:  # NUMBA_DISABLE_JIT: what is not compiled calls plain functions
+        if not COMPILES:
             return function
-        resolve = kernel.get_call_template
-
-        def resolve_types(args: Sequence[Any], named: Mapping[str, Any]) -> Any:
-            plain = {name: unliteral(each) for name, each in named.items()}
-            return resolve([unliteral(each) for each in args], plain)
-
-        kernel.get_call_template = resolve_types
-        compiled_as: Kernel = kernel
-        return compiled_as
+        kernel = compiled(function, no_cfunc_wrapper=True)
+        _call_by_kernels(kernel, cache(lambda: compiled(function, no_cfunc_wrapper=True, no_cpython_wrapper=True)))
+        decorated: Kernel = kernel
+        return decorated
 
     return decorate
 
 
-ROOTS = (Path(__file__).parent, Path(__file__).parent.parent / "protocols")
+def _call_by_kernels(kernel: Any, bare: Callable[[], Any]) -> None:
+    """Have other kernels call *bare*() for *kernel*, but with signatures with which Python has called *kernel*."""
+    resolve, overload = kernel.get_call_template, kernel.get_overload
 
-_IMPORT = re.compile(r"^\s*(?:from|import) ([\w.]+)", re.MULTILINE)
+    def get_call_template(args: Sequence[Any], named: Mapping[str, Any]) -> Any:
+        plain, plain_named = [_type_of(each) for each in args], {name: _type_of(each) for name, each in named.items()}
+        _, folded = kernel.fold_argument_types(plain, plain_named)
+        return (resolve if tuple(folded) in kernel.overloads else bare().get_call_template)(plain, plain_named)
 
+    def get_overload(signature: Any) -> Any:
+        args, _ = _normalized(signature)
+        return (overload if tuple(args) in kernel.overloads else bare().get_overload)(signature)
 
-def kernel_digest(roots: tuple[Path, ...] = ROOTS) -> str:
-    """Return a digest of every Python file of the packages at *roots* that a kernel can depend on."""
-    sources = {
-        ".".join((root.name, *path.relative_to(root).with_suffix("").parts)): path.read_text(encoding="utf-8")
-        for root in roots
-        for path in root.rglob("*.py")
-    }
-    digest = hashlib.sha256()
-    for name in sorted(_with_imports({name for name, source in sources.items() if "njit" in source}, sources)):
-        digest.update(f"{name}\0{sources[name]}\0".encode())
-    return digest.hexdigest()[:16]
+    kernel.get_call_template, kernel.get_overload = get_call_template, get_overload
 
 
-def _with_imports(names: set[str], sources: dict[str, str]) -> set[str]:
-    """Return the modules *names* and all of *sources* that they import, directly or not."""
-    found: set[str] = set()
-    while names:
-        found |= names
-        imported = {other for name in names for other in _IMPORT.findall(sources[name])}
-        packages = {other + "." for other in imported}
-        names = {n for n in sources if n in imported or any(map(n.startswith, packages))} - found
-    return found
+class _Cache:
+    """The compiled code of a kernel on the disk: what a numba dispatcher asks of its cache."""
+
+    def __init__(self, function: Callable[..., Any], options: str) -> None:
+        """Keep what *function* is compiled to with *options*."""
+        code = function.__code__
+        self._module, self._path = function.__module__, Path(code.co_filename)
+        self._name = f"{function.__qualname__}-{code.co_firstlineno}"
+        self._of = (options, numba.__version__, sys.implementation.cache_tag)
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return the code for *signature*, ready to run; None if there is none."""
+        target.refresh()  # what a numba dispatcher expects of it
+        try:
+            kept_for, code = pickle.loads(self._file(signature, target.codegen()).read_bytes())
+        except OSError:
+            return None
+        if kept_for != signature:
+            return None
+        return _rebuilt(target, *code)
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep the code for *signature*, if there is a place for it."""
+        if result.library.has_dynamic_globals:
+            warnings.warn(f"{self._name} holds an address, and is compiled in each process", stacklevel=2)
+            return
+        file = self._file(signature, result.codegen)
+        written = file.with_name(f"{uuid4().hex}.new")
+        with suppress(OSError):  # a full disk does not stop a run
+            begin(file.parent)
+            written.write_bytes(_dumped((signature, result._reduce())))
+            os.replace(written, file)
+
+    def _file(self, signature: Any, codegen: Any) -> Path:
+        key = repr((signature, codegen.magic_tuple(), self._of))
+        folder = _kernel_folder(self._module, self._path)
+        return folder / f"{self._name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.kernel"
+
+
+@cache
+def _kernel_folder(module: str, path: Path) -> Path:
+    return cache_folder(module, sources_digest(module, path))
 
 
 class _Compiling(event.Listener):
@@ -114,26 +153,6 @@ def before_compiling(tell: Callable[[], None]) -> AbstractContextManager[object]
     return context
 
 
-def _cache_home() -> Path:
-    """Return where caches live: where numba's own variable says, or in the user's folder for such things."""
-    home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    path = Path(home) / "cosim"
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError:  # no home that can be written to: compile once a boot instead of once
-        return Path(tempfile.gettempdir()) / "cosim"
-    return path
-
-
-# not by the environment variable: a child process would inherit the name of its parent's sources
-numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())  # type: ignore[attr-defined]
-
-
 def processor() -> str:
     """Return for which processor kernels are compiled here, for example ``x86_64 znver3``."""
     return f"{platform.machine()} {get_host_cpu_name()}"
-
-
-def cache_folder() -> Path:
-    """Return where the kernels of these sources are cached."""
-    return Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays jit installed page",
+    "units errors arrays caches jit installed page",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",

@@ -12,8 +12,9 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, Final
 
+from cosim.caches import begin, cache_folder, kernels_digest
 from cosim.errors import UserError
-from cosim.jit import COMPILES, cache_folder
+from cosim.jit import COMPILES
 from cosim.scenario import Scenario, digest, dump
 from cosim.simulation import Simulation
 from cosim.trace import FRAMES, POSES, Table, Trace
@@ -100,7 +101,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     Do so once for a scenario and a cache of kernels, and not at all where nothing is compiled. What an operator says in
     an *attended* run is the protocol's ``rehearsal``. Raise UserError for a scenario that cannot be set up.
     """
-    done = cache_folder() / f"rehearsed-{digest([dump(scenario), attended])[:16]}"
+    done = cache_folder("rehearsed", kernels_digest()) / digest([dump(scenario), attended])[:16]
     if done.exists() or not COMPILES:
         return
     run = Simulation(scenario, seed, _WATCHED, Tap)
@@ -111,7 +112,7 @@ def rehearse(scenario: Scenario, seed: int, attended: bool = False) -> None:
     except Exception:  # noqa: BLE001  # a trial run only: the real one fails again, and reports why
         return
     with suppress(OSError):  # without a cache that can be written to, it is done each time
-        done.parent.mkdir(parents=True, exist_ok=True)
+        begin(done.parent)
         done.touch()
 
 

@@ -204,7 +204,7 @@ def said_to(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[Time,
         receive(self, data, reception, now)
 
     monkeypatch.setattr(Console, "receive", heard)
-    monkeypatch.setattr("cosim.web.live.cache_folder", lambda: tmp_path / "kernels")
+    monkeypatch.setattr("cosim.web.live.cache_folder", lambda *_: tmp_path / "kernels")
     return said
 
 
@@ -231,7 +231,7 @@ def test_nothing_is_rehearsed_where_nothing_is_compiled(
 def test_what_breaks_in_a_rehearsal_is_left_to_the_run(said_to: list[tuple[Time, int, Any]], tmp_path: Path):
     protocol = {"use": "tests.web.console:SPEC", "parameters": {"break_at_s": 0.5}}
     rehearse(Scenario.model_validate(PLAIN | {"protocol": protocol}), 1)
-    assert not [*tmp_path.rglob("rehearsed-*")]  # the next one gets further, perhaps
+    assert not (tmp_path / "kernels").exists()  # the next one gets further, perhaps
     with pytest.raises(UserError, match="starts"):
         rehearse(Scenario.model_validate(PLAIN | {"team": {"size": 1, "starts": [[99, 99]]}}), 1)
 
