@@ -145,9 +145,11 @@ class Node:
             else:
                 self.payloads += 1
                 self._channel.send(self.address, item)
-        self.motion += machine.commands()
-        deadline, timer = machine.wake_at(), self._timer
-        if deadline is not None and (timer is None or deadline < timer.time):
+        commands = machine.commands()
+        if commands:
+            self.motion += commands
+        deadline = machine.wake_at()
+        if deadline is not None and (self._timer is None or deadline < self._timer.time):
             self._arm(deadline, now)
 
     def kill(self) -> None:

@@ -22,6 +22,28 @@ class Sighting(NamedTuple):
     y_m: float
 
 
+class Picture(Protocol):
+    """What the camera of a robot has seen: made when it is first asked for, which may be later."""
+
+    @property
+    def visible(self) -> tuple[int, ...]:
+        """The robots in line of sight within the sensor's range, in order of their numbers."""
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Where they are seen, in the same order."""
+
+
+class Seen(NamedTuple):
+    """A picture that has been made."""
+
+    visible: tuple[int, ...] = ()
+    sightings: tuple[Sighting, ...] = ()
+
+
+NOBODY: Final = Seen()
+
+
 class View(Protocol):
     """What a robot can look at, as long as it is at the pose of an observation."""
 
@@ -43,12 +65,20 @@ class Observation(NamedTuple):
     """The last ``GoTo`` has been carried out (or there was none)."""
     blocked: bool
     """A wall or another body has kept the robot from moving as commanded in the tick that just ended."""
-    visible: tuple[int, ...] = ()
-    """The robots in line of sight within the sensor's range, in order of their numbers."""
-    sightings: tuple[Sighting, ...] = ()
-    """Where they are seen, in the same order; as old as the last picture of the camera."""
+    picture: Picture = NOBODY
+    """The last picture of its camera."""
     view: View | None = None
     """Where the robot looks from."""
+
+    @property
+    def visible(self) -> tuple[int, ...]:
+        """The robots in line of sight within the sensor's range, in order of their numbers."""
+        return self.picture.visible
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Where they are seen, in the same order; as old as the last picture of the camera."""
+        return self.picture.sightings
 
     def sees(self, points_m: Sequence[tuple[float, float]]) -> list[bool]:
         """Return which points of the robot's frame lie in its visibility region V(R); to be asked at this tick only.

@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-
 from cosim.channels.base import WHY_UNSENT, Channel
 from cosim.channels.kinds import ChannelSettings, ChannelSite, channel_spec
 from cosim.channels.radios import RadiosSettings, with_radio
@@ -20,19 +18,19 @@ from cosim.errors import LocalProtocolError
 from cosim.faults.course import Faults, Victims
 from cosim.faults.events import events_of
 from cosim.kernel import DELIVER, WORLD, Kernel
-from cosim.machine import OPERATOR, Address, Command, Machine, Reception
+from cosim.machine import OPERATOR, Address, Command, GoTo, Machine, Reception
 from cosim.node import Node, Notices, Said
 from cosim.observation import Observation
 from cosim.protocol import Metric, ProtocolSpec, Referee, Surroundings
 from cosim.randomness import Streams
 from cosim.robots.motion import Fleet
+from cosim.robots.pictures import Sightlines, pictures
 from cosim.robots.placement import checked_starts, misfit
 from cosim.robots.senses import WORLD_FRAME, Frame, Senses
 from cosim.scenario import Scenario, TeamSettings
 from cosim.trace import POSES, Table, Trace, events_table
 from cosim.units import Time, to_seconds
 from cosim.world.floorplan import Floorplan, load_floorplan
-from cosim.world.sight import lines_of_sight, seen_by_each
 
 METRICS: Final = (
     Metric("simulated_s", "s", "simulated time at which the run ended"),
@@ -225,23 +223,16 @@ class Simulation:
     def _tick(self) -> None:
         now = self.kernel.now
         self.channel.advance(now)
-        orders = []
-        for node in self.nodes:
-            if node.motion:
-                orders += [(node.address, self._in_world(node.address, command)) for command in node.motion]
-                node.motion.clear()
-        if orders:
-            self.fleet.apply(orders)
+        self._apply()
         self._distance_m += self.fleet.step()
         self.channel.moved(self.fleet.positions_m)
         self._sense(now)
 
     def _sense(self, now: Time) -> None:
-        positions = self.fleet.positions_m
         if self._poses_wanted:
             for robot, (x, y, heading, *_) in enumerate(self.fleet.observed.tolist()):
                 self.trace.row(POSES, now, robot, x, y, heading)
-        for node, observation in zip(self.nodes, self._observations(positions), strict=True):
+        for node, observation in zip(self.nodes, self._observations(), strict=True):
             node.observe(observation, now)
         for death in self.faults.deaths():
             self.referee.died(death)
@@ -259,18 +250,27 @@ class Simulation:
                 return True
         return self.faults.reboots_pending
 
-    def _observations(self, positions: np.ndarray[Any, np.dtype[np.float64]]) -> list[Observation]:
+    def _observations(self) -> list[Observation]:
         if self.senses is not None:
             return self.senses.observe(self.fleet)
         if not self.spec.needs_sight:
             return self.fleet.observations()
-        seen = lines_of_sight(self.floorplan.packed, positions, self.scenario.team.sight_range_m or float("inf"))
-        if self.faults.blind:
-            seen[list(self.faults.blind)] = False
-        return self.fleet.observations(seen_by_each(seen))
+        range_m = self.scenario.team.sight_range_m or float("inf")
+        seen = Sightlines(self.floorplan.packed, self.fleet.positions_m, range_m, self.faults.blind)
+        return self.fleet.observations(pictures(seen, len(self.fleet)))
 
-    def _in_world(self, robot: int, command: Command) -> Command:
-        return command if self.senses is None else self.senses.in_world(robot, command)
+    def _apply(self) -> None:
+        """Have the bodies carry out what their machines have commanded since the last tick, each in its own frame."""
+        orders: list[tuple[Address, Command]] = []
+        for node in self.nodes:
+            if node.motion:
+                for command in node.motion:
+                    if isinstance(command, GoTo) and self.senses is not None:
+                        command = self.senses.in_world(node.address, command)
+                    orders.append((node.address, command))
+                node.motion.clear()
+        if orders:
+            self.fleet.apply(orders)
 
     def outcome(self) -> Outcome:
         """Return the metrics, the trace and the digest of the run up to now; to be asked once, at its end."""

@@ -46,7 +46,7 @@ from cosim.machine import (
     Unrecorded,
 )
 from cosim.node import Node, misuse, shown
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.randomness import Streams
 from cosim.trace import Trace
 from cosim.units import MS, S, Time
@@ -289,7 +289,7 @@ class _Floor:
         for node in self._nodes:
             others = tuple(other.address for other in self._nodes if other is not node)
             seen = tuple(Sighting(other, *self._places[other]) for other in others)
-            observation = Observation(*self._places[node.address], 0.0, 0.0, True, False, others, seen)
+            observation = Observation(*self._places[node.address], 0.0, 0.0, True, False, Seen(others, seen))
             node.observe(observation, self._kernel.now)
         self._kernel.after(self._duration, self._tick, WORLD)
 
@@ -360,7 +360,7 @@ def _inputs(peer: Address, place: Point) -> list[LinkEvent | Observation | None]
         *(ModeChanged(peer, mode) for mode in Mode),
         *(RoleChanged(peer, role) for role in Role),
         *(Fate(token, outcome) for token in (0, 1_000_000) for outcome in Outcome),
-        *(Observation(*place, 0.0, 0.0, a, b, (peer,)) for a in (False, True) for b in (False, True)),
+        *(Observation(*place, 0.0, 0.0, a, b, Seen((peer,))) for a in (False, True) for b in (False, True)),
         None,
     ]
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cosim.arrays import Bools, Floats, Int32s
-from cosim.geometry.segments import clearance, segment_grid, swept_clearance
+from cosim.geometry.segments import SegmentGrid, room_along, segment_grid
 from cosim.jit import njit
 
 Cell: TypeAlias = int
@@ -86,18 +86,9 @@ def coverage_grid(
     if nx < 1 or ny < 1:
         raise ValueError(f"no cell of {cell_m} m fits into a floor of {x_max - x} m x {y_max - y} m")
     centres = _centres((x, y), cell_m, nx, ny)
-    grid = segment_grid(walls_m)
-    reach = radius_m + 2 * TOUCH_M
-    free = ~forbidden(centres) & (clearance(grid, centres, reach) >= radius_m - TOUCH_M)
-    steps = _neighbours(nx, ny)
-    for direction in (NORTH, EAST):  # a step back is as possible as the step
-        cells = np.flatnonzero(free & (steps[:, direction] >= 0) & free[steps[:, direction]])
-        goals = steps[cells, direction]
-        possible = swept_clearance(grid, centres[cells], centres[goals], reach) >= radius_m - TOUCH_M
-        steps[:, direction] = -1
-        steps[:, direction + 2] = -1
-        steps[cells[possible], direction] = goals[possible]
-        steps[goals[possible], direction + 2] = cells[possible]
+    free = ~forbidden(centres)
+    steps = np.full((nx * ny, 4), -1, np.int32)
+    _find_steps(segment_grid(walls_m), centres, nx, radius_m, cell_m, free, steps)
     result = CoverageGrid((x, y), cell_m, nx, ny, steps, free, np.zeros(nx * ny, np.bool_))
     points = np.asarray(starts_m, dtype=np.float64).reshape(-1, 2).tolist()
     sources = [cell for cell in (result.cell_at(*point) for point in points) if free[cell]]
@@ -116,16 +107,6 @@ def _centres(origin_m: tuple[float, float], cell_m: float, nx: int, ny: int) -> 
     return np.stack((np.tile(x, ny), np.repeat(y, nx)), axis=1)
 
 
-def _neighbours(nx: int, ny: int) -> Int32s:
-    """Return the neighbour of each cell in each direction, -1 beyond the edge."""
-    iy, ix = np.divmod(np.arange(nx * ny, dtype=np.int32), np.int32(nx))
-    steps = np.empty((nx * ny, 4), np.int32)
-    for direction, (dx, dy) in enumerate(OFFSETS):
-        inside = (ix + dx >= 0) & (ix + dx < nx) & (iy + dy >= 0) & (iy + dy < ny)
-        steps[:, direction] = np.where(inside, (iy + dy) * nx + ix + dx, -1)
-    return steps
-
-
 def _largest(steps: Int32s, free: Bools) -> Bools:
     best = np.zeros(len(free), np.bool_)
     left = free.copy()
@@ -135,6 +116,32 @@ def _largest(steps: Int32s, free: Bools) -> Bools:
         if np.count_nonzero(found) > np.count_nonzero(best):
             best = found
     return best
+
+
+@njit(cache=True)
+def _find_steps(
+    grid: SegmentGrid, centres: Floats, nx: int, radius: float, cell_m: float, free: Bools, steps: Int32s
+) -> None:
+    """Leave *free* only cells that a disc of *radius* fits into, and write where it can step; (n,) and (n, 4)."""
+    least, limit, roomy = radius - TOUCH_M, radius + 2.0 * TOUCH_M, radius + 1.01 * cell_m
+    rooms = np.zeros(centres.shape[0])
+    for cell in range(centres.shape[0]):
+        if free[cell]:
+            x, y = centres[cell]
+            rooms[cell] = room_along(grid, x, y, x, y, roomy)
+            free[cell] = rooms[cell] >= least
+        if not free[cell]:
+            continue
+        for back in range(2):  # to the cells in the south and in the west; a step there is as possible as a step back
+            goal = cell - 1 if back else cell - nx
+            if goal < 0 or (back and cell % nx == 0) or not free[goal]:
+                continue
+            # a wall that a step comes near to is not far from where it ends
+            x, y = centres[cell]
+            goal_x, goal_y = centres[goal]
+            if rooms[cell] >= roomy or room_along(grid, goal_x, goal_y, x, y, limit) >= least:
+                steps[cell, WEST if back else SOUTH] = goal
+                steps[goal, EAST if back else NORTH] = cell
 
 
 @njit(cache=True)

@@ -230,26 +230,40 @@ def in_sight(grid: SegmentGrid, ax: float, ay: float, bx: float, by: float) -> b
 
 
 @njit(cache=True)
-def scan_walls(grid: SegmentGrid, x: float, y: float, ways: Floats, limit: float, first: Floats) -> None:
+def scan_walls(grid: SegmentGrid, x: float, y: float, angle: float, ways: Floats, limit: float, first: Floats) -> None:
     """Write at which fraction of each of the *ways* (n, 2) from a point a wall is met first, or inf; for kernels.
 
-    All ways are *limit* long: walls beyond that are left out at once, which takes half the time of casting each ray.
+    All ways are *limit* long, and way k points to *angle* + 2 pi k / n: of each wall, only those are cast that it can
+    meet, which takes a small part of the time of casting each ray.
     """
     first[:] = math.inf
-    cell = grid.cell_m
-    for iy in range(_index((y - limit - grid.y_m) / cell, grid.ny), _index((y + limit - grid.y_m) / cell, grid.ny) + 1):
-        for ix in range(
-            _index((x - limit - grid.x_m) / cell, grid.nx), _index((x + limit - grid.x_m) / cell, grid.nx) + 1
-        ):
-            at = iy * grid.nx + ix
-            for slot in range(grid.first[at], grid.first[at + 1]):
-                x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
-                if _to_segment(x, y, x1, y1, x2, y2)[0] > limit * limit * (1.0 + _PAD):
-                    continue
-                for k in range(ways.shape[0]):
-                    hit = _meets(x, y, ways[k, 0], ways[k, 1], x1, y1, x2, y2, False)
-                    if hit < first[k] and hit <= 1.0:
-                        first[k] = hit
+    low_x, high_x, low_y, high_y = cells_near(grid, x, y, x, y, limit)
+    for iy in range(low_y, high_y):
+        for slot in range(grid.first[iy * grid.nx + low_x], grid.first[iy * grid.nx + high_x]):
+            x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
+            if _to_segment(x, y, x1, y1, x2, y2)[0] > limit * limit * (1.0 + _PAD):
+                continue
+            start = math.atan2(y1 - y, x1 - x)
+            turn = math.atan2(y2 - y, x2 - x) - start
+            turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+            if abs(turn) > math.pi - _PAD:  # the point is on the wall, or so near that its side is not known
+                start, turn = -math.pi, 2.0 * math.pi
+            k, count = beams_between(min(start, start + turn) - angle, abs(turn), ways.shape[0])
+            for _ in range(count):
+                hit = _meets(x, y, ways[k, 0], ways[k, 1], x1, y1, x2, y2, False)
+                if hit < first[k] and hit <= 1.0:
+                    first[k] = hit
+                k = k + 1 if k + 1 < ways.shape[0] else 0
+
+
+@njit(cache=True)
+def beams_between(start: float, width: float, beams: int) -> tuple[int, int]:
+    """Return the first beam of a ring, and the number of them, that lie in an angle, and one more at either side.
+
+    The angle goes from *start* on counter-clockwise for *width* (radians); beam 0 is at 0. A kernel for kernels.
+    """
+    apart = 2.0 * math.pi / beams
+    return int(math.floor(start / apart) - 1.0) % beams, min(int(width / apart) + 4, beams)
 
 
 @njit(cache=True)
@@ -300,14 +314,20 @@ def closest_approach(
 def _swept_clearance(grid: SegmentGrid, p: Floats, q: Floats, limit: float) -> Floats:
     distance = np.empty(p.shape[0])
     for i in range(p.shape[0]):
-        best = limit * limit
-        low_x, high_x, low_y, high_y = cells_near(grid, p[i, 0], p[i, 1], q[i, 0], q[i, 1], limit)
-        for iy in range(low_y, high_y):
-            for slot in range(grid.first[iy * grid.nx + low_x], grid.first[iy * grid.nx + high_x]):
-                x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
-                best = min(best, closest_approach(p[i, 0], p[i, 1], q[i, 0], q[i, 1], x1, y1, x2, y2)[0])
-        distance[i] = math.sqrt(best)
+        distance[i] = room_along(grid, p[i, 0], p[i, 1], q[i, 0], q[i, 1], limit)
     return distance
+
+
+@njit(cache=True)
+def room_along(grid: SegmentGrid, px: float, py: float, qx: float, qy: float, limit: float) -> float:
+    """Return the distance of the segment p-q from the walls, at most *limit*; a kernel for kernels."""
+    best = limit * limit
+    low_x, high_x, low_y, high_y = cells_near(grid, px, py, qx, qy, limit)
+    for iy in range(low_y, high_y):
+        for slot in range(grid.first[iy * grid.nx + low_x], grid.first[iy * grid.nx + high_x]):
+            x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
+            best = min(best, closest_approach(px, py, qx, qy, x1, y1, x2, y2)[0])
+    return math.sqrt(best)
 
 
 @njit(cache=True)

@@ -15,6 +15,7 @@ u tick after tick brakes by exactly h a tick at the end, and its last way ends o
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import repeat
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -24,8 +25,8 @@ from cosim.arrays import Floats, Int32s
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, packed_walls
 from cosim.jit import njit
-from cosim.machine import Address, Command, GoTo
-from cosim.observation import Observation
+from cosim.machine import Command, GoTo
+from cosim.observation import NOBODY, Observation, Picture, View
 from cosim.robots.body import BodySettings
 from cosim.robots.contact import BODY_SLACK_M, cut
 from cosim.robots.table import (
@@ -73,7 +74,6 @@ ALIGNED_RAD: Final = 1e-9
 """Difference between heading and the goal's bearing that needs no turn."""
 _ROUNDING: Final = 1e-9
 """Share of h by which a change of the way may exceed it, so that rounding costs no tick."""
-_NOBODY: Final[tuple[Address, ...]] = ()
 _new: Final = tuple.__new__  # what a named tuple's own constructor calls; a third faster
 
 
@@ -107,6 +107,7 @@ class Fleet:
         count = len(bodies)
         starts = np.asarray(starts_m, dtype=np.float64).reshape(count, 2)
         self.tick = tick
+        self._seconds = to_seconds(tick)
         self.time = start
         """Time of the last tick."""
         self._wall_numbers, self._wall_members = packed_walls(walls)
@@ -115,7 +116,7 @@ class Fleet:
         self._table[HEADING] = headings_rad
         self._table[ARRIVED] = 1.0
         self._cells: Any = self._table.data  # single cells are written faster through it
-        _write_limits(self._table, bodies, to_seconds(tick))
+        _write_limits(self._table, bodies, self._seconds)
         self._observed = self._table[:OBSERVED].T
         self.x_m: Floats = self._table[X]
         """The positions at the last tick, x alone, shape (n,); not to be changed."""
@@ -130,19 +131,17 @@ class Fleet:
 
         Raise LocalProtocolError for a number that is not finite.
         """
-        table = self._cells
+        table, seconds, isfinite = self._cells, self._seconds, math.isfinite
         for body, command in commands:
-            going = isinstance(command, GoTo)
             one, two = command
-            if not (math.isfinite(one) and math.isfinite(two)):
+            if not (isfinite(one) and isfinite(two)):
                 raise LocalProtocolError(f"body {body}: {command} is not finite")
-            table[GOING, body] = going
-            table[ARRIVED, body] = not going
             table[LANDING, body] = 0.0
-            if going:
+            if isinstance(command, GoTo):
+                table[GOING, body], table[ARRIVED, body] = 1.0, 0.0
                 table[GOAL_X, body], table[GOAL_Y, body] = one, two
             else:
-                seconds = to_seconds(self.tick)
+                table[GOING, body], table[ARRIVED, body] = 0.0, 1.0
                 table[WANTED_WAY, body], table[WANTED_TURN, body] = one * seconds, two * seconds
 
     def step(self) -> float:
@@ -216,13 +215,19 @@ class Fleet:
         """What each body observes of itself at the last tick: rows x, y, heading, speed, arrived, blocked."""
         return self._observed
 
-    def observations(self, visible: Sequence[tuple[Address, ...]] = ()) -> list[Observation]:
-        """Return what each body observes at the last tick; *visible* names for each body the others in its sight."""
-        others = visible or (_NOBODY,) * len(self)
-        return [
-            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, seen, (), None))
-            for (x, y, heading, speed, arrived, blocked), seen in zip(self._observed.tolist(), others, strict=True)
-        ]
+    def observations(self, pictures: Sequence[Picture] = ()) -> list[Observation]:
+        """Return what each body observes at the last tick, with the *pictures* of their cameras, if they have any."""
+        return observations(self._table[:OBSERVED], pictures or [NOBODY] * len(self), [None] * len(self))
+
+
+def observations(told: Floats, pictures: Sequence[Picture], views: Sequence[View | None]) -> list[Observation]:
+    """Return the observations of all robots: *told* has the rows x, y, heading, speed, arrived, blocked.
+
+    Without a loop in Python, as every robot has one at every tick.
+    """
+    x, y, heading, speed, arrived, blocked = told.tolist()
+    fields = zip(x, y, heading, speed, map(bool, arrived), map(bool, blocked), pictures, views, strict=True)
+    return list(map(_new, repeat(Observation), fields))
 
 
 def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float) -> None:

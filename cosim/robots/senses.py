@@ -12,10 +12,9 @@ miss what it would measure beyond its range, and with false returns, which may b
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from functools import cache
-from itertools import chain, pairwise
+from functools import cache, partial
+from itertools import chain
 from struct import Struct
 from typing import Final, Literal, TypeAlias
 
@@ -25,22 +24,24 @@ from pydantic import Field
 from cosim.arrays import Floats
 from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation
 from cosim.randomness import Streams
-from cosim.robots.motion import Carry, Fleet
+from cosim.robots.motion import Carry, Fleet, observations
+from cosim.robots.pictures import Cameras, pictures
 from cosim.robots.sense_kernels import (
     BLIND,
     BLOCKED,
     COLUMNS,
     FRAME_TURN,
     FRAME_X,
+    OWN_X,
     RADIUS,
     Room,
     X,
     few_in_region,
     in_region,
+    locate,
     scan,
-    sense,
 )
 from cosim.settings import Angle, Metres, Seconds, Settings
 from cosim.units import Time, to_seconds
@@ -49,8 +50,6 @@ Frame: TypeAlias = tuple[float, float, float]
 """Origin (x, y, m) and direction (rad) in the world."""
 
 WORLD_FRAME: Final[Frame] = (0.0, 0.0, 0.0)
-_NO_PICTURE: Final = np.empty(0, np.int64)
-_STALE: Final = [-1]  # the pairs of no picture
 _POINTS: Final = 16
 """Number of points that fit at first."""
 _FEW: Final = 2
@@ -124,92 +123,101 @@ class Senses:
                 settings.range_noise_m,
                 settings.false_return_rate,
                 *streams.draws("senses").key,
-                0.0,
             ]
         )
         self._room = self._poses, self._limits, *walls
-        self._pairs = np.empty(count * count, np.int64)
-        """Pairs that see each other, as the observer's number times that of robots, plus the other's; and where."""
-        self._places = np.empty((2, count * count))
-        self._in_sight: list[int] = []
-        """The pairs of the last picture; whom they are with, and which of them are each robot's."""
-        self._others: list[int] = []
-        self._shares: list[tuple[int, int]] = [(0, 0)] * count
         self._period = max(1, round((settings.camera_period_s or 0.0) / to_seconds(tick)))
-        self._beams = settings.beams
         self._ticks = 0
-        self._sightings: list[tuple[Sighting, ...]] = [()] * count
-        self._visible: list[tuple[int, ...]] = [()] * count
-        self._known: list[list[float]] = [[0.0] * (BLOCKED + 1)] * count
-        self._told = self._poses[:, : BLOCKED + 1]
-        self._views = [_View(self._room, robot, self._beams) for robot in range(count)]
+        self._told = self._poses[:, OWN_X : BLOCKED + 1].T
+        self._scanner = _Scanner(self._room, settings.beams)
+        self._views = [_View(self._room, robot, self._scanner) for robot in range(count)]
+        self._show(Cameras(self._room, 0))
 
     def observe(self, fleet: Fleet) -> list[Observation]:
         """Return what each robot senses now."""
-        moved = self._drifts and self._ticks > 0
-        picture = self._ticks % self._period == 0
-        pairs = self._pairs if picture else _NO_PICTURE
-        seen = sense(*self._room, fleet.observed, self._ticks, moved, pairs, self._places)
-        if picture and (seen or self._in_sight):
-            self._picture(seen)
+        locate(self._poses, self._limits, fleet.observed, self._ticks, self._drifts and self._ticks > 0)
+        if self._ticks % self._period == 0:
+            self._show(Cameras(self._room, self._ticks))
+        self._scanner.begin(self._ticks)
         self._ticks += 1
-        self._known = self._told.tolist()
-        return [
-            _new(Observation, (x, y, heading, speed, arrived > 0.0, blocked > 0.0, visible, sightings, view))
-            for (_, _, _, x, y, heading, speed, arrived, blocked), visible, sightings, view in zip(
-                self._known, self._visible, self._sightings, self._views, strict=True
-            )
-        ]
+        return observations(self._told, self._pictures, self._views)
 
-    def _picture(self, seen: int) -> None:
-        """Sort all that the cameras have *seen* by the observer; mostly they see the same ones as before."""
-        pairs, (xs, ys) = self._pairs[:seen].tolist(), self._places[:, :seen].tolist()
-        if pairs != self._in_sight:
-            self._in_sight = pairs
-            self._sort_out(pairs)
-        all_seen = [_new(Sighting, other_there) for other_there in zip(self._others, xs, ys, strict=True)]
-        self._sightings = [tuple(all_seen[begin:end]) for begin, end in self._shares]
-
-    def _sort_out(self, pairs: list[int]) -> None:
-        """Note whose each of *pairs* is; they are in order."""
-        count = len(self._views)
-        self._others = [pair % count for pair in pairs]
-        ends = [bisect_left(pairs, robot * count) for robot in range(count + 1)]
-        self._shares = list(pairwise(ends))
-        self._visible = [tuple(self._others[begin:end]) for begin, end in self._shares]
+    def _show(self, seen: Cameras) -> None:
+        self._seen = seen
+        self._pictures = pictures(seen, len(self._poses))
 
     def blind(self, robot: int, blind: bool) -> None:
         """Switch the camera of *robot* off, and forget its last picture; or on, to see from the next picture on."""
         self._poses[robot, BLIND] = blind
         if blind:
-            self._in_sight = _STALE
-            self._sightings[robot] = self._visible[robot] = ()
+            self._show(self._seen.without(robot))
 
     def carry(self, robot: int, carried: Carry) -> None:
         """Have *robot* carried away at this tick, before it senses: what an unaware one knows goes along."""
         if not self.aware:
-            for row, first in ((self._poses[robot], X), (self._poses[robot], FRAME_X), (self._known[robot], X)):
-                row[first : first + 3] = carried.pose(*row[first : first + 3])
+            for first in (X, FRAME_X):
+                own = self._poses[robot, first : first + 3]
+                own[:] = carried.pose(*own.tolist())
 
     def in_world(self, robot: int, command: Command) -> Command:
         """Return *command*, which is meant in the frame of *robot*, in the world's."""
         if not isinstance(command, GoTo):
             return command
-        x, y, heading, own_x, own_y, own_heading, *_ = self._known[robot]
+        x, y, heading, own_x, own_y, own_heading, *_ = self._poses[robot].tolist()
         cos, sin = math.cos(heading - own_heading), math.sin(heading - own_heading)
         dx, dy = command[0] - own_x, command[1] - own_y
         return _new(GoTo, (x + cos * dx - sin * dy, y + sin * dx + cos * dy))
 
 
+class _Scanner:
+    """The range scanners of all robots.
+
+    Who has asked for scans at the last two ticks is taken to do so again: one call for all is a small part of a call
+    for each.
+    """
+
+    def __init__(self, room: Room, beams: int) -> None:
+        self._room = room
+        self._ways = np.empty((beams, 2))
+        self._tick = 0
+        self._scanned: set[int] = set()
+        """Who has been scanned for at this tick."""
+        self._scans: dict[int, Floats] = {}
+        """Their scans that nobody has asked for yet."""
+        self._asked: set[int] = set()
+        """Who has asked at the tick before."""
+        self._expected: set[int] = set()
+
+    def begin(self, tick: int) -> None:
+        """Begin a tick."""
+        self._tick = tick
+        asked = self._scanned - self._scans.keys()
+        self._expected = asked & self._asked
+        self._asked, self._scanned, self._scans = asked, set(), {}
+
+    def ranges_m(self, robot: int) -> Floats:
+        """Return the ranges of *robot* at this tick, an array of its own."""
+        ranges = self._scans.pop(robot, None)
+        if ranges is None:
+            expected = robot in self._expected and robot not in self._scanned
+            robots = [*self._expected] if expected else [robot]
+            self._scanned.update(robots)
+            scans = np.empty((len(robots), len(self._ways)))
+            scan(*self._room, self._tick, np.array(robots), self._ways, scans)
+            self._scans.update(zip(robots, scans, strict=True))
+            ranges = self._scans.pop(robot)
+        return ranges
+
+
 class _View:
     """Where one robot looks from."""
 
-    __slots__ = ("_beams", "_points", "_robot", "_room", "_seen")
+    __slots__ = ("_points", "_robot", "_room", "_seen", "ranges_m")
 
-    def __init__(self, room: Room, robot: int, beams: int) -> None:
+    def __init__(self, room: Room, robot: int, scanner: _Scanner) -> None:
         self._room = room
         self._robot = robot
-        self._beams = beams
+        self.ranges_m = partial(scanner.ranges_m, robot)
         self._points = np.empty(2 * _POINTS)
         self._seen = np.empty(_POINTS, np.bool_)
 
@@ -232,11 +240,6 @@ class _View:
         in_region(*self._room, self._robot, self._points, self._seen, count)
         seen: list[bool] = self._seen[:count].tolist()
         return seen
-
-    def ranges_m(self) -> Floats:
-        ranges = np.empty(self._beams)
-        scan(*self._room, self._robot, ranges)
-        return ranges
 
 
 @cache

@@ -151,9 +151,20 @@ class Floorplan:
         mask: Bools = (x < x_min) | (x > x_max) | (y < y_min) | (y > y_max)
         if self.occupancy is not None:
             mask |= self.occupancy.solid_at(points, self.unknown_is_occupied)
-        for polygon in self._solids:
-            mask |= shapely.intersects_xy(polygon, x, y)
+        if self.polygons_m and len(points):
+            self._mark_solid(x, y, mask)
         return mask
+
+    def _mark_solid(self, x: Floats, y: Floats, mask: Bools) -> None:
+        """Set *mask* where a point is in a polygon; each polygon is asked only about the points in its extent."""
+        solids, (x_min, y_min, x_max, y_max) = self._solids
+        near = (x_min <= x.max()) & (x_max >= x.min()) & (y_min <= y.max()) & (y_max >= y.min())
+        order = np.argsort(y, kind="stable")  # in no time if they are in order, as the cells of a grid are
+        first, end = np.searchsorted(y, y_min, "left", order), np.searchsorted(y, y_max, "right", order)
+        for k in np.flatnonzero(near).tolist():
+            asked = order[first[k] : end[k]]
+            asked = asked[(x[asked] >= x_min[k]) & (x[asked] <= x_max[k])]
+            mask[asked] |= shapely.intersects_xy(solids[k], x[asked], y[asked])
 
     @cached_property
     def grid(self) -> SegmentGrid:
@@ -176,10 +187,11 @@ class Floorplan:
         return shapely.STRtree(list(self.geometry.geoms))
 
     @cached_property
-    def _solids(self) -> list[shapely.Polygon]:
+    def _solids(self) -> tuple[list[shapely.Polygon], Floats]:
+        """The polygons, and their extents: rows x_min, y_min, x_max, y_max."""
         polygons = [shapely.Polygon(ring) for ring in self.polygons_m]
         shapely.prepare(polygons)
-        return polygons
+        return polygons, shapely.bounds(polygons).T
 
 
 def load_floorplan(settings: FloorplanSettings, folder: Path) -> Floorplan:

@@ -1,5 +1,6 @@
 """Lines of sight between all pairs of robots, and the walls that cross them, computed once a tick."""
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -65,7 +66,10 @@ def loss_units(walls: SegmentGrid, loss_db: npt.ArrayLike) -> Int64s:
 
 def seen_by_each(seen: Bools) -> list[tuple[int, ...]]:
     """Return for each robot the numbers of the others that it sees, in order, from the matrix *seen* (n, n)."""
-    return [tuple([other for other, visible in enumerate(row) if visible]) for row in seen.tolist()]
+    observers, others = np.nonzero(seen)
+    ends = np.searchsorted(observers, np.arange(len(seen) + 1)).tolist()
+    seen_others = others.tolist()
+    return [tuple(seen_others[begin:end]) for begin, end in pairwise(ends)]
 
 
 @njit(cache=True)

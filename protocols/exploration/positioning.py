@@ -20,7 +20,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.machine import Event
 from cosim.navigation.slam import MapGrid, Slam, SlamEstimate, share_of_speed
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.randomness import Draws
 from cosim.units import S, Time
 from protocols.exploration.parameters import PositioningParameters, SpeedControlParameters
@@ -210,4 +210,5 @@ def _moved(observation: Observation, found: SlamEstimate) -> Observation:
     for other, x, y in observation.sightings:
         dx, dy = x - observation.x_m, y - observation.y_m
         sightings.append(Sighting(other, found.x_m + cos * dx - sin * dy, found.y_m + sin * dx + cos * dy))
-    return observation._replace(x_m=found.x_m, y_m=found.y_m, heading_rad=found.heading_rad, sightings=tuple(sightings))
+    picture = Seen(observation.visible, tuple(sightings))
+    return observation._replace(x_m=found.x_m, y_m=found.y_m, heading_rad=found.heading_rad, picture=picture)

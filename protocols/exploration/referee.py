@@ -12,11 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from cosim.arrays import Bools, Floats
+from cosim.arrays import Bools, Floats, Int64s
 from cosim.geometry.grids import TOUCH_M, CoverageGrid, coverage_grid, distances
 from cosim.geometry.marking import Weights
 from cosim.geometry.planning import Point
-from cosim.geometry.segments import SegmentGrid, ray_casts, sees, segment_grid, swept_clearance
+from cosim.geometry.segments import SegmentGrid, in_sight, ray_casts, segment_grid, swept_clearance
+from cosim.jit import njit
 from cosim.navigation.schemas import beam_directions
 from cosim.protocol import Death, Referee, Surroundings
 from cosim.units import Time, to_seconds
@@ -144,11 +145,16 @@ def reachable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
 
 def _entries(grid: CoverageGrid, walls: SegmentGrid, start_m: Point, radius_m: float) -> list[int]:
     """Return the cells to whose centres a disc can move straight from a start; it may not fit into the start's cell."""
-    centres = grid.centres_m()
-    near = np.flatnonzero(grid.free & (np.hypot(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m))
-    room_m = swept_clearance(walls, np.broadcast_to(start_m, (len(near), 2)), centres[near], radius_m + 2.0 * TOUCH_M)
-    cells: list[int] = near[room_m >= radius_m - TOUCH_M].tolist()
-    return cells
+    iy, ix = divmod(grid.cell_at(*start_m), grid.nx)
+    reach = math.ceil(_NEAR_CELLS)
+    rows = range(max(iy - reach, 0), min(iy + reach + 1, grid.ny))
+    columns = range(max(ix - reach, 0), min(ix + reach + 1, grid.nx))
+    near = [cell for row in rows for cell in range(row * grid.nx + columns.start, row * grid.nx + columns.stop)]
+    near = [cell for cell in near if grid.free[cell]]
+    centres = np.array([grid.centre_m(cell) for cell in near]).reshape(-1, 2)
+    room_m = swept_clearance(walls, np.broadcast_to(start_m, centres.shape), centres, radius_m + 2.0 * TOUCH_M)
+    fits = (np.hypot(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m) & (room_m >= radius_m - TOUCH_M)
+    return [cell for cell, fit in zip(near, fits.tolist(), strict=True) if fit]
 
 
 def coverable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
@@ -157,21 +163,44 @@ def coverable_cells(frame: Frame, surroundings: Surroundings) -> Bools:
     Sight is from centre to centre: a wall between them hides a cell, a wall in its centre does not.
     """
     reachable = reachable_cells(frame, surroundings)
-    rows, columns = np.divmod(np.arange(frame.nx * frame.ny), frame.nx)
-    centres = np.stack((columns + 0.5, rows + 0.5), axis=1) * frame.cell_m + frame.origin_m
-    walls, seen = segment_grid(surroundings.walls_m), reachable.copy()
-    left = np.flatnonzero(~seen)
-    left = left[~surroundings.forbidden(centres[left])]
     offsets = _offsets(surroundings.scan_range_m / frame.cell_m)
-    reach = int(np.abs(offsets).max())
-    posts = np.pad(reachable.reshape(frame.ny, frame.nx), reach)
-    for dy, dx in offsets.tolist():  # the nearest first: of most cells no farther post is asked
-        near = np.flatnonzero(posts[rows[left] + dy + reach, columns[left] + dx + reach])
-        cells = left[near]
-        in_sight = sees(walls, centres[cells], centres[cells + dy * frame.nx + dx])
-        seen[cells[in_sight]] = True
-        left = np.delete(left, near[in_sight])
+    seen, posts = reachable.copy(), reachable.reshape(frame.ny, frame.nx)
+    left = np.flatnonzero(~reachable & _some_near(posts, int(np.abs(offsets).max())).reshape(-1))
+    rows, columns = np.divmod(left, frame.nx)
+    centres = np.stack((columns + 0.5, rows + 0.5), axis=1) * frame.cell_m + frame.origin_m
+    left = left[~surroundings.forbidden(centres)]
+    _add_seen(segment_grid(surroundings.walls_m), *frame.origin_m, frame.cell_m, posts, left, offsets, seen)
     return seen
+
+
+def _some_near(cells: Bools, reach: int) -> Bools:
+    """Return where one of *cells* (ny, nx) lies within *reach* cells, in the square about a cell."""
+    for axis in (0, 1):
+        counts = np.cumsum(cells, axis, np.int32)
+        size = cells.shape[axis]
+        high = counts.take(np.minimum(np.arange(size) + reach, size - 1), axis)
+        low = counts.take(np.maximum(np.arange(size) - reach - 1, 0), axis)
+        inside = np.arange(size) > reach  # before them there are cells that do not count
+        cells = high > low * (inside[:, None] if axis == 0 else inside)
+    return cells
+
+
+@njit(cache=True)
+def _add_seen(
+    walls: SegmentGrid, x: float, y: float, size: float, posts: Bools, cells: Int64s, offsets: Int64s, seen: Bools
+) -> None:
+    """Set *seen* for those of *cells* that have one of *posts*, (ny, nx), in sight at one of the *offsets* (dy, dx)."""
+    ny, nx = posts.shape
+    for cell in cells:
+        iy, ix = cell // nx, cell % nx
+        here_x, here_y = (ix + 0.5) * size + x, (iy + 0.5) * size + y
+        for k in range(offsets.shape[0]):  # the nearest first: of most cells no farther post is asked
+            at_y, at_x = iy + offsets[k, 0], ix + offsets[k, 1]
+            if not (0 <= at_y < ny and 0 <= at_x < nx and posts[at_y, at_x]):
+                continue
+            if in_sight(walls, here_x, here_y, (at_x + 0.5) * size + x, (at_y + 0.5) * size + y):
+                seen[cell] = True
+                break
 
 
 def _offsets(reach: float) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":

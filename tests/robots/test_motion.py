@@ -10,6 +10,7 @@ import shapely
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Drive, GoTo
+from cosim.observation import Seen
 from cosim.robots.body import BodySettings
 from cosim.robots.motion import Fleet
 from cosim.units import MS, S
@@ -209,7 +210,7 @@ def test_a_body_that_has_nowhere_to_go_has_arrived():
 
 def test_observations_carry_who_is_visible():
     fleet = Fleet([BodySettings()] * 2, [(0, 0), (1, 0)], OPEN, TICK)
-    assert [o.visible for o in fleet.observations([(1,), (0,)])] == [(1,), (0,)]
+    assert [o.visible for o in fleet.observations([Seen((1,)), Seen((0,))])] == [(1,), (0,)]
     assert [o.visible for o in fleet.observations()] == [(), ()]
 
 

@@ -22,7 +22,7 @@ from cosim.machine import Event
 from cosim.navigation.localization.likelihood import KnownMap, known_map
 from cosim.navigation.localization.localizer import LocalizationParameters, Localizer
 from cosim.navigation.localization.motion import Pose
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.randomness import Draws
 from cosim.settings import Angle, Metres, Seconds, Settings
@@ -243,8 +243,9 @@ def shifted(observation: Observation, shift: Shift, scan: Scan | None) -> Observ
     """Return *observation*, with its *scan*, in another frame."""
     x_m, y_m, heading_rad = shift.pose(observation[:3])
     sightings = tuple(Sighting(other, *shift.point(x, y)) for other, x, y in observation.sightings)
+    picture = Seen(observation.visible, sightings)
     view = None if scan is None else ShiftedView(observation, scan, shift)
-    return observation._replace(x_m=x_m, y_m=y_m, heading_rad=heading_rad, sightings=sightings, view=view)
+    return observation._replace(x_m=x_m, y_m=y_m, heading_rad=heading_rad, picture=picture, view=view)
 
 
 def _scan(observation: Observation, sensor: Sensor, stream: np.random.Generator | None) -> Scan | None:

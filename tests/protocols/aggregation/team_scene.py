@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.machine import BROADCAST, Drive, GoTo, Machine, Outgoing, Reception
-from cosim.observation import Observation, Sighting
+from cosim.observation import NOBODY, Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.randomness import Streams
 from cosim.scenario import Scenario, build
@@ -211,7 +211,7 @@ class Alone:
         view.here = self.here
         sightings = tuple(Sighting(*each) for each in seen)
         visible = tuple(each.address for each in sightings)
-        self.machine.observe(Observation(*self.here, 0.0, 0.0, True, False, visible, sightings, view), self.now)
+        self.machine.observe(Observation(*self.here, 0.0, 0.0, True, False, Seen(visible, sightings), view), self.now)
         return self._left()
 
     def hears(self, sender: int, message: Message, broadcast: bool = False, radio: int = 0) -> list[Said]:
@@ -358,7 +358,7 @@ class Team:
         for robot in self._up():
             view = Sight(self.parameters.camera_m)
             view.here = self.places_m[robot]
-            self.machines[robot].observe(Observation(*view.here, 0.0, 0.0, True, False, (), (), view), self.now)
+            self.machines[robot].observe(Observation(*view.here, 0.0, 0.0, True, False, NOBODY, view), self.now)
             self._drain(robot)
 
     def _drain(self, robot: int) -> None:

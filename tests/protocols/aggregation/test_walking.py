@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cosim.machine import GoTo
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.robots.motion import Carry
 from protocols.aggregation.parameters import WalkingParameters
 from protocols.aggregation.walking import Near, Walker, in_the_way, retreat, way_round
@@ -418,9 +418,11 @@ def test_others_far_off_cost_no_scan():
             raise AssertionError("not asked")
 
     far = (Sighting(1, 7.0, 4.0), Sighting(2, 2.0, 7.0), Sighting(3, 1.0, 4.0), Sighting(4, 3.0, 5.2))
-    orders = [own.step(Observation(2.0 + 0.1 * k, 4.0, 0.0, 1.0, False, False, (), far, Blind())) for k in range(30)]
+    orders = [
+        own.step(Observation(2.0 + 0.1 * k, 4.0, 0.0, 1.0, False, False, Seen((), far), Blind())) for k in range(30)
+    ]
     assert orders[0] == GoTo(14.0, 4.0)
     assert orders[1:] == [None] * 29
     near = (Sighting(1, 6.2, 4.0),)
     with pytest.raises(AssertionError, match="not asked"):
-        own.step(Observation(5.0, 4.0, 0.0, 1.0, False, False, (), near, Blind()))
+        own.step(Observation(5.0, 4.0, 0.0, 1.0, False, False, Seen((), near), Blind()))

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.machine import OPERATOR, Address, Command, Drive, Machine, Reception
 from cosim.navigation.schemas import beam_directions
-from cosim.observation import Observation
+from cosim.observation import NOBODY, Observation
 from cosim.protocol import Surroundings
 from cosim.scenario import Scenario
 from cosim.simulation import Outcome, Simulation
@@ -142,7 +142,7 @@ class OnWheels:
         x = min(max(x + 0.1 * self._drive.speed_mps * math.cos(heading), 0.3), WIDTH_M - 0.3)
         y = min(max(y + 0.1 * self._drive.speed_mps * math.sin(heading), 0.3), HEIGHT_M - 0.3)
         self._pose = x, y, heading
-        seen = Observation(x, y, heading, self._drive.speed_mps, True, False, (), (), Box(x, y))
+        seen = Observation(x, y, heading, self._drive.speed_mps, True, False, NOBODY, Box(x, y))
         self.runner.observe(seen, now)
 
     def commands(self) -> list[Command]:

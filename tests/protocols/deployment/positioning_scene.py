@@ -10,7 +10,7 @@ import numpy as np
 from cosim.arrays import Floats
 from cosim.geometry.segments import ray_casts, segment_grid
 from cosim.machine import Event
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.robots.senses import SenseSettings
 from protocols.deployment.localization.positioning import KnownMaps, Localised, PositioningParameters
@@ -74,7 +74,7 @@ def scanned(pose: tuple[float, float, float], frame_rad: float = 0.0, beams: int
     return np.where(ranges < RANGE_M, ranges, math.inf)
 
 
-class Seen:
+class Scanned:
     """A view that shows some ranges, counts how often it is asked, and sees what is right of the y axis."""
 
     def __init__(self, ranges_m: Floats) -> None:
@@ -90,7 +90,8 @@ class Seen:
 
 def told(pose: tuple[float, float, float], *others: Sighting, ranges_m: Floats | None = None) -> Observation:
     ranges_m = np.full(BEAMS, math.inf) if ranges_m is None else ranges_m
-    return Observation(*pose, 0.3, True, False, tuple(each.address for each in others), others, Seen(ranges_m))
+    picture = Seen(tuple(each.address for each in others), others)
+    return Observation(*pose, 0.3, True, False, picture, Scanned(ranges_m))
 
 
 class Drifting(Scene):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cosim.geometry.marking import CERTAIN, frontier_grid
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from protocols.mapping.belief import Belief, Frame
 
 SIGNS = {"#": 127, ".": -1, "?": 0}
@@ -34,7 +34,7 @@ def at(ix: float, iy: float) -> tuple[float, float]:
 def observed(place_m: tuple[float, float], *others: tuple[float, float]) -> Observation:
     """Return what a robot senses at a place that sees others at theirs, and has no scanner."""
     seen = tuple(Sighting(k + 1, *other) for k, other in enumerate(others))
-    return Observation(*place_m, 0.0, 0.3, True, False, tuple(each.address for each in seen), seen)
+    return Observation(*place_m, 0.0, 0.3, True, False, Seen(tuple(each.address for each in seen), seen))
 
 
 def path_of(grid: np.ndarray, belief: Belief) -> list[tuple[int, int]]:

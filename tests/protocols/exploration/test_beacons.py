@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from cosim.geometry.planning import Point
 from cosim.navigation.frontier_fields import Vector
-from cosim.observation import Observation
+from cosim.observation import Observation, Seen
 from cosim.units import MS, S
 from protocols.exploration.beacons import Tethered, attraction, moves
 from protocols.exploration.escaping import Escape
@@ -70,7 +70,7 @@ class Team:
     def lead(self, here: Point, seen: Mapping[int, Point], gained: bool = True) -> float | None:
         plain = observed(here, *seen.values())
         sightings = tuple(each._replace(address=other) for each, other in zip(plain.sightings, seen, strict=True))
-        return self.tethered.lead(plain._replace(visible=tuple(seen), sightings=sightings), gained)
+        return self.tethered.lead(plain._replace(picture=Seen(tuple(seen), sightings)), gained)
 
 
 # ---------------------------------------------------------------- the schema, and whose turn it is

@@ -13,7 +13,7 @@ import pytest
 from cosim.arrays import Floats
 from cosim.machine import Address, Command, Drive, Machine
 from cosim.navigation.schemas import beam_directions
-from cosim.observation import Observation
+from cosim.observation import NOBODY, Observation
 from cosim.protocol import Surroundings
 from cosim.testing import LawError, check_machine
 from cosim.units import MS, S, Time
@@ -67,7 +67,7 @@ class OnWheels:
         x += 0.1 * self._drive.speed_mps * math.cos(heading)
         y += 0.1 * self._drive.speed_mps * math.sin(heading)
         self._pose = x, y, heading
-        seen = Observation(x, y, heading, self._drive.speed_mps, True, observation.blocked, (), (), Scan((x, y)))
+        seen = Observation(x, y, heading, self._drive.speed_mps, True, observation.blocked, NOBODY, Scan((x, y)))
         self._explorer.observe(seen, now)
 
     def commands(self) -> list[Command]:

@@ -8,7 +8,7 @@ import pytest
 
 from cosim.errors import UserError
 from cosim.machine import BROADCAST, Connected, Outgoing, Page, Role, Scan
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.scenario import build
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
@@ -19,7 +19,7 @@ from tests.protocols.mapping.sharing_scene import UNKNOWN
 
 def test_an_explorer_talks_over_its_links_and_remembers_whom_it_has_seen() -> None:
     machine: Any = maker(wheels=False, map="messages", sharing={"links": {}})(0, 0)
-    seen = Observation(0.6, 0.6, 0.0, 0.0, True, False, (1,), (Sighting(1, 1.2, 0.6),))
+    seen = Observation(0.6, 0.6, 0.0, 0.0, True, False, Seen((1,), (Sighting(1, 1.2, 0.6),)))
     machine.observe(seen, 0)
     assert machine.outbox() == [Scan(False), Page(1)]
     machine.link(Connected(1, Role.MASTER), 0)

@@ -12,7 +12,7 @@ from cosim.arrays import Floats
 from cosim.geometry.segments import clearance
 from cosim.machine import Drive, Event
 from cosim.navigation.schemas import beam_directions
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.protocol import Surroundings
 from cosim.testing import check_machine
 from cosim.units import MS, S
@@ -40,7 +40,7 @@ FRAME = Frame(ORIGIN_M, CELL_M, SHAPE[1], SHAPE[0])
 HERE = (0.8, 1.2)
 
 
-class Seen:
+class Scanned:
     """A view that shows some ranges."""
 
     def __init__(self, ranges_m: Floats) -> None:
@@ -100,7 +100,8 @@ def test_thresholds_out_of_order_are_refused(own: dict[str, float]) -> None:
 
 def told(pose: tuple[float, float, float], *others: Sighting, ranges_m: Floats | None = None) -> Observation:
     ranges_m = np.full(BEAMS, np.inf) if ranges_m is None else ranges_m
-    return Observation(*pose, 0.3, True, False, tuple(each.address for each in others), others, Seen(ranges_m))
+    picture = Seen(tuple(each.address for each in others), others)
+    return Observation(*pose, 0.3, True, False, picture, Scanned(ranges_m))
 
 
 def filtered(events: list[Event], seed: int = 1, **own: Any) -> Filtered:

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.geometry.segments import free_fraction, ray_casts, sees, segment_grid
 from cosim.machine import BROADCAST, GoTo, Outgoing, Reception
 from cosim.navigation.steering import Navigator
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.units import MS
 from protocols.reflection.frames import Frame, encode
 from protocols.reflection.guidance import HeadStraight
@@ -128,9 +128,8 @@ class Arena:
             def ranges_m(self) -> np.ndarray:
                 return np.array([arena._beam(robot, frame[2] + 2.0 * math.pi * k / BEAMS) for k in range(BEAMS)])
 
-        return Observation(
-            *into_frame(here, frame), 0.0, 0.0, True, self.blocked[robot], visible, tuple(sightings), Eye()
-        )
+        picture = Seen(visible, tuple(sightings))
+        return Observation(*into_frame(here, frame), 0.0, 0.0, True, self.blocked[robot], picture, Eye())
 
     def _beam(self, robot: int, angle: float) -> float:
         x, y = self.places[robot]

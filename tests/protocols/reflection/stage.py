@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.machine import Outgoing, Reception
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.units import MS, Time
 from protocols.reflection.frames import decode
 from protocols.reflection.goals import goal_number
@@ -155,7 +155,7 @@ class Stage:
                 return np.full(16, 99.0)
 
         here = into_frame(self.places[robot], frame)
-        return Observation(*here, 0.0, 0.0, True, False, tuple(sees), sightings, Eye())
+        return Observation(*here, 0.0, 0.0, True, False, Seen(tuple(sees), sightings), Eye())
 
     def _drain(self, robot: int, delay: int | None) -> None:
         machine, size = self.machines[robot], len(self.machines)

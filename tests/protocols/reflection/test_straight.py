@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from cosim.observation import Observation, Sighting
+from cosim.observation import Observation, Seen, Sighting
 from cosim.units import MS, S
 from protocols.reflection.straight import CALM_STEPS, DEAF_TICKS, Straight
 
@@ -40,7 +40,7 @@ class Bench:
         x, y = self.out(*self.at)
         sightings = tuple(Sighting(k, *self.out(*body)) for k, body in enumerate(self.bodies, 1))
         visible = tuple(range(1, len(self.bodies) + 1))
-        observation = Observation(x, y, 0.0, 0.0, False, blocked, visible, sightings, self)
+        observation = Observation(x, y, 0.0, 0.0, False, blocked, Seen(visible, sightings), self)
         to_x, to_y = self.straight.towards(self.out(place_m, 0.0), place_m - self.at[0], observation, self.now)
         along, across = self.into(to_x, to_y)
         line = math.atan2(-self.at[1], place_m - self.at[0])

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from cosim.errors import UserError
 from cosim.machine import Drive, Event
-from cosim.observation import Observation
+from cosim.observation import NOBODY, Observation
 from cosim.simulation import Simulation
 from cosim.testing import check_machine
 from cosim.units import MS, S
@@ -165,7 +165,7 @@ def exploring(me: int = 0, octets: int = 150, floor: Floor | None = None) -> tup
 
 
 def seen(x: float, y: float) -> Observation:
-    return Observation(x, y, 0.0, 0.0, True, False, (), (), Box(x, y))
+    return Observation(x, y, 0.0, 0.0, True, False, NOBODY, Box(x, y))
 
 
 def test_pieces_of_maps_fit_into_news_and_go_by_topics_of_their_own() -> None:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cosim.observation import Observation
+from cosim.observation import Observation, Seen
 from cosim.units import S
 from protocols.deployment.executing.executive import Executive
 from protocols.deployment.member.others import Others
@@ -346,6 +346,6 @@ def test_who_is_found_before_the_end_and_has_no_part_any_more_is_called_at_the_e
 
 def test_of_whom_nothing_was_ever_heard_that_is_infinitely_old() -> None:
     bodies, starts_m = crew_of(2).bodies, [(0.0, 0.0), (3.0, 0.0)]
-    seen = Observation(0.0, 0.0, 0.0, 0.0, True, False, (1,), ((1, 3.0, 0.0),))  # type: ignore[arg-type]
+    seen = Observation(0.0, 0.0, 0.0, 0.0, True, False, Seen((1,), ((1, 3.0, 0.0),)))  # type: ignore[arg-type]
     (other,) = Others(0, bodies, starts_m).look(seen, 5 * TICK)
     assert other.age_s == math.inf
