@@ -15,7 +15,7 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays jit installed page",
+    "units errors arrays jit elementary installed page",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",
@@ -28,7 +28,7 @@ LINES = (
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
-    *("units", "errors", "arrays", "jit", "settings", "randomness", "geometry", "documents"),
+    *("units", "errors", "arrays", "jit", "elementary", "settings", "randomness", "geometry", "documents"),
     *("observation", "machine", "protocol", "page", "navigation"),
 }
 
