@@ -1,4 +1,4 @@
-"""Elementary functions: near enough to the exact ones of mpmath, and of nothing but what is rounded alike everywhere."""
+"""Elementary functions: near the exact ones of mpmath, and made of nothing but what is rounded alike everywhere."""
 
 import math
 import random
