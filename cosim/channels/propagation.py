@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import SegmentGrid, segment_grid
 from cosim.jit import njit
@@ -140,7 +141,7 @@ def _gain_db(positions: Floats, i: int, j: int, law: tuple[float, float, float, 
     ax, ay = positions[i]
     bx, by = positions[j]
     square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
-    gain = -reference_db - 5.0 * exponent * math.log10(square)
+    gain = -reference_db - 5.0 * exponent * elementary.log10(square)
     if shadowing_db > 0.0:
         words = philox_words(_place(ax, ay, cell), _place(bx, by, cell), i << 16 | j, 0, key[0], key[1])
         gain -= shadowing_db * _normal(words)
@@ -158,4 +159,4 @@ def _normal(words: tuple[int, int, int, int]) -> float:
     """Return a standard normal number from random *words* (Box and Muller's transform)."""
     radius = (words[0] + 0.5) * 2.0**-32
     angle = (words[1] + 0.5) * 2.0**-32
-    return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
+    return math.sqrt(-2.0 * elementary.log(radius)) * elementary.cos(2.0 * math.pi * angle)

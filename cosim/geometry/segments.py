@@ -20,6 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.jit import njit
 
@@ -256,7 +257,7 @@ def scan_walls(grid: SegmentGrid, x: float, y: float, ways: Floats, limit: float
 def _ray_casts(grid: SegmentGrid, origins: Floats, angles: Floats, limit: float) -> Floats:
     distance = np.empty(angles.shape[0])
     for i in range(angles.shape[0]):
-        dx, dy = limit * math.cos(angles[i]), limit * math.sin(angles[i])
+        dx, dy = limit * elementary.cos(angles[i]), limit * elementary.sin(angles[i])
         distance[i] = limit * min(1.0, _first_hit(grid, origins[i, 0], origins[i, 1], dx, dy, False))
     return distance
 

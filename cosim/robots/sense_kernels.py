@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, in_sight, scan_walls, unpacked
 from cosim.jit import njit
@@ -92,13 +93,13 @@ def _locate(poses: Floats, limits: Floats, rows: Floats, tick: int, moved: bool)
             # with the root, what adds up over a metre has the same spread whatever the ticks
             error = limits[TURN] * turn * math.sqrt(way)
             angle = pose[OWN_HEADING] - pose[HEADING] + error
-            cos, sin = math.cos(angle), math.sin(angle)
+            cos, sin = elementary.cos(angle), elementary.sin(angle)
             stretch = 1.0 + limits[SLIP] * slip
             pose[OWN_X] += stretch * (cos * dx - sin * dy)
             pose[OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[OWN_HEADING] = _wrapped(heading + angle)
         else:
-            cos, sin = math.cos(pose[FRAME_TURN]), math.sin(pose[FRAME_TURN])
+            cos, sin = elementary.cos(pose[FRAME_TURN]), elementary.sin(pose[FRAME_TURN])
             dx, dy = x - pose[FRAME_X], y - pose[FRAME_Y]
             pose[OWN_X], pose[OWN_Y] = cos * dx + sin * dy, cos * dy - sin * dx
             pose[OWN_HEADING] = _wrapped(heading - pose[FRAME_TURN])
@@ -114,7 +115,7 @@ def _wrapped(angle: float) -> float:
 @njit(cache=True)
 def _to_world(pose: Floats, x: float, y: float) -> tuple[float, float]:
     angle = pose[HEADING] - pose[OWN_HEADING]
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos, sin = elementary.cos(angle), elementary.sin(angle)
     dx, dy = x - pose[OWN_X], y - pose[OWN_Y]
     return pose[X] + cos * dx - sin * dy, pose[Y] + sin * dx + cos * dy
 
@@ -145,7 +146,7 @@ def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, j: int, 
     if dx * dx + dy * dy > limits[RANGE] * limits[RANGE]:
         return False
     half_field = limits[HALF_FIELD]
-    if half_field < math.pi and abs(_wrapped(math.atan2(dy, dx) - poses[i, HEADING])) > half_field:
+    if half_field < math.pi and abs(_wrapped(elementary.atan2(dy, dx) - poses[i, HEADING])) > half_field:
         return False
     if limits[OCCLUDE] > 0.0 and _hidden(poses, i, j, x, y):
         return False
@@ -160,7 +161,7 @@ def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Int
     square = limits[RANGE] * limits[RANGE]
     for i in range(poses.shape[0]):
         own_turn = poses[i, OWN_HEADING] - poses[i, HEADING]
-        cos, sin = math.cos(own_turn), math.sin(own_turn)
+        cos, sin = elementary.cos(own_turn), elementary.sin(own_turn)
         for j in range(poses.shape[0]):
             x, y = poses[j, X], poses[j, Y]
             dx, dy = x - poses[i, X], y - poses[i, Y]
@@ -170,9 +171,9 @@ def _see(poses: Floats, limits: Floats, grid: SegmentGrid, tick: int, pairs: Int
             if errors:
                 far, aside = _uniform(limits, tick, i << 16 | j, _SIGHT_PURPOSE)
                 stretch = 1.0 + limits[DISTANCE_ERROR] * far
-                half = math.atan2(poses[j, RADIUS], math.sqrt(dx * dx + dy * dy))
+                half = elementary.atan2(poses[j, RADIUS], math.sqrt(dx * dx + dy * dy))
                 turn = own_turn + half * limits[BEARING_ERROR] * aside
-                cos, sin = stretch * math.cos(turn), stretch * math.sin(turn)
+                cos, sin = stretch * elementary.cos(turn), stretch * elementary.sin(turn)
             pairs[at] = i * poses.shape[0] + j
             places[0, at] = poses[i, OWN_X] + cos * dx - sin * dy
             places[1, at] = poses[i, OWN_Y] + sin * dx + cos * dy
@@ -222,7 +223,7 @@ def scan(poses: Floats, limits: Floats, numbers: Floats, members: Int32s, i: int
     angle, apart = poses[i, HEADING] - poses[i, OWN_HEADING], 2.0 * math.pi / count
     ways = np.empty((count, 2))
     for k in range(count):
-        ways[k, 0], ways[k, 1] = limit * math.cos(angle + k * apart), limit * math.sin(angle + k * apart)
+        ways[k, 0], ways[k, 1] = limit * elementary.cos(angle + k * apart), limit * elementary.sin(angle + k * apart)
     scan_walls(unpacked(numbers, members), poses[i, X], poses[i, Y], ways, limit, ranges)
     _scan_bodies(poses, i, ways, limit, ranges)
     for k in range(count):
@@ -241,7 +242,7 @@ def _misread(limits: Floats, i: int, ranges: Floats) -> None:
             ranges[k] = d * 2.0**-32 * limit
         elif ranges[k] < math.inf:
             # Box and Muller
-            normal = math.sqrt(-2.0 * math.log((a + 1) * 2.0**-32)) * math.cos(2.0 * math.pi * b * 2.0**-32)
+            normal = math.sqrt(-2.0 * elementary.log((a + 1) * 2.0**-32)) * elementary.cos(2.0 * math.pi * b * 2.0**-32)
             told = max(ranges[k] + limits[RANGE_NOISE] * normal, 0.0)
             ranges[k] = told if told <= limit else math.inf
 

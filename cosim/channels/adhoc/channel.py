@@ -17,6 +17,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
@@ -213,7 +214,7 @@ class AdhocChannel(IdealChannel):
             return near
         gains_db = self._propagation.gains_db(np.vstack((self._positions_m, places_m)))[self.size :, : self.size]
         power_dbm = np.array([[jammer.power_dbm] for jammer in jammers]) + gains_db
-        received: list[list[float]] = (10.0 ** (power_dbm / 10.0)).tolist()
+        received: list[list[float]] = (elementary.exp10s(power_dbm / 10.0)).tolist()
         return received
 
     def in_reach(self, address: Address) -> tuple[Address, ...]:
@@ -242,7 +243,7 @@ class AdhocChannel(IdealChannel):
             near[source] = 0.0
             return near
         gains_db = self._propagation.gains_from_db(self._positions_m, source)
-        powers_mw: Floats = self._strength[source] * 10.0 ** (gains_db / 10.0)
+        powers_mw: Floats = self._strength[source] * elementary.exp10s(gains_db / 10.0)
         return powers_mw
 
     def _forget_rows(self) -> None:
@@ -265,7 +266,7 @@ class AdhocChannel(IdealChannel):
             self.kernel.soon(self._hand_over)
         reception = self._receptions[delivery.source, delivery.broadcast]
         if power_mw is not None:
-            reception = reception._replace(rssi_dbm=10.0 * math.log10(power_mw))
+            reception = reception._replace(rssi_dbm=10.0 * elementary.log10(power_mw))
         self._arrivals.append((address, delivery.payload, reception))
 
     def done(self, address: Address, packet: Packet, acknowledged: bool) -> None:

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth.bits.errors import ACCESS_CODE, HEADER, PAYLOAD, failed_section, section_probabilities
 from cosim.channels.bluetooth.hopping import train_phase_of
@@ -43,8 +44,8 @@ NOT_TUNED: Final = 9
 
 DETECTABLE_DB: Final = 0.0
 """Es/N0 below which no receiver notices a frame, as its access code correlates less than once in 10,000 times."""
-CARRIER_TO_INTERFERENCE: Final = 10.0**-1.1
-WEIGHTS: Final = (1.0, 10.0**-1.1, 10.0**-4.1, 10.0**-5.1)
+CARRIER_TO_INTERFERENCE: Final = 0.07943282347242814
+WEIGHTS: Final = (1.0, 0.07943282347242814, 7.943282347242822e-05, 7.943282347242822e-06)
 ERRORS_PURPOSE: Final = 2
 """Purpose of the draws of bit errors."""
 
@@ -249,7 +250,7 @@ def judge(
     longer than an ID is access code only; noise breaks that as often as one with a trailer. Everything that starts
     before *end* must be on the air by now.
     """
-    carrier = 10.0 ** (carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE
+    carrier = elementary.exp10(carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE
     lost = _noise(medium, source, receiver, start, carrier_dbm, bits, coded)
     alone = end - start <= ID_AIR
     for section in range(first, PAYLOAD + 1):
@@ -275,7 +276,7 @@ def set_powers(medium: Medium, power_dbm: Floats) -> None:
         for other in range(power_dbm.shape[0]):
             power = power_dbm[one, other]
             medium.power_dbm[one, other] = power
-            medium.power_mw[one, other] = 10.0 ** (power / 10.0) if power > -np.inf else 0.0
+            medium.power_mw[one, other] = elementary.exp10(power / 10.0) if power > -np.inf else 0.0
 
 
 def jam_arrays(jammers: Sequence[Jammer]) -> tuple[Int64s, Int64s]:

@@ -13,6 +13,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
@@ -178,7 +179,7 @@ class Air:
     def set_jam_powers(self, power_dbm: Floats, now: Time) -> None:
         """Let the jammers be received with *power_dbm*, shape (jammers, n), from now on."""
         self.advance(now, now - 1)
-        self.band.medium.jam_mw[:] = 10.0 ** (power_dbm / 10.0)
+        self.band.medium.jam_mw[:] = elementary.exp10s(power_dbm / 10.0)
 
     # ------------------------------------------------------------ time
 
