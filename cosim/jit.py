@@ -8,7 +8,6 @@ cached there too, and start anew with ours.
 
 import hashlib
 import os
-import platform
 import re
 import sys
 import tempfile
@@ -18,10 +17,9 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
-from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from numba.core import event, types
 
-__all__ = ["COMPILES", "before_compiling", "cache_folder", "njit", "processor"]
+__all__ = ["COMPILES", "before_compiling", "cache_folder", "njit"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for
@@ -127,11 +125,6 @@ def _cache_home() -> Path:
 
 # not by the environment variable: a child process would inherit the name of its parent's sources
 numba.config.CACHE_DIR = str(_cache_home() / kernel_digest())  # type: ignore[attr-defined]
-
-
-def processor() -> str:
-    """Return for which processor kernels are compiled here, for example ``x86_64 znver3``."""
-    return f"{platform.machine()} {get_host_cpu_name()}"
 
 
 def cache_folder() -> Path:
