@@ -9,7 +9,6 @@ index for all: of two processes that compile at once, each for other types, one 
 import hashlib
 import os
 import pickle
-import platform
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +19,11 @@ from typing import Any, Final, TypeVar
 from uuid import uuid4
 
 import numba
-from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from numba.core import compiler, event, serialize, sigutils, types
 
 from cosim.caches import begin, cache_folder, sources_digest
 
-__all__ = ["COMPILES", "before_compiling", "njit", "processor"]
+__all__ = ["COMPILES", "before_compiling", "njit"]
 
 if "scipy.linalg" not in sys.modules:
     # numba's arithmetic of arrays, which the first kernel loads, looks for a BLAS and loads all of scipy.linalg for
@@ -151,8 +149,3 @@ def before_compiling(tell: Callable[[], None]) -> AbstractContextManager[object]
     """Return a context in which *tell* is called once, before the first kernel that the cache does not hold."""
     context: AbstractContextManager[object] = event.install_listener("numba:compile", _Compiling(tell))
     return context
-
-
-def processor() -> str:
-    """Return for which processor kernels are compiled here, for example ``x86_64 znver3``."""
-    return f"{platform.machine()} {get_host_cpu_name()}"

@@ -12,8 +12,9 @@ A scenario is a run for each seed; an experiment with a scenario is a run for ea
               or end
     rows      a table, or a type of event    12      3   hash of these rows of that simulated second
 
-The rows of the file that name no scenario tell with which Python, NumPy, numba, C library and processor it was made.
-Elsewhere the last bits of floating-point results may differ, and runs with them.
+The rows of the file that name no scenario tell with which NumPy, numba, scipy and shapely it was made, and on what kind
+of machine. With these a run is the same on every supported Python, C library and processor of that kind: what decides
+anything is + - * / and sqrt in a stated order (:mod:`cosim.elementary`). With others the last bits may differ.
 """
 
 import csv
@@ -29,7 +30,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from cosim.documents import is_file, read_text, read_yaml
 from cosim.errors import LocalProtocolError, UserError
 from cosim.experiment import Experiment, find_experiment, is_experiment, load_experiment, named
-from cosim.jit import processor
 from cosim.results import versions
 from cosim.scenario import Scenario, load
 from cosim.simulation import NO_OUTCOME, Simulation
@@ -113,11 +113,8 @@ def made_with() -> dict[str, str]:
     """Return what the last bits of results may depend on."""
     known = versions()
     return {
-        "python": ".".join(platform.python_version_tuple()[:2]),
-        "numpy": known["numpy"],
-        "numba": known["numba"],
-        "c_library": " ".join(platform.libc_ver()).strip() or platform.platform(),
-        "processor": processor(),
+        **{name: known[name] for name in ("numpy", "numba", "scipy", "shapely")},
+        "machine": f"{platform.system()} {platform.machine()}",
     }
 
 

@@ -15,7 +15,7 @@ PACKAGES = ("cosim", "protocols", "experiments")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 LINES = (
-    "units errors arrays caches jit installed page",
+    "units errors arrays caches jit elementary installed page",
     "randomness settings geometry documents",
     "observation machine protocol navigation",
     "trace kernel",
@@ -28,7 +28,7 @@ LINES = (
 PLACES = {name: (depth, at) for depth, line in enumerate(LINES) for at, name in enumerate(line.split())}
 STRANGERS = {("robots", "channels"), ("channels", "robots")}
 PROTOCOLS_MAY = {
-    *("units", "errors", "arrays", "jit", "settings", "randomness", "geometry", "documents"),
+    *("units", "errors", "arrays", "jit", "elementary", "settings", "randomness", "geometry", "documents"),
     *("observation", "machine", "protocol", "page", "navigation"),
 }
 
@@ -50,6 +50,12 @@ OWNERS = {
 }
 """Modules from outside that only these layers of cosim may import; the wall clock only where a run is timed."""
 PROTOCOL_PARTIES = {"numpy", "scipy", "networkx", "pydantic"}
+
+LIBRARY_FUNCTIONS = {
+    *("exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "pow", "power", "sin", "cos", "tan", "hypot", "dot"),
+    *("atan", "atan2", "asin", "acos", "arctan", "arctan2", "arcsin", "arccos", "erf", "erfc", "matmul", "einsum"),
+}
+"""Functions of math and numpy that differ in the last bit; math.hypot is Python's own, of + * / and sqrt."""
 
 VERSION = r"__version__ = '[\d.]+'"
 EXTENSIBLE = ("protocols", "experiments")
@@ -323,6 +329,28 @@ def test_units_load_no_simulator():
     )
     assert "cosim" in loaded
     assert not loaded & {"simpy", "numpy", "numba", "pyarrow", "pandas", "pydantic"}
+
+
+def library_function(node: ast.AST) -> str | None:
+    """Return what *node* computes with a library whose last bits depend on the machine: elementary functions, BLAS."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
+        return "@"
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("math", "np"):
+        name = f"{node.value.id}.{node.attr}"
+        return name if node.attr in LIBRARY_FUNCTIONS and name != "math.hypot" else None
+    return None
+
+
+def test_what_decides_anything_takes_its_functions_from_elementary():
+    """But for the laws that no run computes (the exact bit errors of Bluetooth)."""
+    faults = [
+        f"{name}: {found}, whose last bit depends on the machine: take it from cosim.elementary, or write out the sum"
+        for name, tree in TREES.items()
+        if name.split(".")[0] != "experiments" and layer(name) not in ("report", "web", "export")
+        for node in ast.walk(tree)
+        if (found := library_function(node)) and name != "cosim.channels.bluetooth.bits.errors"
+    ]
+    assert not faults, faults[0]
 
 
 def test_numpy_generators_are_made_in_randomness_only():

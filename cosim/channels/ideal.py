@@ -20,6 +20,7 @@ from typing import ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.channels.base import Arrival, Channel, Positions
 from cosim.channels.kinds import ChannelSettings, ChannelSpec
 from cosim.errors import LocalProtocolError
@@ -191,7 +192,9 @@ class IdealChannel(Channel):
 
     def _late(self, flight: _Flight, address: Address) -> Time:
         """Draw the delay of *flight* to *address*."""
-        return self.delay + from_seconds(-self._flaws.jitter_s * math.log1p(-self._draw(flight, address, _JITTER)))
+        return self.delay + from_seconds(
+            -self._flaws.jitter_s * elementary.log1p(-self._draw(flight, address, _JITTER))
+        )
 
     def _draw(self, flight: _Flight, address: Address, purpose: int) -> float:
         assert self._chance is not None

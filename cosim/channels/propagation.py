@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.geometry.segments import SegmentGrid, crossed_weight, crossed_weights, segment_grid
 from cosim.jit import njit
@@ -117,7 +118,7 @@ class Propagation:
         """Return a distance in m from which on signals lose more than *loss_db*, whatever their walls and shadowing."""
         reference_db, exponent, shadowing_db, _ = self._law
         decades = (loss_db - reference_db + shadowing_db * MOST_NORMAL) / (10.0 * exponent)
-        farthest_m: float = 10.0 ** min(decades, 300.0)
+        farthest_m: float = elementary.exp10(min(decades, 300.0))
         return max(NEAREST_M, farthest_m) * (1.0 + 1e-9)  # more than rounding
 
     @property
@@ -173,7 +174,7 @@ def _gain_db(
     """Return the gain between robots *i* and *j* > *i* without walls."""
     reference_db, exponent, shadowing_db, cell = law
     square = max((bx - ax) ** 2 + (by - ay) ** 2, NEAREST_M * NEAREST_M)
-    gain = -reference_db - 5.0 * exponent * math.log10(square)
+    gain = -reference_db - 5.0 * exponent * elementary.log10(square)
     if shadowing_db > 0.0:
         words = philox_words(_place(ax, ay, cell), _place(bx, by, cell), i << 16 | j, 0, key[0], key[1])
         gain -= shadowing_db * _normal(words)
@@ -191,4 +192,4 @@ def _normal(words: tuple[int, int, int, int]) -> float:
     """Return a standard normal number from random *words* (Box and Muller's transform)."""
     radius = (words[0] + 0.5) * 2.0**-32
     angle = (words[1] + 0.5) * 2.0**-32
-    return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
+    return math.sqrt(-2.0 * elementary.log(radius)) * elementary.cos(2.0 * math.pi * angle)

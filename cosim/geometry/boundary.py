@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, cells_near, packed_walls, segment_grid, unpacked
 from cosim.jit import njit
@@ -97,7 +98,7 @@ def unpacked_boundary(numbers: Floats, members: Int32s, links: Int64s, side: flo
 def _tidy(ring: Floats) -> Floats:
     """Return *ring* without vertices that repeat the one before, within SLACK_M."""
     if ring.ndim == 2 and ring.shape[1] == 2:
-        ring = ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > SLACK_M]
+        ring = ring[elementary.hypots(*(ring - np.roll(ring, 1, axis=0)).T) > SLACK_M]
     if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3 or _area(ring) == 0.0:
         raise ValueError(f"a loop of the shape {ring.shape} encloses nothing")
     return ring
@@ -105,7 +106,7 @@ def _tidy(ring: Floats) -> Floats:
 
 def _area(ring: Floats) -> float:
     (x, y), (x_next, y_next) = ring.T, np.roll(ring, -1, axis=0).T
-    return float(x @ y_next - x_next @ y) / 2.0
+    return float((x * y_next - x_next * y).sum()) / 2.0
 
 
 def inflated(walls_m: npt.ArrayLike, radius_m: float, quad_segs: int = 4) -> tuple[list[Floats], list[Floats]]:
@@ -116,11 +117,16 @@ def inflated(walls_m: npt.ArrayLike, radius_m: float, quad_segs: int = 4) -> tup
     Gaps that the disc does not fit through are closed. For set-up only (shapely).
     """
     walls = np.asarray(walls_m, dtype=np.float64).reshape(-1, 2, 2)
-    reach = radius_m / math.cos(math.pi / (4 * quad_segs))
+    reach = radius_m / elementary.cos(math.pi / (4 * quad_segs))
     grown = shapely.union_all(shapely.buffer(shapely.linestrings(walls), reach, quad_segs=quad_segs))
     parts = [part for part in shapely.get_parts(grown) if not part.is_empty]
-    obstacles = [np.asarray(part.exterior.coords)[:-1] for part in parts]
-    return obstacles, [np.asarray(ring.coords)[:-1] for part in parts for ring in part.interiors]
+    obstacles = [_vertices(part.exterior) for part in parts]
+    return obstacles, [_vertices(ring) for part in parts for ring in part.interiors]
+
+
+def _vertices(ring: shapely.LinearRing) -> Floats:
+    """Return the vertices of a ring, to 2**-40 m: the last bits depend on the C library's sines."""
+    return np.asarray(np.round(np.asarray(ring.coords)[:-1] * 2.0**40) * 2.0**-40)
 
 
 def visible_stretches(loops: Boundary, x_m: float, y_m: float, radius_m: float) -> Floats:
@@ -139,14 +145,14 @@ def visible_stretches(loops: Boundary, x_m: float, y_m: float, radius_m: float) 
 def edge_length(loops: Boundary, edge: int) -> float:
     """Return the length of an edge in metres; a kernel for kernels."""
     x1, y1, x2, y2 = loops.grid.walls_m[edge]
-    return math.hypot(x2 - x1, y2 - y1)
+    return elementary.hypot(x2 - x1, y2 - y1)
 
 
 @njit(cache=True)
 def point_at(loops: Boundary, edge: int, along_m: float) -> tuple[float, float]:
     """Return the point *along_m* metres along an edge; a kernel for kernels."""
     x1, y1, x2, y2 = loops.grid.walls_m[edge]
-    f = min(along_m / math.hypot(x2 - x1, y2 - y1), 1.0)
+    f = min(along_m / elementary.hypot(x2 - x1, y2 - y1), 1.0)
     return (x2, y2) if f == 1.0 else (x1 + f * (x2 - x1), y1 + f * (y2 - y1))
 
 
@@ -154,7 +160,7 @@ def point_at(loops: Boundary, edge: int, along_m: float) -> tuple[float, float]:
 def free_height(loops: Boundary, edge: int, x: float, y: float) -> float:
     """Return how far to the free side of an edge's line a point is, in metres; a kernel for kernels."""
     x1, y1, x2, y2 = loops.grid.walls_m[edge]
-    return float(loops.side * ((x2 - x1) * (y - y1) - (y2 - y1) * (x - x1)) / math.hypot(x2 - x1, y2 - y1))
+    return float(loops.side * ((x2 - x1) * (y - y1) - (y2 - y1) * (x - x1)) / elementary.hypot(x2 - x1, y2 - y1))
 
 
 @njit(cache=True)
@@ -214,7 +220,7 @@ def stand_clear(loops: Boundary, x: float, y: float) -> tuple[float, float, floa
         return px, py, px + CLEAR_M * nx, py + CLEAR_M * ny
     ax, ay = _normal(loops, corner)
     bx, by = _normal(loops, loops.following[corner])
-    size = max(math.hypot(ax + bx, ay + by), 1e-9)
+    size = max(elementary.hypot(ax + bx, ay + by), 1e-9)
     nx, ny = (ax + bx) / size, (ay + by) / size
     away = CLEAR_M / max(nx * ax + ny * ay, _NARROW)
     return px, py, px + away * nx, py + away * ny
@@ -224,7 +230,7 @@ def stand_clear(loops: Boundary, x: float, y: float) -> tuple[float, float, floa
 def _normal(loops: Boundary, edge: int) -> tuple[float, float]:
     """Return the unit vector from an edge into free space."""
     x1, y1, x2, y2 = loops.grid.walls_m[edge]
-    scale = loops.side / math.hypot(x2 - x1, y2 - y1)
+    scale = loops.side / elementary.hypot(x2 - x1, y2 - y1)
     return -scale * (y2 - y1), scale * (x2 - x1)
 
 
@@ -282,7 +288,7 @@ def seen_until(loops: Boundary, cx: float, cy: float, px: float, py: float, qx: 
     Edge *own*, on which the base lies, casts no shadow on it (-1: none).
     """
     grid = loops.grid
-    width = math.hypot(qx - px, qy - py)
+    width = elementary.hypot(qx - px, qy - py)
     best = 1.0
     low_x, high_x = min(cx, px, qx), max(cx, px, qx)
     low_y, high_y = min(cy, py, qy), max(cy, py, qy)
@@ -333,7 +339,7 @@ def shadows(
 def last_seen(loops: Boundary, cx: float, cy: float, px: float, py: float, qx: float, qy: float) -> float:
     """Return the largest fraction of P-Q that C sees, or 0; a kernel for kernels."""
     begin, end = shadows(loops, cx, cy, px, py, qx, qy, -1)
-    slack = SLACK_M / max(math.hypot(qx - px, qy - py), SLACK_M)
+    slack = SLACK_M / max(elementary.hypot(qx - px, qy - py), SLACK_M)
     best, changed = 1.0, True
     while changed and best > 0.0:
         changed = False

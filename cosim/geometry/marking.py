@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Bytes, Floats, Int32s
 from cosim.jit import njit
 
@@ -351,7 +352,7 @@ def _at_corner(u: float, v: float) -> bool:
 def _any_near(bodies: Floats, x: float, y: float, reach_m: float) -> bool:
     near = False
     for k in range(bodies.shape[0]):
-        near |= math.hypot(bodies[k, 0] - x, bodies[k, 1] - y) <= reach_m + bodies[k, 2]
+        near |= elementary.hypot(bodies[k, 0] - x, bodies[k, 1] - y) <= reach_m + bodies[k, 2]
     return near
 
 

@@ -1,6 +1,6 @@
 """Lines from point to point, and rows of points, in plain floats: for the few points of a way, not for clouds of them.
 
-Points are pairs (x, y) in metres. Sums are taken in the order of the points.
+Points are pairs (x, y) in metres. Sums are exact but for the last rounding, so that their order has no meaning.
 """
 
 import math
@@ -12,12 +12,12 @@ from cosim.geometry.planning import Point
 
 def middle(points_m: Sequence[Point]) -> Point:
     """Return the mean of at least one point; raise ZeroDivisionError if there is none."""
-    return sum(x for x, _ in points_m) / len(points_m), sum(y for _, y in points_m) / len(points_m)
+    return math.fsum(x for x, _ in points_m) / len(points_m), math.fsum(y for _, y in points_m) / len(points_m)
 
 
 def length_m(points_m: Sequence[Point]) -> float:
     """Return the length in metres of the line through *points_m*; 0 for a single point, or for none."""
-    return sum((math.dist(a, b) for a, b in pairwise(points_m)), 0.0)
+    return math.fsum(math.dist(a, b) for a, b in pairwise(points_m))
 
 
 def cut(points_m: Sequence[Point], most_m: float) -> tuple[Point, ...]:

@@ -18,6 +18,7 @@ import numpy as np
 import scipy.ndimage
 import scipy.sparse.csgraph
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.planning import PlanningGrid, Point
 from cosim.jit import njit
@@ -174,7 +175,7 @@ def _sights(free: Bools, nodes: Floats) -> Floats:
     for i in range(count):
         for j in range(i):
             if line_is_free(free, nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1]):
-                seen[i, j] = seen[j, i] = math.hypot(nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1])
+                seen[i, j] = seen[j, i] = elementary.hypot(nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1])
     return seen
 
 
@@ -184,7 +185,7 @@ def _to_nodes(free: Bools, nodes: Floats, x: float, y: float) -> Floats:
     ways = np.full(nodes.shape[0], math.inf)
     for k in range(nodes.shape[0]):
         if line_is_free(free, x, y, nodes[k, 0], nodes[k, 1]):
-            ways[k] = math.hypot(nodes[k, 0] - x, nodes[k, 1] - y)
+            ways[k] = elementary.hypot(nodes[k, 0] - x, nodes[k, 1] - y)
     return ways
 
 
@@ -194,7 +195,7 @@ def shortest(
 ) -> tuple[float, int, int]:
     """Return the length of the way from a to b, and its first and last node; -1 for both if it is straight."""
     if line_is_free(free, ax, ay, bx, by):
-        return math.hypot(bx - ax, by - ay), -1, -1
+        return elementary.hypot(bx - ax, by - ay), -1, -1
     return _over_nodes(_to_nodes(free, nodes, ax, ay), _to_nodes(free, nodes, bx, by), length)
 
 
@@ -233,7 +234,7 @@ def _from_one(
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
         if line_is_free(free, ax, ay, x, y):
-            ways[k] = math.hypot(x - ax, y - ay)
+            ways[k] = elementary.hypot(x - ax, y - ay)
             continue
         ways[k] = math.inf
         for i in range(nodes.shape[0]):

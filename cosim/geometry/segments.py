@@ -20,6 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.jit import njit
 
@@ -243,8 +244,8 @@ def scan_walls(grid: SegmentGrid, x: float, y: float, angle: float, ways: Floats
             x1, y1, x2, y2 = grid.walls_m[grid.member[slot]]
             if _to_segment(x, y, x1, y1, x2, y2)[0] > limit * limit * (1.0 + _PAD):
                 continue
-            start = math.atan2(y1 - y, x1 - x)
-            turn = math.atan2(y2 - y, x2 - x) - start
+            start = elementary.atan2(y1 - y, x1 - x)
+            turn = elementary.atan2(y2 - y, x2 - x) - start
             turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
             if abs(turn) > math.pi - _PAD:  # the point is on the wall, or so near that its side is not known
                 start, turn = -math.pi, 2.0 * math.pi
@@ -270,7 +271,7 @@ def beams_between(start: float, width: float, beams: int) -> tuple[int, int]:
 def _ray_casts(grid: SegmentGrid, origins: Floats, angles: Floats, limit: float) -> Floats:
     distance = np.empty(angles.shape[0])
     for i in range(angles.shape[0]):
-        dx, dy = limit * math.cos(angles[i]), limit * math.sin(angles[i])
+        dx, dy = limit * elementary.cos(angles[i]), limit * elementary.sin(angles[i])
         distance[i] = limit * min(1.0, _first_hit(grid, origins[i, 0], origins[i, 1], dx, dy, False))
     return distance
 

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int64s, Singles
 from cosim.geometry.grid_search import costs
 from cosim.geometry.grids import Cell
@@ -101,7 +102,7 @@ def ahead(free: Bools, price: Singles, value: Floats, start: Cell, reach: float)
         ix, iy = x, y
         if looking:
             cell = iy * nx + ix
-            off = math.hypot(ix - start % nx, iy - start // nx)
+            off = elementary.hypot(ix - start % nx, iy - start // nx)
             if (off <= reach and in_view(free, start, cell)) or seen == start:
                 seen = cell
             else:

@@ -16,11 +16,11 @@ A search is a row of numbers (``SIZE``); the kernels here are shared with VisBug
 the path of Bug2. The row knows places: on the M-line (free, or at a leave point), or on the boundary.
 """
 
-import math
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.boundary import (
     CLEAR_M,
@@ -98,7 +98,7 @@ def bug2_path(loops: Boundary, start_m: Point, goal_m: Point, *, limit: int = 1_
     Loops that cross each other may hold it for ever: after *limit* corners the outcome is UNDERWAY.
     """
     points, status = _bug2_path(loops, limit, *map(float, (*start_m, *goal_m)))
-    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    length = float(elementary.hypots(*np.diff(points, axis=0).T).sum())
     return Path(points, length, Status(status))
 
 
@@ -128,7 +128,7 @@ def new_search(loops: Boundary, x: float, y: float, goal_x: float, goal_y: float
 def begin_search(loops: Boundary, row: Floats, x: float, y: float, goal_x: float, goal_y: float) -> None:
     """Make *row* a search from (x, y), see :func:`new_search`."""
     _, _, x, y = stand_clear(loops, x, y)
-    total = math.hypot(goal_x - x, goal_y - y)
+    total = elementary.hypot(goal_x - x, goal_y - y)
     row[:SIZE] = 0.0
     row[S_X], row[S_Y], row[T_X], row[T_Y], row[TOTAL] = x, y, goal_x, goal_y, total
     row[U_X], row[U_Y] = ((goal_x - x) / total, (goal_y - y) / total) if total > 0.0 else (1.0, 0.0)
@@ -172,7 +172,7 @@ def crossing(loops: Boundary, row: Floats, edge: int) -> tuple[int, float, float
     line_2 = row[U_X] * (x2 - row[S_X]) + row[U_Y] * (y2 - row[S_Y])
     # from the main half-plane to the other: the free side of the edge is that of T
     kind = 1 if (off_1 >= 0.0) == (loops.side > 0.0) else -1
-    return kind, line_1 + f * (line_2 - line_1), f * math.hypot(x2 - x1, y2 - y1)
+    return kind, line_1 + f * (line_2 - line_1), f * elementary.hypot(x2 - x1, y2 - y1)
 
 
 @njit(cache=True)
@@ -230,7 +230,7 @@ def walk(loops: Boundary, row: Floats, edge: int, begin: float, end: float, ente
     """
     row[EDGE], row[ALONG] = edge, end
     x1, y1, x2, y2 = loops.grid.walls_m[edge]
-    length = math.hypot(x2 - x1, y2 - y1)
+    length = elementary.hypot(x2 - x1, y2 - y1)
     goal = ((row[T_X] - x1) * (x2 - x1) + (row[T_Y] - y1) * (y2 - y1)) / length
     if begin - SLACK_M <= goal <= end + SLACK_M and abs(free_height(loops, edge, row[T_X], row[T_Y])) <= SLACK_M:
         row[WALKING], row[EDGE], row[LINE] = 0.0, -1.0, row[TOTAL]
@@ -295,8 +295,8 @@ def waited(memory: Floats, at: int, x: float, y: float) -> int:
 
     Its columns from *at* on: where the robot was sent, from where, the count. A kernel for kernels.
     """
-    asked = math.hypot(memory[at] - memory[at + 2], memory[at + 1] - memory[at + 3])
-    gone = math.hypot(x - memory[at + 2], y - memory[at + 3])
+    asked = elementary.hypot(memory[at] - memory[at + 2], memory[at + 1] - memory[at + 3])
+    gone = elementary.hypot(x - memory[at + 2], y - memory[at + 3])
     memory[at + 4] = memory[at + 4] + 1.0 if gone <= 0.1 * asked else 0.0
     return STUCK if memory[at + 4] >= _WAITING else UNDERWAY
 
@@ -304,7 +304,7 @@ def waited(memory: Floats, at: int, x: float, y: float) -> int:
 @njit(cache=True)
 def sees_place(loops: Boundary, x: float, y: float, to_x: float, to_y: float) -> bool:
     """Return whether the eye at (x, y) sees a place, which may lie on the boundary; a kernel for kernels."""
-    distance = math.hypot(to_x - x, to_y - y)
+    distance = elementary.hypot(to_x - x, to_y - y)
     if distance <= _BESIDE_M:
         return True
     f = 1.0 - CLEAR_M / distance
@@ -325,13 +325,13 @@ def _bug2_step(
         begin_search(loops, memory, x, y, goal_x, goal_y)
     if not sees_place(loops, eye_x, eye_y, *place_point(loops, memory)):
         begin_search(loops, memory, x, y, goal_x, goal_y)
-    if math.hypot(goal_x - x, goal_y - y) <= near:
+    if elementary.hypot(goal_x - x, goal_y - y) <= near:
         status = ARRIVED
     memory[_FROM_X], memory[_FROM_Y] = x, y
     to_x, to_y, left, ahead_x, ahead_y = x, y, step, 0.0, 0.0
     while status != ARRIVED and left > SLACK_M:
         place_x, place_y = place_point(loops, memory)
-        if math.hypot(place_x - to_x, place_y - to_y) > _AWAY_M:
+        if elementary.hypot(place_x - to_x, place_y - to_y) > _AWAY_M:
             if bends(ahead_x, ahead_y, place_x - to_x, place_y - to_y):
                 break
             if ahead_x == 0.0 and ahead_y == 0.0:
@@ -349,7 +349,7 @@ def _bug2_step(
 @njit(cache=True)
 def stride(x: float, y: float, to_x: float, to_y: float, left: float) -> tuple[float, float, float]:
     """Return where *left* metres towards a place lead, at most to it, and what is left then; a kernel for kernels."""
-    way = math.hypot(to_x - x, to_y - y)
+    way = elementary.hypot(to_x - x, to_y - y)
     if way <= left:
         return to_x, to_y, left - way
     return x + left / way * (to_x - x), y + left / way * (to_y - y), 0.0
@@ -358,4 +358,4 @@ def stride(x: float, y: float, to_x: float, to_y: float, left: float) -> tuple[f
 @njit(cache=True)
 def bends(ax: float, ay: float, bx: float, by: float) -> bool:
     """Return whether the way turns by more than 60 degrees from direction a to b (a = 0: no); a kernel for kernels."""
-    return 2.0 * (ax * bx + ay * by) < math.hypot(ax, ay) * math.hypot(bx, by)
+    return 2.0 * (ax * bx + ay * by) < elementary.hypot(ax, ay) * elementary.hypot(bx, by)

@@ -38,6 +38,7 @@ from typing import Any, Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import SegmentGrid, cells_near, closest_approach
 from cosim.jit import njit
@@ -99,8 +100,8 @@ def towards(wanted: float, last: float, change: float) -> float:
 def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
     """Return the straight way (x, y) of a tick that begins along *heading*."""
     half = 0.5 * turn
-    length = way if half == 0.0 else way * math.sin(half) / half
-    return length * math.cos(heading + half), length * math.sin(heading + half)
+    length = way if half == 0.0 else way * elementary.sin(half) / half
+    return length * elementary.cos(heading + half), length * elementary.sin(heading + half)
 
 
 @njit(cache=True)
@@ -145,7 +146,7 @@ def _stop(x: float, y: float, heading: float, way: float, turn: float, own: Floa
 @njit(cache=True)
 def _ahead(gone_x: float, gone_y: float, change: float) -> tuple[float, float]:
     """Return the way ahead (x, y) of a robot that has gone so far in the last tick, speeds up once more, and brakes."""
-    gone = math.hypot(gone_x, gone_y)
+    gone = elementary.hypot(gone_x, gone_y)
     if gone < _ROUNDING:
         return 0.0, 0.0
     length = stopping_m(gone + change, change)
@@ -178,19 +179,22 @@ def nearest_points(
 def _border(own: Floats, state: Floats, body: Floats, line: Floats) -> bool:
     """Write the border between the robot and another: a normal and a bound; return False if both are to brake."""
     change, other_change = own[WAY_CHANGE], body[BODY_CHANGE]
-    gone, other_gone = math.hypot(state[GONE_X], state[GONE_Y]), math.hypot(body[BODY_GONE_X], body[BODY_GONE_Y])
+    gone, other_gone = (
+        elementary.hypot(state[GONE_X], state[GONE_Y]),
+        elementary.hypot(body[BODY_GONE_X], body[BODY_GONE_Y]),
+    )
     dx, dy = _ahead(state[GONE_X], state[GONE_Y], change)
     ex, ey = _ahead(body[BODY_GONE_X], body[BODY_GONE_Y], other_change)
     x, y, ox, oy = state[X], state[Y], body[BODY_X], body[BODY_Y]
     ax, ay, bx, by = nearest_points(x, y, x + dx, y + dy, ox, oy, ox + ex, oy + ey)
     astray, other_astray = _astray(gone, change, own[STRAY]), _astray(other_gone, other_change, own[STRAY])
-    apart = math.hypot(bx - ax, by - ay)
+    apart = elementary.hypot(bx - ax, by - ay)
     gap = apart - own[RADIUS] - body[BODY_RADIUS] - astray - other_astray
     if gap > 0.0 and apart > 0.0:
         line[0], line[1] = (bx - ax) / apart, (by - ay) / apart
         line[2] = line[0] * ax + line[1] * ay + max(astray + 0.5 * (gap - own[MARGIN]), 0.0)
         return True
-    apart = math.hypot(ox - x, oy - y)
+    apart = elementary.hypot(ox - x, oy - y)
     if gone > _ROUNDING or other_gone > _ROUNDING or apart == 0.0:
         return False
     # both stand, so near that a start would be too much: they may part, and go along each other
@@ -281,7 +285,7 @@ def choose(
     dx, dy = chord(state[HEADING], state[WAY], state[TURN])
     x, y, heading = state[X] + dx, state[Y] + dy, state[HEADING] + state[TURN]
     ahead_x, ahead_y = _ahead(dx, dy, own[WAY_CHANGE])
-    astray = _astray(math.hypot(dx, dy), own[WAY_CHANGE], own[STRAY])
+    astray = _astray(elementary.hypot(dx, dy), own[WAY_CHANGE], own[STRAY])
     path = np.empty((int(own[MOST_WAY] / own[WAY_CHANGE]) + 4, 2))
     path[0, 0], path[0, 1] = x, y
     enough = own[RADIUS] + max(own[CLEAR], own[MARGIN])
@@ -315,7 +319,7 @@ def choose(
 @njit(cache=True)
 def _landing_turn(own: Floats, state: Floats, x: float, y: float, heading: float, aim_x: float, aim_y: float) -> float:
     """Return the turn of a robot that turns to its aim as fast as it may, and stops turning when it faces it."""
-    error = _wrapped(math.atan2(aim_y - y, aim_x - x) - heading)
+    error = _wrapped(elementary.atan2(aim_y - y, aim_x - x) - heading)
     sign = 1.0 if error > 0.0 else -1.0
     turn: float = sign * min(braking_way(abs(error), own[TURN_CHANGE]), own[MOST_TURN])
     return turn
@@ -335,9 +339,9 @@ def _worth(
     aim_y: float,
 ) -> float:
     """Return the worth of a command, but for what its being clear is worth: of facing the aim, and of getting on."""
-    bearing = math.atan2(aim_y - y, aim_x - x)
+    bearing = elementary.atan2(aim_y - y, aim_x - x)
     error = abs(_wrapped(bearing - facing))
-    gain = way / own[MOST_WAY] * math.cos(bearing - heading - 0.5 * turn)
+    gain = way / own[MOST_WAY] * elementary.cos(bearing - heading - 0.5 * turn)
     worth: float = own[FACING] * (1.0 - error / math.pi) + own[GETTING_ON] * gain
     return worth
 
@@ -377,13 +381,13 @@ def unknown_points(
         if not ranges[k] <= reach:
             continue
         angle = 2.0 * math.pi * k / ranges.shape[0]
-        px, py = x + ranges[k] * math.cos(angle), y + ranges[k] * math.sin(angle)
+        px, py = x + ranges[k] * elementary.cos(angle), y + ranges[k] * elementary.sin(angle)
         known = False
         for i in range(walls.shape[0]):
             x1, y1, x2, y2 = walls[i]
             known |= _square_off(px, py, x1, y1, x2, y2) <= tolerance * tolerance
         for i in range(bodies.shape[0]):
-            off = math.hypot(px - bodies[i, BODY_X], py - bodies[i, BODY_Y])
+            off = elementary.hypot(px - bodies[i, BODY_X], py - bodies[i, BODY_Y])
             known |= off <= bodies[i, BODY_RADIUS] + tolerance
         if not known:
             found[count, 0], found[count, 1] = px, py
@@ -398,12 +402,12 @@ def unseen_gap(walls: Floats, x: float, y: float, heading: float) -> float:
     The end of a wall hides what is behind it if all walls that meet there lie on one side of the line to it.
     """
     nearest = math.inf
-    ux, uy = math.cos(heading), math.sin(heading)
+    ux, uy = elementary.cos(heading), elementary.sin(heading)
     for i in range(walls.shape[0]):
         for end in range(2):
             cx, cy = walls[i, 2 * end], walls[i, 2 * end + 1]
             dx, dy = cx - x, cy - y
-            off = math.hypot(dx, dy)
+            off = elementary.hypot(dx, dy)
             if off < nearest and dx * ux + dy * uy > 0.0 and _hides(walls, cx, cy, dx, dy):
                 nearest = off
     return nearest

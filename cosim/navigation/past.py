@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.schemas import Vector
@@ -103,7 +104,7 @@ def _push(visits: Counts, i: int, j: int, horizon: int, ceiling: float) -> Vecto
     if less_x == 0 and less_y == 0:
         return 0.0, 0.0
     magnitude = min(count / (4.0 * horizon * horizon * _VISITS), ceiling)
-    scale = magnitude / math.hypot(less_x, less_y)
+    scale = magnitude / elementary.hypot(less_x, less_y)
     return scale * less_x, scale * less_y
 
 

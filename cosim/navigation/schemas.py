@@ -21,6 +21,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.randomness import Draws
@@ -37,8 +38,8 @@ _DEGREES: Final = 360
 
 def beam_directions(count: int) -> Floats:
     """Return the unit vectors (count, 2) of a ring of beams: beam k looks along the angle 2 pi k / count in F_i."""
-    angles = 2.0 * np.pi * np.arange(count) / count
-    return np.ascontiguousarray(np.stack((np.cos(angles), np.sin(angles)), axis=1))
+    angles = (2.0 * np.pi * np.arange(count) / count).tolist()
+    return np.array([(elementary.cos(angle), elementary.sin(angle)) for angle in angles]).reshape(-1, 2)
 
 
 @njit(cache=True)
@@ -74,7 +75,7 @@ def avoid_obstacles(ranges_m: Floats, beams: Floats, sphere_m: float, margin_m: 
 @njit(cache=True)
 def move_to_goal(to_goal_x_m: float, to_goal_y_m: float) -> Vector:
     """Return the unit vector towards a goal that lies so far off, or (0, 0) at the goal (MissionLab's MOVE_TO_GOAL)."""
-    distance = math.hypot(to_goal_x_m, to_goal_y_m)
+    distance = elementary.hypot(to_goal_x_m, to_goal_y_m)
     if not distance > 0.0:
         return 0.0, 0.0
     return to_goal_x_m / distance, to_goal_y_m / distance
@@ -108,7 +109,7 @@ def noise(draws: Draws, step: int, persistence: int, purpose: int = 0) -> Vector
     what was drawn before. Source: MissionLab's NOISE, which holds it in a fixed frame too, not in the robot's.
     """
     angle = math.radians(draws.below(_DEGREES, step // persistence, purpose=purpose))
-    return math.cos(angle), math.sin(angle)
+    return elementary.cos(angle), elementary.sin(angle)
 
 
 @njit(cache=True)
@@ -130,7 +131,7 @@ def potential_field(
 @njit(cache=True)
 def direction(x: float, y: float) -> Vector:
     """Return the unit vector along (x, y), for a robot whose steps all have one length; (0, 0) if there is none."""
-    length = math.hypot(x, y)
+    length = elementary.hypot(x, y)
     if not NOWHERE < length < math.inf:
         return 0.0, 0.0
     return x / length, y / length
@@ -139,7 +140,7 @@ def direction(x: float, y: float) -> Vector:
 @njit(cache=True)
 def clipped(x: float, y: float) -> Vector:
     """Return (x, y), cut to length 1 where it is longer: the velocity as a share of the greatest one."""
-    length = math.hypot(x, y)
+    length = elementary.hypot(x, y)
     if not NOWHERE < length < math.inf:
         return 0.0, 0.0
     return (x, y) if length <= 1.0 else (x / length, y / length)
@@ -157,6 +158,6 @@ def speed_and_turn(
     length = min(math.hypot(share_x, share_y), 1.0)
     if length <= NOWHERE:
         return 0.0, 0.0
-    error = math.remainder(math.atan2(share_y, share_x) - heading_rad, math.tau)
+    error = math.remainder(elementary.atan2(share_y, share_x) - heading_rad, math.tau)
     turn = min(max(error / tick_s, -most_turn_radps), most_turn_radps)
-    return most_mps * length * max(math.cos(error), 0.0), turn
+    return most_mps * length * max(elementary.cos(error), 0.0), turn

@@ -52,10 +52,20 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.arrays import Bytes, Floats, Int32s, Singles
 from cosim.geometry.marking import DOUBTFUL, Evidence, Weights, mark_scan, most_changes
 from cosim.jit import njit
-from cosim.navigation.localization.motion import PICK, Pose, fill_uniform, move_particles, odometry_motion, wrapped
+from cosim.navigation.localization.motion import (
+    PICK,
+    Pose,
+    fill_uniform,
+    mean_pose,
+    move_particles,
+    odometry_motion,
+    turned_back,
+    wrapped,
+)
 from cosim.navigation.localization.resampling import low_variance
 from cosim.randomness import Draws
 from cosim.settings import Angle, Count, Gain, Metres, Settings
@@ -169,7 +179,7 @@ class Slam:
         self._alphas = np.array([own.alpha1, own.alpha2, own.alpha3, own.alpha4])
         # a scan that only weighs is one that cannot pull
         slacks = (own.slack_m, own.slack_rad) if own.matching else (1e-9, 1e-9)
-        logs = math.log(own.stray), math.log(own.news)
+        logs = elementary.log(own.stray), elementary.log(own.news)
         self._numbers = np.array([own.power, *slacks, own.step_m, own.step_rad, *logs])
         self._stamp = stamp_of(own.sigma_m, own.stray, cell_m)
         size = field_size(own.range_m, own.slack_m, cell_m)
@@ -198,7 +208,7 @@ class Slam:
     @property
     def effective(self) -> float:
         """The effective sample size, from 1 to the number of particles."""
-        return float(1.0 / (self.weights @ self.weights))
+        return float(1.0 / (self.weights * self.weights).sum())
 
     def observe(self, odometry: Pose, ranges_m: npt.ArrayLike) -> SlamEstimate:
         """Return the estimate after one more tick: *odometry* and the scan's *ranges_m* (n,) of now.
@@ -240,7 +250,7 @@ class Slam:
             ends = ranges[hit, np.newaxis] * beams[hit]
             frame, numbers = self._frame, self._numbers
             match_particles(self.maps, self.poses, ends, frame, self._stamp, numbers, self._field, scores)
-            self.weights *= np.exp(scores - scores.max())
+            self.weights *= elementary.exps(scores - scores.max())
             self.weights /= self.weights.sum()
         self._mean = self._estimated()
         if self.updates and self.effective < own.resample_below * own.particles:
@@ -255,16 +265,15 @@ class Slam:
         """Return the beams (n, 2) in the body's frame."""
         if not self._turns:
             return self._beams
-        cos, sin = math.cos(heading), math.sin(heading)
-        return np.asarray(self._beams @ np.array([[cos, -sin], [sin, cos]]), np.float64)
+        return turned_back(self._beams, heading)
 
     def _estimated(self) -> SlamEstimate:
         poses, weights = self.poses, self.weights
-        x, y = weights @ poses[:, 0], weights @ poses[:, 1]
-        cos, sin = weights @ np.cos(poses[:, 2]), weights @ np.sin(poses[:, 2])
-        spread = math.sqrt(weights @ ((poses[:, 0] - x) ** 2 + (poses[:, 1] - y) ** 2))
+        x, y, cos, sin, spread = mean_pose(poses, weights)
         length = min(max(math.hypot(cos, sin), 1e-300), 1.0)
-        return SlamEstimate(float(x), float(y), math.atan2(sin, cos), spread, math.sqrt(-2.0 * math.log(length)))
+        return SlamEstimate(
+            float(x), float(y), elementary.atan2(sin, cos), spread, math.sqrt(-2.0 * elementary.log(length))
+        )
 
     def _resample(self) -> None:
         """Resample the particles by weight; survivors keep their places, and only copies are copied."""
@@ -283,7 +292,7 @@ class Slam:
 def carried(pose: Pose, before: Pose, now: Pose) -> Pose:
     """Return *pose* moved as odometry has been from *before* to *now*."""
     turned = pose[2] - before[2]
-    cos, sin = math.cos(turned), math.sin(turned)
+    cos, sin = elementary.cos(turned), elementary.sin(turned)
     dx, dy = now[0] - before[0], now[1] - before[1]
     return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy, math.remainder(now[2] + turned, _TURN)
 
@@ -293,10 +302,10 @@ def carried(pose: Pose, before: Pose, now: Pose) -> Pose:
 
 def stamp_of(sigma_m: float, stray: float, cell_m: float) -> Singles:
     """Return log p about an occupied cell, square, of an odd size: as far as it is more than log(*stray*)."""
-    reach = max(int(sigma_m * math.sqrt(-2.0 * math.log(stray)) / cell_m), 1)
+    reach = max(int(sigma_m * math.sqrt(-2.0 * elementary.log(stray)) / cell_m), 1)
     off = np.arange(-reach, reach + 1) * cell_m
     squares = off[:, np.newaxis] ** 2 + off**2
-    return np.asarray(np.maximum(-squares / (2.0 * sigma_m**2), math.log(stray)), np.float32)
+    return np.asarray(np.maximum(-squares / (2.0 * sigma_m * sigma_m), elementary.log(stray)), np.float32)
 
 
 def field_size(range_m: float, slack_m: float, cell_m: float) -> int:
@@ -337,7 +346,7 @@ def choose_ends(field: Singles, u: float, v: float, heading: float, ends: Floats
     Ends are in the body's frame, in cells; (u, v) is the body's place in *field*, in cells.
     """
     n = field.shape[0]
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos, sin = elementary.cos(heading), elementary.sin(heading)
     count = 0
     for k in range(ends.shape[0]):
         across = min(max(u + cos * ends[k, 0] - sin * ends[k, 1], 0.0), n - 1.0)
@@ -362,7 +371,7 @@ def field_fit(field: Singles, u: float, v: float, heading: float, ends: Floats, 
     """Return the sum of log p over the first *count* of *ends* (m, 2), seen from a pose; all in cells of *field*."""
     n = field.shape[0]
     most = n - 1.001
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos, sin = elementary.cos(heading), elementary.sin(heading)
     left, low = u - 0.5, v - 0.5  # values of the field are those of the centres of cells
     total = 0.0
     for k in range(count):
@@ -458,7 +467,7 @@ def mark_particles(
     ways = np.empty_like(beams)
     hit, miss, cap = weights
     for i in range(poses.shape[0]):
-        cos, sin = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        cos, sin = elementary.cos(poses[i, 2]), elementary.sin(poses[i, 2])
         for k in range(beams.shape[0]):
             ways[k, 0] = cos * beams[k, 0] - sin * beams[k, 1]
             ways[k, 1] = sin * beams[k, 0] + cos * beams[k, 1]

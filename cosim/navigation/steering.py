@@ -20,6 +20,7 @@ from typing import Final, Literal, NamedTuple, Protocol
 import numpy as np
 from pydantic import Field, model_validator
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.past import Corner, Counts, avoid_past, empty_past
@@ -170,7 +171,7 @@ def _field_step(
 ) -> tuple[float, float, int]:
     """Return the motion along the potential field, added to an urge, and the status: one call a robot and step."""
     to_x, to_y = goal_x - x_m, goal_y - y_m
-    distance = math.hypot(to_x, to_y)
+    distance = elementary.hypot(to_x, to_y)
     if distance < memory[_NEAREST] - own[_PROGRESS]:
         memory[_NEAREST], memory[_VAIN] = distance, 0.0
     else:

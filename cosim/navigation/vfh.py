@@ -33,6 +33,7 @@ from typing import Final, Self, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.status import STATUSES, STUCK, UNDERWAY, Status
@@ -147,7 +148,7 @@ def add_reading(distance_m: float, angle_rad: float, own: Floats, primary: Float
     if not distance_m <= window:  # also for NaN
         return
     magnitude = near - (near - 1.0) * (distance_m / window) ** 2
-    half = math.asin(reach / distance_m) if distance_m > reach else 0.5 * math.pi
+    half = elementary.asin(reach / distance_m) if distance_m > reach else 0.5 * math.pi
     sectors = primary.shape[0]
     per_rad = sectors / (2.0 * math.pi)
     first = math.ceil((angle_rad - half) * per_rad - _CLOSED)
@@ -175,7 +176,7 @@ def turn_limit(distance_m: float, off_rad: float, own: Floats, limit_rad: float)
     """
     turn, reach = own[_TURN], own[_REACH]
     if off_rad < limit_rad and distance_m <= own[_WINDOW]:
-        ahead, aside = distance_m * math.cos(off_rad), distance_m * math.sin(off_rad)
+        ahead, aside = distance_m * elementary.cos(off_rad), distance_m * elementary.sin(off_rad)
         if ahead * ahead + (aside - turn) * (aside - turn) < (turn + reach) * (turn + reach):
             return off_rad
     return limit_rad
@@ -271,8 +272,8 @@ def vfh_direction(
         if k < ranges.shape[0]:
             distance, angle = ranges[k], k * apart
         elif memory[_BUMP_LEFT] > 0.0:
-            distance = math.hypot(memory[_BUMP_X] - x, memory[_BUMP_Y] - y)
-            angle = math.atan2(memory[_BUMP_Y] - y, memory[_BUMP_X] - x)
+            distance = elementary.hypot(memory[_BUMP_X] - x, memory[_BUMP_Y] - y)
+            angle = elementary.atan2(memory[_BUMP_Y] - y, memory[_BUMP_X] - x)
         else:
             break
         if not distance <= farthest:
@@ -311,19 +312,19 @@ def _vfh_step(
 ) -> tuple[float, float, int]:
     """Return the motion and the status: one call a robot and step."""
     to_x, to_y = goal_x - x_m, goal_y - y_m
-    distance = math.hypot(to_x, to_y)
+    distance = elementary.hypot(to_x, to_y)
     if distance < memory[_NEAREST] - own[_PROGRESS]:
         memory[_NEAREST], memory[_VAIN] = distance, 0.0
     else:
         memory[_VAIN] += 1.0
     _note_motion(own, memory, x_m, y_m, step_m)
-    direction = vfh_direction(ranges, own, memory, histograms, math.atan2(to_y, to_x), distance, x_m, y_m)
+    direction = vfh_direction(ranges, own, memory, histograms, elementary.atan2(to_y, to_x), distance, x_m, y_m)
     if math.isnan(direction):
         memory[_ASKED] = 0.0
         return 0.0, 0.0, STUCK
     memory[_ASKED] = 1.0
     status = STUCK if memory[_VAIN] >= own[_PATIENCE] else UNDERWAY
-    return math.cos(direction), math.sin(direction), status
+    return elementary.cos(direction), elementary.sin(direction), status
 
 
 @njit(cache=True)
@@ -332,16 +333,16 @@ def _note_motion(own: Floats, memory: Floats, x_m: float, y_m: float, step_m: fl
     way_x, way_y = x_m - memory[_LAST_X], y_m - memory[_LAST_Y]
     memory[_LAST_X], memory[_LAST_Y] = x_m, y_m
     memory[_BUMP_LEFT] = max(memory[_BUMP_LEFT] - 1.0, 0.0)
-    if math.isnan(way_x) or math.hypot(way_x, way_y) > _STILL * step_m:
+    if math.isnan(way_x) or elementary.hypot(way_x, way_y) > _STILL * step_m:
         memory[_STILL_STEPS] = 0.0
         if not math.isnan(way_x):
-            memory[_HEADING] = math.atan2(way_y, way_x)
+            memory[_HEADING] = elementary.atan2(way_y, way_x)
     elif memory[_ASKED] > 0.0:
         memory[_STILL_STEPS] += 1.0
         if memory[_STILL_STEPS] >= _HELD_STEPS:
             memory[_STILL_STEPS], memory[_BUMP_LEFT] = 0.0, own[_BUMP_STEPS]
-            memory[_BUMP_X] = x_m + own[_BODY] * math.cos(memory[_PREVIOUS])
-            memory[_BUMP_Y] = y_m + own[_BODY] * math.sin(memory[_PREVIOUS])
+            memory[_BUMP_X] = x_m + own[_BODY] * elementary.cos(memory[_PREVIOUS])
+            memory[_BUMP_Y] = y_m + own[_BODY] * elementary.sin(memory[_PREVIOUS])
 
 
 class Vfh:

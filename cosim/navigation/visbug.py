@@ -17,11 +17,11 @@ straight, |C T_i| plus the rest of Bug2's path never grows by a decision: for st
 than Bug2's. Sight errs, where it is a matter of rounding, to the side of not seeing, which costs no correctness.
 """
 
-import math
 from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int32s, Int64s
 from cosim.geometry.boundary import (
     CLEAR_M,
@@ -139,7 +139,7 @@ def visbug_path(
         points.append((x, y))
         targets.append(target_of(loops, memory))
     rows = np.array(points)
-    return Path(rows, float(np.hypot(*np.diff(rows, axis=0).T).sum()), status), np.array(targets)
+    return Path(rows, float(elementary.hypots(*np.diff(rows, axis=0).T).sum()), status), np.array(targets)
 
 
 def target_of(loops: Boundary, memory: Floats) -> Point:
@@ -194,13 +194,13 @@ def visbug_kernel(
     if known.shape[0] and known[T_X] == goal_x and known[T_Y] == goal_y:
         memory[:] = known
         status = waited(memory, _ASKED_X, x, y)
-        if math.hypot(x - memory[_ASKED_X], y - memory[_ASKED_Y]) > _AT_M:
+        if elementary.hypot(x - memory[_ASKED_X], y - memory[_ASKED_Y]) > _AT_M:
             _find_target(loops, memory, x, y, vision)
     else:
         begin_search(loops, memory, x, y, goal_x, goal_y)
     memory[_FROM_X], memory[_FROM_Y] = x, y
     to_x, to_y = x, y
-    if math.hypot(goal_x - x, goal_y - y) <= near:
+    if elementary.hypot(goal_x - x, goal_y - y) <= near:
         status = ARRIVED
     else:
         if memory[STATUS] == UNDERWAY:
@@ -220,7 +220,7 @@ def _go(loops: Boundary, memory: Floats, x: float, y: float, vision: float, step
     fresh = True
     while step > SLACK_M and memory[STATUS] == UNDERWAY:
         place_x, place_y = place_point(loops, memory)
-        if math.hypot(place_x - x, place_y - y) > SLACK_M:
+        if elementary.hypot(place_x - x, place_y - y) > SLACK_M:
             if bends(ahead_x, ahead_y, place_x - x, place_y - y):
                 break
             if ahead_x == 0.0 and ahead_y == 0.0:
@@ -255,7 +255,7 @@ def _find_target(loops: Boundary, memory: Floats, x: float, y: float, vision: fl
 def _in_view(loops: Boundary, row: Floats, eye_x: float, eye_y: float, vision: float) -> bool:
     """Return whether the search's place is seen, or not far beyond what is seen on a way that is clear."""
     px, py = place_point(loops, row)
-    distance = math.hypot(px - eye_x, py - eye_y)
+    distance = elementary.hypot(px - eye_x, py - eye_y)
     if distance > 2.0 * vision:
         return False
     share = min(vision / max(distance, SLACK_M), 1.0)
@@ -282,12 +282,12 @@ def _look(loops: Boundary, row: Floats, x: float, y: float, vision: float) -> No
     stand_x, stand_y, eye_x, eye_y = stand_clear(loops, x, y)
     goal_x, goal_y = row[T_X], row[T_Y]
     # step 1
-    if math.hypot(goal_x - eye_x, goal_y - eye_y) <= vision and sees_place(loops, eye_x, eye_y, goal_x, goal_y):
+    if elementary.hypot(goal_x - eye_x, goal_y - eye_y) <= vision and sees_place(loops, eye_x, eye_y, goal_x, goal_y):
         row[WALKING], row[EDGE], row[LINE] = 0.0, -1.0, row[TOTAL]
         return
     for _ in range(4 * loops.following.shape[0] + 4):
         place_x, place_y = place_point(loops, row)
-        there = math.hypot(place_x - stand_x, place_y - stand_y) <= _AT_M
+        there = elementary.hypot(place_x - stand_x, place_y - stand_y) <= _AT_M
         if row[WALKING]:
             event = _along_boundary(loops, row, stand_x, stand_y, eye_x, eye_y, vision)
             if event == CLOSED:
@@ -333,7 +333,7 @@ def _along_boundary(
     for _ in range(loops.following.shape[0] + 1):
         edge, begin, entered = int(row[EDGE]), row[ALONG], False
         px, py = point_at(loops, edge, begin)
-        there = math.hypot(px - stand_x, py - stand_y) <= _AT_M
+        there = elementary.hypot(px - stand_x, py - stand_y) <= _AT_M
         if begin >= edge_length(loops, edge):
             edge, begin, entered = loops.following[edge], 0.0, True
         length = edge_length(loops, edge)

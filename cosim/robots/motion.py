@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int32s
 from cosim.errors import LocalProtocolError
 from cosim.geometry.segments import SegmentGrid, packed_walls
@@ -86,7 +87,7 @@ class Carry(NamedTuple):
     def pose(self, x_m: float, y_m: float, heading_rad: float) -> Pose:
         """Return where a pose gets that is carried along."""
         turn = self.after[2] - self.before[2]
-        cos, sin = math.cos(turn), math.sin(turn)
+        cos, sin = elementary.cos(turn), elementary.sin(turn)
         dx, dy = x_m - self.before[0], y_m - self.before[1]
         return self.after[0] + cos * dx - sin * dy, self.after[1] + sin * dx + cos * dy, heading_rad + turn
 
@@ -179,7 +180,7 @@ class Fleet:
         Return whether there is room between the other bodies; if not, nothing has happened.
         """
         own, (x, y, heading) = self._table[:, body], carried.after
-        apart = np.hypot(self._table[NEXT_X] - x, self._table[NEXT_Y] - y) - self._table[RADIUS] - own[RADIUS]
+        apart = elementary.hypots(self._table[NEXT_X] - x, self._table[NEXT_Y] - y) - self._table[RADIUS] - own[RADIUS]
         apart[body] = 0.0
         if (apart < -BODY_SLACK_M).any():
             return False
@@ -233,9 +234,9 @@ def observations(told: Floats, pictures: Sequence[Picture], views: Sequence[View
 def _write_limits(table: Floats, bodies: Sequence[BodySettings], seconds: float) -> None:
     table[RADIUS] = [body.radius_m for body in bodies]
     table[MOST_WAY] = [body.speed_mps * seconds for body in bodies]
-    table[WAY_CHANGE] = [body.acceleration_mps2 * seconds**2 for body in bodies]
+    table[WAY_CHANGE] = [body.acceleration_mps2 * (seconds * seconds) for body in bodies]
     table[MOST_TURN] = [body.turn_radps * seconds for body in bodies]
-    table[TURN_CHANGE] = [body.turn_acceleration_radps2 * seconds**2 for body in bodies]
+    table[TURN_CHANGE] = [body.turn_acceleration_radps2 * (seconds * seconds) for body in bodies]
     table[TURNS_FIRST] = [body.drive == "differential" for body in bodies]
     table[ANY_WAY] = [body.drive == "omni" for body in bodies]
     table[SECONDS] = seconds
@@ -268,15 +269,15 @@ def wrapped(angle: float) -> float:
     """Return *angle* (radians) in [-pi, pi]; an angle that lies there already is not changed."""
     if -math.pi <= angle <= math.pi:
         return angle
-    return math.atan2(math.sin(angle), math.cos(angle))
+    return elementary.atan2(elementary.sin(angle), elementary.cos(angle))
 
 
 @njit(cache=True)
 def chord(heading: float, way: float, turn: float) -> tuple[float, float]:
     """Return the straight way (x, y) that joins the ends of an arc of length *way* that begins along *heading*."""
     half = 0.5 * turn
-    length = way if half == 0.0 else way * math.sin(half) / half
-    return length * math.cos(heading + half), length * math.sin(heading + half)
+    length = way if half == 0.0 else way * elementary.sin(half) / half
+    return length * elementary.cos(heading + half), length * elementary.sin(heading + half)
 
 
 @njit(cache=True)
@@ -338,7 +339,7 @@ def _as_wanted(table: Floats, i: int) -> tuple[float, float]:
 def _to_goal(table: Floats, i: int) -> tuple[float, float]:
     """Choose way and turn towards the goal of a ``GoTo``: stop, turn, then straight; return the way of the tick."""
     goal_x, goal_y = table[GOAL_X, i] - table[X, i], table[GOAL_Y, i] - table[Y, i]
-    distance = math.hypot(goal_x, goal_y)
+    distance = elementary.hypot(goal_x, goal_y)
     slower = towards(0.0, table[WAY, i], table[WAY_CHANGE, i])
     steadier = towards(0.0, table[TURN, i], table[TURN_CHANGE, i])
     passing = distance <= LAND_M  # if it is too fast to stay: a bearing means nothing here
@@ -347,7 +348,7 @@ def _to_goal(table: Floats, i: int) -> tuple[float, float]:
         table[LANDING, i] = 1.0
         return goal_x, goal_y
     table[LANDING, i] = 0.0
-    bearing = math.atan2(goal_y, goal_x)
+    bearing = elementary.atan2(goal_y, goal_x)
     still = table[WAY, i] == 0.0 and table[TURN, i] == 0.0
     if table[ANY_WAY, i] or (still and not table[TURNS_FIRST, i]):
         table[HEADING, i] = bearing

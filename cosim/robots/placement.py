@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats
 from cosim.errors import UserError
 from cosim.geometry.grids import TOUCH_M
@@ -59,7 +60,7 @@ def misfit(place_m: Point, radius_m: float, floorplan: Floorplan) -> str | None:
 
 
 def _check_apart(starts: Floats, radii: Floats, number: int, place: str, giver: str) -> None:
-    apart = np.hypot(*(starts[number] - starts[:number]).T)
+    apart = elementary.hypots(*(starts[number] - starts[:number]).T)
     least = radii[number] + radii[:number]
     near = np.flatnonzero(apart < least - TOUCH_M)
     if len(near):

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Int64s
 from cosim.geometry.segments import SegmentGrid, beams_between, in_sight, scan_walls, unpacked
 from cosim.jit import njit
@@ -74,13 +75,13 @@ def locate(poses: Floats, limits: Floats, rows: Floats, tick: int, moved: bool) 
             # with the root, what adds up over a metre has the same spread whatever the ticks
             error = limits[TURN] * turn * math.sqrt(way)
             angle = pose[OWN_HEADING] - pose[HEADING] + error
-            cos, sin = math.cos(angle), math.sin(angle)
+            cos, sin = elementary.cos(angle), elementary.sin(angle)
             stretch = 1.0 + limits[SLIP] * slip
             pose[OWN_X] += stretch * (cos * dx - sin * dy)
             pose[OWN_Y] += stretch * (sin * dx + cos * dy)
             pose[OWN_HEADING] = _wrapped(heading + angle)
         else:
-            cos, sin = math.cos(pose[FRAME_TURN]), math.sin(pose[FRAME_TURN])
+            cos, sin = elementary.cos(pose[FRAME_TURN]), elementary.sin(pose[FRAME_TURN])
             dx, dy = x - pose[FRAME_X], y - pose[FRAME_Y]
             pose[OWN_X], pose[OWN_Y] = cos * dx + sin * dy, cos * dy - sin * dx
             pose[OWN_HEADING] = _wrapped(heading - pose[FRAME_TURN])
@@ -204,7 +205,7 @@ def _looks_at(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, x: float
     if dx * dx + dy * dy > limits[RANGE] * limits[RANGE] or poses[i, BLIND] > 0.0:
         return False
     half_field = limits[HALF_FIELD]
-    if half_field < math.pi and abs(_wrapped(math.atan2(dy, dx) - poses[i, HEADING])) > half_field:
+    if half_field < math.pi and abs(_wrapped(elementary.atan2(dy, dx) - poses[i, HEADING])) > half_field:
         return False
     return in_sight(grid, poses[i, X], poses[i, Y], x, y)
 
@@ -242,16 +243,16 @@ def _place(
     """Write where robot *i* sees those *others* from *begin* to *end*."""
     errors = limits[DISTANCE_ERROR] > 0.0 or limits[BEARING_ERROR] > 0.0
     own_turn = poses[i, OWN_HEADING] - poses[i, HEADING]
-    cos, sin = math.cos(own_turn), math.sin(own_turn)
+    cos, sin = elementary.cos(own_turn), elementary.sin(own_turn)
     for k in range(begin, end):
         j = others[k]
         dx, dy = poses[j, X] - poses[i, X], poses[j, Y] - poses[i, Y]
         if errors:
             far, aside = _uniform(limits, tick, i << 16 | j, _SIGHT_PURPOSE)
             stretch = 1.0 + limits[DISTANCE_ERROR] * far
-            half = math.atan2(poses[j, RADIUS], math.sqrt(dx * dx + dy * dy))
+            half = elementary.atan2(poses[j, RADIUS], math.sqrt(dx * dx + dy * dy))
             turn = own_turn + half * limits[BEARING_ERROR] * aside
-            cos, sin = stretch * math.cos(turn), stretch * math.sin(turn)
+            cos, sin = stretch * elementary.cos(turn), stretch * elementary.sin(turn)
         places[0, k] = poses[i, OWN_X] + cos * dx - sin * dy
         places[1, k] = poses[i, OWN_Y] + sin * dx + cos * dy
 
@@ -305,7 +306,7 @@ def _sees_point(poses: Floats, limits: Floats, grid: SegmentGrid, i: int, own_x:
 @njit(cache=True)
 def _to_world(pose: Floats, x: float, y: float) -> tuple[float, float]:
     angle = pose[HEADING] - pose[OWN_HEADING]
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos, sin = elementary.cos(angle), elementary.sin(angle)
     dx, dy = x - pose[OWN_X], y - pose[OWN_Y]
     return pose[X] + cos * dx - sin * dy, pose[Y] + sin * dx + cos * dy
 
@@ -337,7 +338,11 @@ def scan(
         if angle != turned:  # all who know the world's frame have the same
             turned = angle
             for k in range(count):
-                ways[k, 0], ways[k, 1] = limit * math.cos(angle + k * apart), limit * math.sin(angle + k * apart)
+                way = angle + k * apart
+                ways[k, 0], ways[k, 1] = limit * elementary.cos(way), limit * elementary.sin(way)
+                    limit * elementary.cos(angle + k * apart),
+                    limit * elementary.sin(angle + k * apart),
+                )
         scan_walls(grid, poses[i, X], poses[i, Y], angle, ways, limit, first)
         _scan_bodies(poses, cells, i, angle, ways, limit, first)
         for k in range(count):
@@ -357,8 +362,8 @@ def _scan_bodies(poses: Floats, cells: Cells, i: int, angle: float, ways: Floats
             outside = cx * cx + cy * cy - radius * radius
             if j == i or outside > limit * (limit + 2.0 * radius):
                 continue
-            half = math.atan2(radius, math.sqrt(outside)) if outside > 0.0 else math.pi
-            k, count = beams_between(math.atan2(cy, cx) - half - angle, 2.0 * half, ways.shape[0])
+            half = elementary.atan2(radius, math.sqrt(outside)) if outside > 0.0 else math.pi
+            k, count = beams_between(elementary.atan2(cy, cx) - half - angle, 2.0 * half, ways.shape[0])
             for _ in range(count):
                 along = cx * ways[k, 0] + cy * ways[k, 1]
                 rest = along * along - limit * limit * outside
@@ -379,6 +384,6 @@ def _misread(limits: Floats, tick: int, i: int, ranges: Floats) -> None:
             ranges[k] = d * 2.0**-32 * limit
         elif ranges[k] < math.inf:
             # Box and Muller
-            normal = math.sqrt(-2.0 * math.log((a + 1) * 2.0**-32)) * math.cos(2.0 * math.pi * b * 2.0**-32)
+            normal = math.sqrt(-2.0 * elementary.log((a + 1) * 2.0**-32)) * elementary.cos(2.0 * math.pi * b * 2.0**-32)
             told = max(ranges[k] + limits[RANGE_NOISE] * normal, 0.0)
             ranges[k] = told if told <= limit else math.inf

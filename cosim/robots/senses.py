@@ -21,6 +21,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import PackedWalls
 from cosim.machine import Command, GoTo
@@ -164,7 +165,7 @@ class Senses:
         if not isinstance(command, GoTo):
             return command
         x, y, heading, own_x, own_y, own_heading, *_ = self._poses[robot].tolist()
-        cos, sin = math.cos(heading - own_heading), math.sin(heading - own_heading)
+        cos, sin = elementary.cos(heading - own_heading), elementary.sin(heading - own_heading)
         dx, dy = command[0] - own_x, command[1] - own_y
         return _new(GoTo, (x + cos * dx - sin * dy, y + sin * dx + cos * dy))
 

@@ -30,6 +30,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s
 from cosim.documents import read_bytes, read_yaml, validated
 from cosim.errors import UserError
@@ -112,8 +113,8 @@ class OccupancyMap:
         """Return the value of *cells* (ny, nx) at *points_m* (n, 2) in the world frame, *outside* off the map."""
         x, y, yaw = self.origin
         dx, dy = points_m[:, 0] - x, points_m[:, 1] - y
-        ix = np.floor((math.cos(yaw) * dx + math.sin(yaw) * dy) / self.cell_m)
-        iy = np.floor((math.cos(yaw) * dy - math.sin(yaw) * dx) / self.cell_m)
+        ix = np.floor((elementary.cos(yaw) * dx + elementary.sin(yaw) * dy) / self.cell_m)
+        iy = np.floor((elementary.cos(yaw) * dy - elementary.sin(yaw) * dx) / self.cell_m)
         ny, nx = cells.shape
         inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
         value = np.full(len(points_m), outside)
@@ -124,7 +125,7 @@ class OccupancyMap:
         """Turn corners in cells, shape (n, 2), into metres in the world frame."""
         x, y, yaw = self.origin
         along, up = corners[:, 0] * self.cell_m, corners[:, 1] * self.cell_m
-        cos, sin = math.cos(yaw), math.sin(yaw)
+        cos, sin = elementary.cos(yaw), elementary.sin(yaw)
         return np.stack((x + cos * along - sin * up, y + sin * along + cos * up), axis=1)
 
 

@@ -12,9 +12,10 @@ Durations are rounded to whole ns: at the end of a way of 255 points at 1 m/s th
 """
 
 from collections.abc import Callable
-from math import atan2, dist
+from math import dist
 from typing import Final, NamedTuple
 
+import cosim.elementary as elementary
 from cosim.errors import LocalProtocolError
 from cosim.geometry.planning import Point
 from cosim.geometry.polylines import length_m
@@ -57,7 +58,7 @@ class Course(NamedTuple):
         if not takes or at < self.departed:
             return None
         (x, y), (to_x, to_y) = self.way_m[leg : leg + 2]
-        return atan2(to_y - y, to_x - x)
+        return elementary.atan2(to_y - y, to_x - x)
 
     def ends_at(self) -> Time | None:
         """Return the instant at which the host reaches the goal; None if it stands before the goal for ever."""

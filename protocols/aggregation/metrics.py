@@ -54,9 +54,9 @@ def measure(machines: Team) -> dict[str, float]:
     stopped = [searcher.counters.stopped_at for searcher in searchers]
     task_end = _last(known, end)
     counters = [each for machine in machines for each in machine.counters.incarnations()]
-    way_m = sum(record.ways_m[-1] for record in counters if record.ways_m)
+    way_m = math.fsum(record.ways_m[-1] for record in counters if record.ways_m)
     joules_a_metre = machines[0].parameters.motion_j_per_m
-    radio_j = sum(record.radio_j for record in counters)
+    radio_j = math.fsum(record.radio_j for record in counters)
     posts = len(machines[0].setup.ground.posts_m)
     visited = set().union(*(host.findings.visited for host in hosts))
     return {
@@ -64,7 +64,7 @@ def measure(machines: Team) -> dict[str, float]:
         "first_known_min": to_seconds(min((at for at in known if at is not None), default=end)) / 60.0,
         "completed": float(bool(hosts) and None not in known),
         "stop_time_min": to_seconds(_last(stopped, end)) / 60.0,
-        "distance_after_m": sum(_way_after(record, task_end) for record in counters),
+        "distance_after_m": math.fsum(_way_after(record, task_end) for record in counters),
         "frames": float(sum(record.frames for record in counters)),
         "payload_bytes": float(sum(record.payload_bytes for record in counters)),
         "motion_j": joules_a_metre * way_m,
@@ -102,7 +102,7 @@ def _rejoin_time_s(machines: Team, end: Time) -> float:
             joins = [at for each in machine.counters.incarnations() for at in each.joins]
             after = [at - death for at in joins if death < end and at >= death]
             delays += [to_seconds(min(after))] if after else []
-    return sum(delays) / len(delays) if delays else math.nan
+    return math.fsum(delays) / len(delays) if delays else math.nan
 
 
 def _suspicions(machines: Team, end: Time) -> dict[str, float]:
@@ -116,7 +116,7 @@ def _suspicions(machines: Team, end: Time) -> dict[str, float]:
                 wrong[type(machine)] += 1
             elif watched.last_tick < end and at >= watched.last_tick and isinstance(machine, Host):
                 delays.append(to_seconds(at - watched.last_tick))
-    mean = sum(delays) / len(delays) if delays else math.nan
+    mean = math.fsum(delays) / len(delays) if delays else math.nan
     return {
         "detection_time_s": mean,
         "false_suspicions": float(wrong[Host]),

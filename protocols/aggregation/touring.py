@@ -6,6 +6,7 @@ from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.geometry.planning import Point
 from cosim.geometry.segments import free_fraction
 from cosim.machine import Command, GoTo
@@ -217,7 +218,7 @@ class RandomWalk:
         near = [(x, y) for _, x, y in self._others.look(observation)]
         for _ in range(_TRIES):
             angle = self._stream.uniform(-math.pi, math.pi)
-            dx, dy = self._leg_m * math.cos(angle), self._leg_m * math.sin(angle)
+            dx, dy = self._leg_m * elementary.cos(angle), self._leg_m * elementary.sin(angle)
             free = free_fraction(self._ground.walls, *here, dx, dy, self._ground.radius_m + TOUCH_M, 0.0)
             there = here[0] + free * dx, here[1] + free * dy
             if any(in_the_way(here, there, body, self._room_m) for body in near):

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import scipy.optimize
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.geometry.planning import Point
 from cosim.geometry.polylines import middle
@@ -40,7 +41,7 @@ def regions(ground: Ground, count: int, start_m: Point) -> tuple[frozenset[int],
         raise ValueError(f"{count} regions")
     units = _units(ground)
     centres = [middle([ground.posts_m[post] for post in unit]) for unit in units]
-    angle = [math.atan2(y - start_m[1], x - start_m[0]) for x, y in centres]
+    angle = [elementary.atan2(y - start_m[1], x - start_m[0]) for x, y in centres]
     order = sorted(range(len(units)), key=lambda unit: (angle[unit], unit))
     sizes = np.array([len(units[unit]) for unit in order], np.int64)
     return tuple(frozenset(post for at in arc for post in units[order[at]]) for arc in _arcs(sizes, count))

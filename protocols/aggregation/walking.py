@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.boundary import Boundary, unpacked_boundary
 from cosim.geometry.planning import Point
@@ -519,7 +520,7 @@ class Evasion:
         since = ticks - self._ordered_at
         if observation.blocked or math.dist(here, order) < _THERE_M:
             return False
-        bearing = math.atan2(order.y_m - here[1], order.x_m - here[0])
+        bearing = elementary.atan2(order.y_m - here[1], order.x_m - here[0])
         off = abs(math.remainder(bearing - observation.heading_rad, 2.0 * math.pi))
         return since < (_MOST_TURN_TICKS if off > _ALIGNED_RAD else _HELD_TICKS)
 
@@ -578,7 +579,7 @@ class Evasion:
 def _gap(here: Point, place: Point, dx: float, dy: float) -> float:
     """Return the angle between the directions to a place and along (dx, dy)."""
     to_x, to_y = place[0] - here[0], place[1] - here[1]
-    return abs(math.atan2(to_x * dy - to_y * dx, to_x * dx + to_y * dy))
+    return abs(elementary.atan2(to_x * dy - to_y * dx, to_x * dx + to_y * dy))
 
 
 def way_round(ground: Ground, here: Point, place: Point, body: Point, right: bool) -> list[Point] | None:
@@ -636,7 +637,7 @@ def retreat(ground: Ground, here: Point, other: Point) -> Point | None:
     for k in range(_DIRECTIONS):
         angle = 2.0 * math.pi * k / _DIRECTIONS
         for way in _AWAY_M:
-            there = here[0] + way * math.cos(angle), here[1] + way * math.sin(angle)
+            there = here[0] + way * elementary.cos(angle), here[1] + way * elementary.sin(angle)
             off_x, off_y = there[0] - other[0], there[1] - other[1]
             along, across = off_x * dx + off_y * dy, abs(off_x * dy - off_y * dx)
             if math.hypot(off_x, off_y) < min(apart + 0.5 * way, room + apart) or not ground.fits(here, there):
@@ -709,7 +710,7 @@ class Pedestrian(Walker):
             return False
         (x, y), (to_x, to_y), (new_x, new_y) = here, self._track.place, place
         ax, ay, bx, by = to_x - x, to_y - y, new_x - x, new_y - y
-        return abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
+        return abs(elementary.atan2(ax * by - ay * bx, ax * bx + ay * by)) > _STRAIGHT_RAD
 
     def detour(self, here: Point, goal_m: Point, bodies_m: list[Point]) -> list[Point] | None:
         """Return None: without a map no way around a body can be planned."""

@@ -34,6 +34,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.segments import clearance, segment_grid
 from cosim.machine import Address, Event
@@ -179,15 +180,15 @@ class Log:
 
     def lost_s(self) -> float:
         """Return the robot-seconds that were lost to other robots."""
-        return sum(each.lost_s for each in self._shortfalls)
+        return math.fsum(each.lost_s for each in self._shortfalls)
 
     def hindered_s(self) -> float:
         """Return the robot-seconds in which robots were slower than without others."""
-        return sum(each.hindered_s for each in self._shortfalls)
+        return math.fsum(each.hindered_s for each in self._shortfalls)
 
     def under_way_s(self) -> float:
         """Return the robot-seconds in which robots were under way to a goal."""
-        return sum(ticks * self._tick_s for ticks in self._under_way)
+        return math.fsum(ticks * self._tick_s for ticks in self._under_way)
 
     def waited_s(self) -> float:
         """Return the robot-seconds in which robots waited for their turn."""
@@ -215,7 +216,7 @@ class DeploymentReferee(Referee):
     def look(self, x_m: Floats, y_m: Floats, now: Time) -> bool:
         """Note where the robots are, and how they have moved since the tick before."""
         places = np.stack((x_m, y_m), axis=1)
-        moved = np.hypot(*(places - self._places).T)
+        moved = elementary.hypots(*(places - self._places).T)
         self._way_m += float(moved.sum())
         self._rests, self._places = moved < REST_M, places
         self._contacts.look(places)
@@ -241,7 +242,7 @@ class DeploymentReferee(Referee):
         if not standing or not plan.places_m:
             return set()
         places = np.array(plan.places_m)
-        away = np.hypot(*(places[:, None, :] - self._places[standing][None, :, :]).transpose(2, 0, 1))
+        away = elementary.hypots(*(places[:, None, :] - self._places[standing][None, :, :]).transpose(2, 0, 1))
         return {plan.places_m[n] for n in np.flatnonzero((away <= HELD_M).any(axis=1))}
 
     def _all_of(self, plan: PlanBegun, held: set[Place]) -> bool:
@@ -337,7 +338,7 @@ class Contacts:
     def look(self, places: Floats) -> None:
         """Take the bodies' places at a tick, shape (n, 2)."""
         apart = places[self._pairs[0]] - places[self._pairs[1]]
-        gaps = np.hypot(apart[:, 0], apart[:, 1]) - self._sums_m
+        gaps = elementary.hypots(apart[:, 0], apart[:, 1]) - self._sums_m
         touch = gaps < TOUCH_M
         self.collisions += int(np.count_nonzero(touch & ~self._touched))
         self.nearest_m = min(self.nearest_m, float(gaps.min(initial=math.inf)))

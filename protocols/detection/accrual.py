@@ -22,10 +22,11 @@ from typing import Literal
 
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.settings import Count, Seconds, Settings
 from cosim.units import Time, from_seconds
 
-_LN_10 = math.log(10.0)
+_LN_10 = 2.302585092994046
 
 
 class PhiSettings(Settings):
@@ -49,15 +50,15 @@ def akka_phi(deviations: float) -> float:
     Akka writes e = exp(-y (1.5976 + 0.070566 y^2)) and phi = -log10(e / (1 + e)); this is the same without overflow.
     """
     exponent = deviations * (1.5976 + 0.070566 * deviations * deviations)
-    return (max(exponent, 0.0) + math.log1p(math.exp(-abs(exponent)))) / _LN_10
+    return (max(exponent, 0.0) + elementary.log1p(elementary.exp(-abs(exponent)))) / _LN_10
 
 
 def normal_phi(deviations: float) -> float:
     """Return phi at a number of standard *deviations* above the mean: -log10 of the normal tail; inf beyond 38."""
-    tail = 0.5 * math.erfc(abs(deviations) * math.sqrt(0.5))
+    tail = 0.5 * elementary.erfc(abs(deviations) * math.sqrt(0.5))
     if deviations < 0.0:
-        return -math.log1p(-tail) / _LN_10
-    return -math.log(tail) / _LN_10 if tail > 0.0 else math.inf
+        return -elementary.log1p(-tail) / _LN_10
+    return -elementary.log(tail) / _LN_10 if tail > 0.0 else math.inf
 
 
 class IntervalHistory:

@@ -25,6 +25,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.geometry.astar import lookouts, nearest
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
@@ -78,8 +79,8 @@ def attraction(here_m: Point, others_m: list[Point], near_m: float, gain: float)
         dx, dy = other[0] - here_m[0], other[1] - here_m[1]
         away = math.hypot(dx, dy)
         if away > near_m:
-            x += gain * dx / away**3
-            y += gain * dy / away**3
+            x += gain * dx / (away * away * away)
+            y += gain * dy / (away * away * away)
     return x, y
 
 
@@ -121,7 +122,7 @@ class Rejoining:
         if not self._way:
             return None
         x, y = frame.centre_m(self._way[0])
-        return math.atan2(y - here_m[1], x - here_m[0])
+        return elementary.atan2(y - here_m[1], x - here_m[0])
 
     def _plan(self, here_m: Point, other_m: Point, reach: float) -> list[Cell]:
         frame, ground, entry = self._belief.frame, self._escape.ground(), self._escape.entry(here_m)
@@ -246,7 +247,7 @@ class Tethered:
             return None
         x, y = self._linked_m
         back = math.hypot(x - here[0], y - here[1]) > self._belief.frame.cell_m
-        return math.atan2(y - here[1], x - here[0]) if back else None
+        return elementary.atan2(y - here[1], x - here[0]) if back else None
 
     def _guarded(
         self, observation: Observation, gained: bool, guards: list[Address], reach: list[Address]

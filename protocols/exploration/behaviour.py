@@ -22,6 +22,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.jit import njit
@@ -137,7 +138,7 @@ class Behaviour:
         if x * x + y * y <= _NOTHING * _NOTHING:
             return None
         self._counters.drawn(fx * fx + fy * fy, ox * ox + oy * oy, robots[0] * robots[0] + robots[1] * robots[1])
-        return math.atan2(y, x)
+        return elementary.atan2(y, x)
 
     def _fields(self, here: Point, alone: bool) -> Forces:
         """Return the sums over frontiers and path, and over obstacles, with gain 1.

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bytes, Int32s
 from cosim.geometry.planning import in_view
 from cosim.jit import njit
@@ -200,7 +201,7 @@ def take_back(
     for k in range(count):
         cell = int(cells[k])
         iy, ix = cell // nx, cell % nx
-        away = math.hypot(left + (ix + 0.5) * cell_m - x, low + (iy + 0.5) * cell_m - y)
+        away = elementary.hypot(left + (ix + 0.5) * cell_m - x, low + (iy + 0.5) * cell_m - y)
         if away <= (goal_m if k == count - 1 else reach_m):
             path[iy, ix] = 0
         else:

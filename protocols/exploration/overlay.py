@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Bytes, Int32s
 from cosim.geometry.grids import Cell
 from cosim.geometry.planning import Point
@@ -160,7 +161,7 @@ class Exclusions:
         box = tuple(slice(max(at - most, 0), at + most + 1) for at in (row, column))
         rows, columns = np.ogrid[: frame.ny, : frame.nx]
         rows, columns = rows[box[0]], columns[:, box[1]]
-        away = np.hypot(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1])
+        away = elementary.hypots(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1])
         self.looked[box] |= away <= _LOOKED_CELLS * size
 
     def postpone(self) -> None:

@@ -17,8 +17,10 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.machine import Event
+from cosim.navigation.localization.motion import turned_back
 from cosim.navigation.slam import MapGrid, Slam, SlamEstimate, share_of_speed
 from cosim.observation import Observation, Seen, Sighting
 from cosim.randomness import Draws
@@ -188,9 +190,9 @@ class Filtered:
             return ranges_m
         met = np.zeros(len(ranges_m), np.bool_)
         for other, x, y in observation.sightings:
-            place = np.array([x - observation.x_m, y - observation.y_m])
-            along = beams @ place
-            aside = np.abs(beams @ np.array([-place[1], place[0]]))
+            dx, dy = x - observation.x_m, y - observation.y_m
+            along = beams[:, 0] * dx + beams[:, 1] * dy
+            aside = np.abs(beams[:, 1] * dx - beams[:, 0] * dy)
             reach = self._radii_m[other] + _BODY_SLACK_M
             met |= (aside < reach) & (np.abs(ranges_m - along) < reach)
         return np.where(met, np.nan, ranges_m)
@@ -198,14 +200,13 @@ class Filtered:
 
 def turned(directions: Floats, angle_rad: float) -> Floats:
     """Return unit vectors (n, 2) turned counter-clockwise."""
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    return np.ascontiguousarray(directions @ np.array([[cos, sin], [-sin, cos]]))
+    return turned_back(directions, -angle_rad)
 
 
 def _moved(observation: Observation, found: SlamEstimate) -> Observation:
     """Return *observation* in the frame in which the robot is where the filter has *found* it."""
     turned = found.heading_rad - observation.heading_rad
-    cos, sin = math.cos(turned), math.sin(turned)
+    cos, sin = elementary.cos(turned), elementary.sin(turned)
     sightings = []
     for other, x, y in observation.sightings:
         dx, dy = x - observation.x_m, y - observation.y_m

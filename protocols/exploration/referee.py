@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int64s
 from cosim.geometry.grids import TOUCH_M, CoverageGrid, coverage_grid, distances
 from cosim.geometry.marking import Weights
@@ -68,7 +69,7 @@ class CoverageReferee(Referee):
 
     def _cover(self, robot: int, bodies: Floats, now: Time) -> None:
         place = float(bodies[robot, 0]), float(bodies[robot, 1])
-        away = np.hypot(bodies[:, 0] - place[0], bodies[:, 1] - place[1]) - bodies[:, 2]
+        away = elementary.hypots(bodies[:, 0] - place[0], bodies[:, 1] - place[1]) - bodies[:, 2]
         near = away <= self._range_m
         near[robot] = False
         others = bodies[near]
@@ -153,7 +154,7 @@ def _entries(grid: CoverageGrid, walls: SegmentGrid, start_m: Point, radius_m: f
     near = [cell for cell in near if grid.free[cell]]
     centres = np.array([grid.centre_m(cell) for cell in near]).reshape(-1, 2)
     room_m = swept_clearance(walls, np.broadcast_to(start_m, centres.shape), centres, radius_m + 2.0 * TOUCH_M)
-    fits = (np.hypot(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m) & (room_m >= radius_m - TOUCH_M)
+    fits = (elementary.hypots(*(centres - start_m).T) <= _NEAR_CELLS * grid.cell_m) & (room_m >= radius_m - TOUCH_M)
     return [cell for cell, fit in zip(near, fits.tolist(), strict=True) if fit]
 
 
@@ -207,7 +208,7 @@ def _offsets(reach: float) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Return (dy, dx) of all cells within *reach* cells of one, the nearest first."""
     most = math.floor(reach + _ROUNDING)
     dy, dx = (each.reshape(-1) for each in np.mgrid[-most : most + 1, -most : most + 1])
-    away = np.hypot(dy, dx)
+    away = elementary.hypots(dy, dx)
     order = np.argsort(away, kind="stable")
     return np.stack((dy, dx), axis=1)[order][np.sort(away) <= reach + _ROUNDING]
 

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int32s
 from cosim.geometry.astar import astar
 from cosim.geometry.grids import Cell
@@ -108,7 +109,7 @@ class Rival:
         self._barren += 1
         if left < self._left - 1.0:
             self._left, self._barren = left, 0
-        return math.atan2(y - here[1], x - here[0])
+        return elementary.atan2(y - here[1], x - here[0])
 
     def _moving(self, observation: Observation) -> list[tuple[Address, Point]]:
         """Return the robots in sight that have moved since the last tick, and where they are."""
@@ -124,7 +125,7 @@ class Rival:
         radii_m = self._targets.radii_m
         for other, (x, y) in moving:
             reach_m = radii_m[self._me] + radii_m[other] + _CLOSE_M
-            ahead = (x - here[0]) * math.cos(heading) + (y - here[1]) * math.sin(heading)
+            ahead = (x - here[0]) * elementary.cos(heading) + (y - here[1]) * elementary.sin(heading)
             if other < self._me and ahead > 0.0 and math.dist((x, y), here) <= reach_m:
                 return True
         return False
@@ -208,7 +209,7 @@ class Rival:
         """Return the cells of frontiers that are near to *goal*."""
         nx, groups = self.belief.frame.nx, self._targets.groups()
         cells = np.concatenate([np.array([goal], np.int32), *groups])
-        away = np.hypot(cells % nx - goal % nx, cells // nx - goal // nx)
+        away = elementary.hypots(cells % nx - goal % nx, cells // nx - goal // nx)
         return np.unique(cells[away <= _AHEAD_CELLS])
 
     def _give_up(self, cells: Int32s, why: str) -> None:

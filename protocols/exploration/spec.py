@@ -92,7 +92,7 @@ def measure(machines: Sequence[Explorer]) -> dict[str, float]:
     counters = [machine.counters for machine in machines]
     steps = sum(each.steps + each.escape_steps for each in counters)
     return {
-        "way_m": sum(each.way_m for each in counters),
+        "way_m": math.fsum(each.way_m for each in counters),
         "stalls": float(sum(each.stalls for each in counters)),
         "escape_share": sum(each.escape_steps for each in counters) / steps if steps else 0.0,
         **_schema_shares(counters),
@@ -106,11 +106,11 @@ def measure(machines: Sequence[Explorer]) -> dict[str, float]:
 
 def _schema_shares(counters: Sequence[Counters]) -> dict[str, float]:
     counts = {
-        "share_frontier": sum(each.by_frontiers for each in counters),
-        "share_obstacle": sum(each.by_obstacles for each in counters),
-        "share_robot": sum(each.by_robots for each in counters),
+        "share_frontier": math.fsum(each.by_frontiers for each in counters),
+        "share_obstacle": math.fsum(each.by_obstacles for each in counters),
+        "share_robot": math.fsum(each.by_robots for each in counters),
     }
-    steps = sum(counts.values())
+    steps = math.fsum(counts.values())
     return {name: count / steps if steps else math.nan for name, count in counts.items()}
 
 

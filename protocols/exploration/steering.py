@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.machine import Drive
@@ -60,7 +61,7 @@ def free_heading(ranges_m: Floats, beams: Floats, desired: float, half_m: float,
     for k in range(_HEADINGS // 2 + 1):
         for sign in (side, -side):
             heading = desired + sign * k * (2.0 * math.pi / _HEADINGS)
-            if free_m(ranges_m, beams, math.cos(heading), math.sin(heading), half_m) >= need_m:
+            if free_m(ranges_m, beams, elementary.cos(heading), elementary.sin(heading), half_m) >= need_m:
                 return heading
     return math.nan
 
@@ -102,7 +103,7 @@ def overruled(
             met[count], along[count, 0], along[count, 1] = scans[:, k].min(), beams[k, 0], beams[k, 1]
             count += 1
     found = free_heading(met[:count], along[:count], desired, half_m, need_m, side)
-    return found, speed, free_m(met[:count], along[:count], math.cos(heading), math.sin(heading), half_m)
+    return found, speed, free_m(met[:count], along[:count], elementary.cos(heading), elementary.sin(heading), half_m)
 
 
 def without_lone(ranges_m: Floats) -> Floats:

@@ -31,6 +31,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s
 from cosim.geometry.astar import in_sight, nearest
 from cosim.geometry.grids import Cell
@@ -93,7 +94,10 @@ class Targets:
         cells = np.flatnonzero(mask)
         rows, columns = np.divmod(cells, frame.nx)
         (left, low), size = frame.origin_m, frame.cell_m
-        far = np.hypot(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1]) > reach_m
+        far = (
+            elementary.hypots(left + (columns + 0.5) * size - here_m[0], low + (rows + 0.5) * size - here_m[1])
+            > reach_m
+        )
         mask.flat[cells[far]] = False
         seen = in_sight(self.terrain.clear(), frame.cell_at(here_m), mask)
         self._vain |= seen
@@ -215,7 +219,7 @@ def by_utility(costs: Floats, places: Floats, reach: float, weight: float) -> li
         row, frontier = divmod(int(gain.argmax()), costs.shape[1])
         chosen[row] = frontier
         left[row] = False
-        away = np.hypot(*(places - places[frontier]).T)
+        away = elementary.hypots(*(places - places[frontier]).T)
         utility = utility - np.clip(1.0 - away / reach, 0.0, None)
     return chosen
 

@@ -63,7 +63,7 @@ class Terrain:
         rows, columns = np.ogrid[: frame.ny, : frame.nx]
         (left, low), size = frame.origin_m, frame.cell_m
         off_x, off_y = columns + 0.5 - (here_m[0] - left) / size, rows + 0.5 - (here_m[1] - low) / size
-        under: Bools = off_x * off_x + off_y * off_y <= (radius_m / size) ** 2
+        under: Bools = off_x * off_x + off_y * off_y <= (radius_m / size) * (radius_m / size)
         through = self.clear() | (under & (self.belief.evidence <= 0))
         way = nearest(through, np.zeros_like(self.extra()), start, passable)
         return [] if way is None else [int(cell) for cell in way]

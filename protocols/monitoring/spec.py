@@ -97,8 +97,8 @@ def measure(machines: Sequence[Monitor]) -> dict[str, float]:
     watches = [(watch, machine.last_seen) for machine in machines for watch in machine.watches.values()]
     past = [(watch, machine.last_seen) for machine in machines for watch in machine.past]
     found = [watch.settled(end) for watch, end in (*watches, *past)]
-    watched_s = sum(each.observed_s for each in found)
-    mistakes, mistaken_s = sum(each.mistakes for each in found), sum(each.mistaken_s for each in found)
+    watched_s = math.fsum(each.observed_s for each in found)
+    mistakes, mistaken_s = sum(each.mistakes for each in found), math.fsum(each.mistaken_s for each in found)
     standing = [to_seconds(watch.history.transitions[-1].time) for watch, _ in watches if watch.suspects]
     return {
         "heartbeats_sent": float(sum(machine.sent for machine in machines)),
@@ -109,7 +109,7 @@ def measure(machines: Sequence[Monitor]) -> dict[str, float]:
         "mean_mistake_s": mistaken_s / mistakes if mistakes else math.nan,
         "accuracy": 1.0 - mistaken_s / watched_s if watched_s else math.nan,
         "suspicions_standing": float(len(standing)),
-        "suspected_at_s": sum(standing) / len(standing) if standing else math.nan,
+        "suspected_at_s": math.fsum(standing) / len(standing) if standing else math.nan,
     }
 
 

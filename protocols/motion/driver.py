@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Drive
@@ -109,7 +110,9 @@ class Driver:
         """Return the time, at most, in which the robot alone turns to an aim and then goes *way_m*, seconds."""
         _, _, change, turn_most, turn_change, *_ = self._limits.tolist()
         off = abs(
-            math.remainder(math.atan2(aim_m[1] - self.here[1], aim_m[0] - self.here[0]) - self._motion[2], math.tau)
+            math.remainder(
+                elementary.atan2(aim_m[1] - self.here[1], aim_m[0] - self.here[0]) - self._motion[2], math.tau
+            )
         )
         peak = min(turn_most, math.sqrt(off * turn_change))
         turning = off / peak + peak / turn_change if peak > 0.0 else 0.0
@@ -129,7 +132,7 @@ class Driver:
         way = speed * self._seconds
         self.carried = None
         if self._asked != now - self._tick:  # something else may have driven the robot since
-            gone_x, gone_y = way * math.cos(heading), way * math.sin(heading)
+            gone_x, gone_y = way * elementary.cos(heading), way * elementary.sin(heading)
             motion[:] = x, y, heading, way, 0.0, gone_x, gone_y
             self._wanted = math.nan, math.nan
         elif isinstance(observation, Located) and observation.odometry is not None:
@@ -189,7 +192,7 @@ class Driver:
         dx, dy = chord(motion[2], motion[3], motion[4])
         off_x, off_y = aim.place_m[0] - motion[0] - dx, aim.place_m[1] - motion[1] - dy
         left_m = math.hypot(off_x, off_y)
-        error = math.remainder(math.atan2(off_y, off_x) - motion[2] - motion[4], math.tau)
+        error = math.remainder(elementary.atan2(off_y, off_x) - motion[2] - motion[4], math.tau)
         if left_m < _CIRCLE_M and abs(error) > _ASKEW_RAD:
             return 0.0  # otherwise it would drive round a near aim for ever
         return float(min(own[1], braking_way(left_m, own[2]))) if aim.last else float(own[1])
@@ -218,9 +221,9 @@ def _limits(
     row[:] = (
         radius_m,
         speed_mps * seconds,
-        acceleration_mps2 * seconds**2,
+        acceleration_mps2 * (seconds * seconds),
         own.turn_radps * seconds,
-        own.turn_acceleration_radps2 * seconds**2,
+        own.turn_acceleration_radps2 * (seconds * seconds),
         _KEPT_SHARE * own.margin_m,
         own.stray_m,
         own.clear_m,

@@ -7,6 +7,7 @@ moved. So such a frame is good for places, but not for motion, which is derived 
 import math
 from typing import NamedTuple, Self
 
+import cosim.elementary as elementary
 from cosim.navigation.localization.motion import Pose
 from cosim.observation import Observation
 
@@ -22,7 +23,7 @@ class Shift(NamedTuple):
     def between(cls, before: Pose, after: Pose) -> Self:
         """Return the shift that takes the pose *before* in one frame to the pose *after* in the other."""
         turned = math.remainder(after[2] - before[2], math.tau)
-        cos, sin = math.cos(turned), math.sin(turned)
+        cos, sin = elementary.cos(turned), elementary.sin(turned)
         return cls(after[0] - cos * before[0] + sin * before[1], after[1] - sin * before[0] - cos * before[1], turned)
 
     def pose(self, pose: Pose) -> Pose:
@@ -31,12 +32,12 @@ class Shift(NamedTuple):
 
     def point(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a point in the other frame."""
-        cos, sin = math.cos(self.turned_rad), math.sin(self.turned_rad)
+        cos, sin = elementary.cos(self.turned_rad), elementary.sin(self.turned_rad)
         return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
 
     def back(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a point of the other frame in this one."""
-        cos, sin = math.cos(self.turned_rad), math.sin(self.turned_rad)
+        cos, sin = elementary.cos(self.turned_rad), elementary.sin(self.turned_rad)
         dx, dy = x_m - self.x_m, y_m - self.y_m
         return cos * dx + sin * dy, cos * dy - sin * dx
 
@@ -57,7 +58,7 @@ class Located(Observation):
 
 def step(before: Pose, after: Pose) -> Pose:
     """Return how far *after* is ahead of *before*, how far to its left, and how far turned."""
-    cos, sin = math.cos(before[2]), math.sin(before[2])
+    cos, sin = elementary.cos(before[2]), elementary.sin(before[2])
     dx, dy = after[0] - before[0], after[1] - before[1]
     return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(after[2] - before[2], math.tau)
 
@@ -65,5 +66,5 @@ def step(before: Pose, after: Pose) -> Pose:
 def start(after: Pose, gone: Pose) -> Pose:
     """Return the pose from which a step as of :func:`step` leads to *after*."""
     heading = after[2] - gone[2]
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos, sin = elementary.cos(heading), elementary.sin(heading)
     return after[0] - cos * gone[0] + sin * gone[1], after[1] - sin * gone[0] - cos * gone[1], heading

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.planning import Point
 from cosim.machine import Address
@@ -115,13 +116,13 @@ class Traffic:
 
     def _hear(self, other: Other, seen: bool, now: Time) -> None:
         track = self._tracks.setdefault(other.address, Track(other.address))
-        track.radius_m, track.change = other.radius_m, other.braking_mps2 * self._seconds**2
+        track.radius_m, track.change = other.radius_m, other.braking_mps2 * (self._seconds * self._seconds)
         # a robot that goes nowhere is in the way until it is driven round: do not wait for it
         silent = min(other.age_s, track.still_s(now)) >= _SILENT_S
         track.goal_m, track.idle = other.goal_m, other.idle or silent
         if not seen:
             track.at((other.x_m, other.y_m), now)
-            cos, sin = math.cos(other.heading_rad), math.sin(other.heading_rad)
+            cos, sin = elementary.cos(other.heading_rad), elementary.sin(other.heading_rad)
             way = other.speed_mps * self._seconds
             track.gone_m = way * cos, way * sin
 

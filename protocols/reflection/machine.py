@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.errors import WireError
 from cosim.machine import BROADCAST, Address, Drains, GoTo, LinkEvent, Outgoing, Reception
 from cosim.navigation.steering import Navigator
@@ -52,7 +53,7 @@ def from_peer(offset_m: Point, peer_m: Point, turn_rad: float) -> Point:
 
     *peer_m* is where i sees j, *turn_rad* is theta_ji.
     """
-    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    cos, sin = elementary.cos(turn_rad), elementary.sin(turn_rad)
     x, y = offset_m
     return peer_m[0] + cos * x - sin * y, peer_m[1] + sin * x + cos * y
 
@@ -228,7 +229,7 @@ class Reflection(Drains):
                 place: Point | None
                 if self._objects_m is None:
                     if turn is None:
-                        turn = turn_between(math.atan2(peer_m[1] - here[1], peer_m[0] - here[0]), bearing)
+                        turn = turn_between(elementary.atan2(peer_m[1] - here[1], peer_m[0] - here[0]), bearing)
                     place = from_peer((along, across), peer_m, turn)
                 else:
                     place = self._looks_like(owner, identifier)
@@ -325,7 +326,7 @@ def compose(
     x, y = here_m
     flat: list[float] = []
     for peer, (seen_x, seen_y) in sightings.items():
-        flat += peer, math.atan2(seen_y - y, seen_x - x)
+        flat += peer, elementary.atan2(seen_y - y, seen_x - x)
     terms, pledges = (0, 0) if ways is None else _collect(ways, x, y, start, flat)
     return pack(flags, (now - start) // MS % CLOCK_MS, len(sightings), terms, pledges, flat)
 

@@ -3,9 +3,9 @@
 The explorers' targets are given, or drawn in the middle of rooms (paper 000, section 6).
 """
 
-import math
 from typing import NamedTuple, TypeAlias
 
+import cosim.elementary as elementary
 from cosim.errors import UserError
 from cosim.geometry.boundary import Boundary
 from cosim.randomness import Draws
@@ -52,7 +52,7 @@ def into_frame(place_m: Point, frame: Pose) -> Point:
     """Return a place of the world in *frame*."""
     x, y, heading = frame
     dx, dy = place_m[0] - x, place_m[1] - y
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos, sin = elementary.cos(heading), elementary.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.boundary import Boundary, boundary, inflated
@@ -104,7 +105,7 @@ def _distance_to_walls(walls_m: Floats, point: Point) -> float:
     start, way = walls_m[:, :2], walls_m[:, 2:] - walls_m[:, :2]
     square = np.maximum((way**2).sum(axis=1), 1e-300)
     share = np.clip(((np.array(point) - start) * way).sum(axis=1) / square, 0.0, 1.0)
-    return float(np.hypot(*(start + share[:, None] * way - np.array(point)).T).min())
+    return float(elementary.hypots(*(start + share[:, None] * way - np.array(point)).T).min())
 
 
 def patrol_of(parameters: Parameters, robot: Address) -> tuple[Point, ...]:

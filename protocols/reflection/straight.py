@@ -8,6 +8,7 @@ that two robots that meet pass each other. If all this brings the robot no neare
 
 import math
 
+import cosim.elementary as elementary
 from cosim.observation import Observation
 from cosim.units import Time
 from protocols.motion.progress import Progress
@@ -70,7 +71,7 @@ class Straight:
 
     def _step_aside(self, place: Point, observation: Observation) -> Point:
         x, y = observation.x_m, observation.y_m
-        ahead = math.atan2(place[1] - y, place[0] - x)
+        ahead = elementary.atan2(place[1] - y, place[0] - x)
         if not self._ticks:
             if self._calm >= CALM_STEPS:
                 self._side = self._roomy_side(ahead, math.hypot(place[0] - x, place[1] - y), observation)
@@ -86,14 +87,14 @@ class Straight:
         self._ticks += 1
         angle = ahead + self._side * TRIES[self._tried]
         reach = AHEAD_STEPS * self._step_m
-        return x + reach * math.cos(angle), y + reach * math.sin(angle)
+        return x + reach * elementary.cos(angle), y + reach * elementary.sin(angle)
 
     def _roomy_side(self, ahead: float, distance_m: float, observation: Observation) -> float:
         """Return the side of the line *ahead* on which less is in the way: 1 for the left, -1 for the right."""
         # Scans have too few beams for the end of a wall, so the robot looks for places beside its line.
         x, y = observation.x_m, observation.y_m
         radius = self._radius_m
-        cos, sin = math.cos(ahead), math.sin(ahead)
+        cos, sin = elementary.cos(ahead), elementary.sin(ahead)
         ways = [min(probe * radius, distance_m) for probe in PROBES]
         edges = [(x + way * cos - side * sin, y + way * sin + side * cos) for side in (radius, -radius) for way in ways]
         seen = observation.sees(edges)

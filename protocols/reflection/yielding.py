@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.machine import Address, Event
@@ -39,7 +40,7 @@ def distance_to_segment(point: Point, one: Point, other: Point) -> float:
     share = 0.0
     if square > 0.0:
         share = min(max(((point[0] - one[0]) * dx + (point[1] - one[1]) * dy) / square, 0.0), 1.0)
-    return math.hypot(one[0] + share * dx - point[0], one[1] + share * dy - point[1])
+    return elementary.hypot(one[0] + share * dx - point[0], one[1] + share * dy - point[1])
 
 
 def in_the_way(me: Point, seeker: Point, place: Point, contact_m: float) -> bool:
@@ -64,7 +65,7 @@ def free_way(ranges_m: Floats, angle_rad: float, radius_m: float, limit_m: float
         if hit_m == math.inf:
             continue
         apart = 2.0 * math.pi * beam / ranges_m.shape[0] - angle_rad
-        along, across = hit_m * math.cos(apart), hit_m * math.sin(apart)
+        along, across = hit_m * elementary.cos(apart), hit_m * elementary.sin(apart)
         if along > 0.0 and abs(across) < radius_m:
             free = min(free, along - math.sqrt(radius_m * radius_m - across * across))
     return max(free, 0.0)
@@ -83,7 +84,7 @@ def step_aside(me: Point, seeker: Point, place: Point, ranges_m: Floats, radius_
         free = free_way(ranges_m, angle, radius_m, 2.0 * room_m)
         for share in (0.5, 1.0):
             way = share * free
-            there = me[0] + way * math.cos(angle), me[1] + way * math.sin(angle)
+            there = me[0] + way * elementary.cos(angle), me[1] + way * elementary.sin(angle)
             gain = worth(there, me, seeker, place, room_m)
             if gain > best_worth + 1e-6:
                 best, best_worth = there, gain
@@ -94,10 +95,13 @@ def step_aside(me: Point, seeker: Point, place: Point, ranges_m: Floats, radius_
 def worth(there: Point, me: Point, seeker: Point, place: Point, room_m: float) -> float:
     """Return the worth of going *there* for a robot at *me*, if *seeker* heads for *place*: metres off its line."""
     off = min(distance_to_segment(there, seeker, place), room_m)
-    if distance_to_segment(seeker, me, there) < min(room_m, math.hypot(seeker[0] - me[0], seeker[1] - me[1])) - 1e-6:
+    if (
+        distance_to_segment(seeker, me, there)
+        < min(room_m, elementary.hypot(seeker[0] - me[0], seeker[1] - me[1])) - 1e-6
+    ):
         return -1.0  # through the seeker, or nearer to it
-    away = math.hypot(there[0] - seeker[0], there[1] - seeker[1])
-    return off + AWAY * min(away, 4.0 * room_m) - 0.01 * math.hypot(there[0] - me[0], there[1] - me[1])
+    away = elementary.hypot(there[0] - seeker[0], there[1] - seeker[1])
+    return off + AWAY * min(away, 4.0 * room_m) - 0.01 * elementary.hypot(there[0] - me[0], there[1] - me[1])
 
 
 class Yielding:

@@ -17,6 +17,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.adhoc.forwarding import Forwarding, make_router
 from cosim.channels.adhoc.jamming import Jamming, source
@@ -234,7 +235,7 @@ class AdhocChannel(IdealChannel):
             self.kernel.soon(self._hand_over)
         to_all = packet.destination == BROADCAST
         for address, power_mw in zip(receivers, mw, strict=True):
-            rssi_dbm = None if self._propagation is None else 10.0 * math.log10(power_mw)
+            rssi_dbm = None if self._propagation is None else 10.0 * elementary.log10(power_mw)
             self._arrivals.append((address, packet.payload, Reception(source, to_all, rssi_dbm)))
 
     def arrived(self, address: Address, delivery: Delivery) -> None:

@@ -34,12 +34,13 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.adhoc.phy import HOPPING, Phy, sections
 from cosim.jit import njit
 from cosim.units import Time
 
-_COIN: Final = math.log(0.5)
+_COIN: Final = -0.6931471805599453
 """Logarithm of the probability that a guessed bit is right."""
 
 
@@ -50,13 +51,13 @@ _DQPSK: Final = (math.sqrt(2.0) + 1.0) / math.sqrt(8.0 * math.pi * math.sqrt(2.0
 
 @njit(cache=True)
 def _dbpsk(sinr: float) -> float:
-    return math.log1p(-0.5 * math.exp(-22.0 * sinr))
+    return elementary.log1p(-0.5 * elementary.exp(-22.0 * sinr))
 
 
 @njit(cache=True)
 def _dqpsk(sinr: float) -> float:
     g = 11.0 * sinr
-    return math.log1p(-min(0.5, _DQPSK * math.exp(-(2.0 - math.sqrt(2.0)) * g) / math.sqrt(g)))
+    return elementary.log1p(-min(0.5, _DQPSK * elementary.exp(-(2.0 - math.sqrt(2.0)) * g) / math.sqrt(g)))
 
 
 _STEPS: Final = 8
@@ -65,23 +66,42 @@ _HIGHEST: Final = 24
 """Value of b above which errors are neglected: 1e-64."""
 
 
-@cache  # when it is first asked for: few networks have such rates, and scipy takes a quarter of a second to load
+_GAUSS: Final = (
+    (0.09501250983763744, 0.18945061045506864),
+    (0.2816035507792589, 0.18260341504492364),
+    (0.45801677765722737, 0.16915651939500265),
+    (0.6178762444026438, 0.1495959888165767),
+    (0.755404408355003, 0.12462897125553407),
+    (0.8656312023878318, 0.0951585116824926),
+    (0.9445750230732326, 0.062253523938647456),
+    (0.9894009349916499, 0.027152459411754176),
+)
+"""Nodes > 0 and weights of the Gauss-Legendre rule of 16 points on [-1, 1] (Abramowitz and Stegun, table 25.4)."""
+
+
+@cache  # when it is first asked for: few networks have such rates
 def cck_table() -> Floats:
     """Return the logarithms of the probability that a group of four bits is wrong, for b from -1/8 on.
 
     In the integral y = x + b > 0; its complement to 1 is integrated instead, in which nothing cancels.
     """
-    from scipy import special
+    return _cck_table(np.arange(-1, _HIGHEST * _STEPS + 2) / _STEPS)
 
-    b = np.arange(-1, _HIGHEST * _STEPS + 2) / _STEPS
-    node, weight = np.polynomial.legendre.leggauss(16)
-    share = ((np.arange(8)[:, None] + 0.5 * (node + 1.0)) / 8.0).reshape(-1, 1)  # of the range, in eight parts
-    reach = 0.5 * np.abs(b) + 10.0
-    y = reach * share
-    wrong = -np.expm1(7.0 * np.log1p(-2.0 * special.ndtr(-y)))
-    density = np.exp(-0.5 * (y - b) ** 2) / math.sqrt(2.0 * math.pi)
-    total = reach * (np.tile(weight / 16.0, 8) @ (wrong * density)) + special.ndtr(-b)
-    table: Floats = np.log(total)
+
+@njit(cache=True)
+def _cck_table(bs: Floats) -> Floats:
+    table = np.empty(len(bs))
+    for row, b in enumerate(bs):
+        reach = 0.5 * abs(b) + 10.0
+        integral = 0.0
+        for eighth in range(8):  # of the range
+            for node, weight in _GAUSS:
+                for side in (-1.0, 1.0):
+                    y = reach * (eighth + 0.5 + 0.5 * side * node) / 8.0
+                    wrong = -elementary.expm1(7.0 * elementary.log1p(-elementary.erfc(y * math.sqrt(0.5))))
+                    integral += weight * wrong * elementary.exp(-0.5 * (y - b) * (y - b))
+        integral *= reach / (16.0 * math.sqrt(2.0 * math.pi))
+        table[row] = elementary.log(integral + 0.5 * elementary.erfc(b * math.sqrt(0.5)))
     return table
 
 
@@ -97,7 +117,7 @@ def _cck(gain: float, sinr: float, table: Floats) -> float:
     before, low, high, after = table[at], table[at + 1], table[at + 2], table[at + 3]
     outer = t * (t - 1.0) * ((t + 1.0) * after - (t - 2.0) * before) / 6.0
     inner = (t + 1.0) * (t - 2.0) * ((t - 1.0) * low - t * high) / 2.0
-    return 0.25 * math.log1p(-math.exp(outer + inner))
+    return 0.25 * elementary.log1p(-elementary.exp(outer + inner))
 
 
 # ---------------------------------------------------------------- OFDM
@@ -122,20 +142,22 @@ _THREE_QUARTERS: Final = (
 
 
 @njit(cache=True)
-def _coded(share: float, scale: float, code: tuple[float, float, float, tuple[float, ...]], sinr: float) -> float:
+def _coded(share: float, scale: float, code: tuple[float, int, int, tuple[float, ...]], sinr: float) -> float:
     """Return the logarithm for a bit that is wrong with the probability p before decoding, of *share* and *scale*.
 
     *code*: the period k in bits of its puncturing, the distance of the nearest wrong path, the step from one distance
     to the next, and B_j.
     """
     period, distance, step, wrong = code
-    p = share * math.erfc(math.sqrt(sinr / scale))
+    p = share * elementary.erfc(math.sqrt(sinr / scale))
     d = math.sqrt(4.0 * p * (1.0 - p))
-    x = math.pow(d, step)
+    x = d if step == 1 else d * d
     total = 0.0
     for at in range(len(wrong) - 1, -1, -1):
         total = total * x + wrong[at]
-    return math.log1p(-min(0.5, total * math.pow(d, distance) / (2.0 * period)))
+    for _ in range(distance):
+        total *= d
+    return elementary.log1p(-min(0.5, total / (2.0 * period)))
 
 
 # ---------------------------------------------------------------- bits, chunks, frames
@@ -160,7 +182,7 @@ def log_bit(rate_kbps: int, sinr: float, table: Floats) -> float:
     if rate_kbps == 5500 or rate_kbps == 11000:
         return _cck(16.0 if rate_kbps == 5500 else 8.0, sinr, table)
     if rate_kbps == 48000:
-        return _coded(7 / 24, 42.0, (2.0, 6.0, 1.0, _TWO_THIRDS), sinr)
+        return _coded(7 / 24, 42.0, (2.0, 6, 1, _TWO_THIRDS), sinr)
     if rate_kbps == 6000 or rate_kbps == 9000:
         share, scale = 1 / 2, 1.0
     elif rate_kbps == 12000 or rate_kbps == 18000:
@@ -170,7 +192,7 @@ def log_bit(rate_kbps: int, sinr: float, table: Floats) -> float:
     else:
         share, scale = 7 / 24, 42.0
     halves = rate_kbps == 6000 or rate_kbps == 12000 or rate_kbps == 24000
-    return _coded(share, scale, (1.0, 10.0, 2.0, _HALF) if halves else (3.0, 5.0, 1.0, _THREE_QUARTERS), sinr)
+    return _coded(share, scale, (1.0, 10, 2, _HALF) if halves else (3.0, 5, 1, _THREE_QUARTERS), sinr)
 
 
 def tables(rates_kbps: Iterable[int]) -> Floats:
@@ -191,12 +213,12 @@ def log_success(rate_kbps: int, sinr: float, bits: float) -> float:
 
 def packet_success(rate_kbps: int, sinr: float, bits: float) -> float:
     """Return the probability that *bits* sent at *rate_kbps* are all right; as :func:`log_success`."""
-    return math.exp(log_success(rate_kbps, sinr, bits))
+    return elementary.exp(log_success(rate_kbps, sinr, bits))
 
 
 def bit_error_rate(rate_kbps: int, sinr: float) -> float:
     """Return the bit error rate after decoding of independent errors that would lose as many frames."""
-    return -math.expm1(log_success(rate_kbps, sinr, 1.0))
+    return -elementary.expm1(log_success(rate_kbps, sinr, 1.0))
 
 
 def frame_log_success(phy: Phy, rate_kbps: int, octets: int, levels: Sequence[tuple[Time, float]]) -> float:

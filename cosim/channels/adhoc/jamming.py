@@ -8,6 +8,7 @@ Only the instants at which that power changes are scheduled, and none of them wh
 no frame is on the air. Changes during that time are made up for when a station begins to send.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
@@ -51,9 +52,9 @@ class Source(NamedTuple):
         if not 0 <= since < jammer.end - jammer.start:
             return 0.0
         if jammer.mode == CONSTANT:
-            return sum(self.shares)
+            return math.fsum(self.shares)
         if jammer.mode == PULSED:
-            return sum(self.shares) if since % jammer.period < jammer.on else 0.0
+            return math.fsum(self.shares) if since % jammer.period < jammer.on else 0.0
         return self.shares[since // jammer.dwell % len(self.shares)]
 
     def next_change(self, after: Time) -> Time | None:
@@ -173,5 +174,5 @@ class Jamming:
             if self._received_mw is None:
                 self._received_mw = self._gains([each.jammer for each in self._sources])
             columns = zip(*self._received_mw, strict=True)
-            powers_mw = [sum(w * mw for w, mw in zip(weights, column, strict=True)) for column in columns]
+            powers_mw = [math.fsum(w * mw for w, mw in zip(weights, column, strict=True)) for column in columns]
         self._stations.jammed(powers_mw, at)

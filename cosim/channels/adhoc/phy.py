@@ -18,9 +18,9 @@ as in Bianchi's table.
 Data rates are whole numbers of kb/s. A network of 802.11g and 802.11b together is not modelled: ERP has its OFDM rates.
 """
 
-import math
 from typing import Final, NamedTuple
 
+import cosim.elementary as elementary
 from cosim.units import US, Time
 
 DATA_HEADER_OCTETS: Final = 24
@@ -162,13 +162,13 @@ PROFILES: Final[dict[str, Phy]] = {phy.name: phy for phy in (FHSS, DSSS, DSSS_SH
 
 NOISE_FIGURE_DB: Final = 7.0
 """Noise figure of a usual receiver, as in ns-3."""
-_NOISE_DBM_PER_HZ: Final = 10.0 * math.log10(1.380649e-23 * 290.0 * 1e3)
+_NOISE_DBM_PER_HZ: Final = -173.97518705905236
 """Thermal noise at 290 K."""
 
 
 def noise_dbm(bandwidth_hz: float, noise_figure_db: float = NOISE_FIGURE_DB) -> float:
     """Return the noise of a receiver in dBm."""
-    return _NOISE_DBM_PER_HZ + 10.0 * math.log10(bandwidth_hz) + noise_figure_db
+    return _NOISE_DBM_PER_HZ + 10.0 * elementary.log10(bandwidth_hz) + noise_figure_db
 
 
 def plcp_of(phy: Phy, rate_kbps: int) -> Plcp:

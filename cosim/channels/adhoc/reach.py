@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int64s
 from cosim.channels.adhoc.state import REACHED, Records, new_records
 from cosim.channels.propagation import LOSSLESS, Losses, Propagation, gain_db
@@ -51,7 +52,8 @@ def sorted_places(positions_m: Floats, on: Bools, cell_m: float) -> Places:
     extent_m = max(width, height, 1e-3)
     cell_m = min(max(cell_m, extent_m / math.sqrt(count)), 2.0 * extent_m)
     nx, ny = int(width / cell_m) + 1, int(height / cell_m) + 1
-    cells = ((positions - low) / cell_m).astype(np.int64) @ (1, nx)
+    columns, rows = ((positions - low) / cell_m).astype(np.int64).T
+    cells = rows * nx + columns
     first = np.concatenate(((0,), np.cumsum(np.bincount(cells, minlength=nx * ny))))
     member = np.argsort(cells, kind="stable")
     return Places(positions, on, np.zeros(count, np.bool_), x_m, y_m, cell_m, nx, ny, first, member)
@@ -76,8 +78,8 @@ class Reach:
             self._powers_mw, self._limits_m = [1.0] * size, strength.tolist()
         else:
             self._powers_mw = strength.tolist()
-            losses_db = (10.0 * np.log10(strength / faintest_mw)).tolist()
-            self._limits_m = [propagation.distance_m(loss_db) for loss_db in losses_db]
+            ratios = (strength / faintest_mw).tolist()
+            self._limits_m = [propagation.distance_m(10.0 * elementary.log10(ratio)) for ratio in ratios]
 
     def moved(self, positions_m: Floats) -> None:
         """Take new positions, (size, 2), which stay as they are until the next."""
@@ -153,7 +155,7 @@ def _write_row(
             gain = gain_db(losses, source, other, ax, ay, bx, by)
         else:
             gain = gain_db(losses, other, source, bx, by, ax, ay)
-        mw = power_mw * 10.0 ** (gain / 10.0)
+        mw = power_mw * elementary.exp10(gain / 10.0)
         if mw > faintest_mw:
             rows[count].address, rows[count].mw = other, mw
             count += 1

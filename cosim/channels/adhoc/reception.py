@@ -9,9 +9,9 @@ each for as long as it lasts. A much stronger one that begins during the preambl
 have no errors, of which the logarithms are added up whenever the disturbance changes.
 """
 
-import math
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.adhoc.air import total_mw
 from cosim.channels.adhoc.errors import log_bit
@@ -163,4 +163,4 @@ def _is_right(network: Network, address: int, number: int) -> bool:
     _add_errors(station, frame.form, NEVER, network.cck)
     begin, link = frame.begin, frame.source << 16 | address
     words = philox_words(begin & 0xFFFFFFFF, begin >> 32, link, RECEPTION, common.key_0, common.key_1)
-    return (words[0] << 21 | words[1] >> 11) * 2.0**-53 < math.exp(station.log_chance)
+    return (words[0] << 21 | words[1] >> 11) * 2.0**-53 < elementary.exp(station.log_chance)

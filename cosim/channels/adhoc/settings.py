@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+import cosim.elementary as elementary
 from cosim.channels.adhoc.mac import Access, Form, Limits, Timing
 from cosim.channels.adhoc.phy import (
     ACK_OCTETS,
@@ -193,7 +194,7 @@ def form(phy: Phy, rate_kbps: int, octets: int) -> Form:
 
 def mw(dbm: float) -> float:
     """Return mW for dBm, or a ratio for dB."""
-    return float(10.0 ** (dbm / 10.0))
+    return elementary.exp10(dbm / 10.0)
 
 
 def _kbps(rate_mbps: float) -> int:

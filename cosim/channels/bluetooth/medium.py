@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.bluetooth.bits.errors import (
     ACCESS_CODE,
@@ -53,8 +54,8 @@ NOT_TUNED: Final = 9
 
 DETECTABLE_DB: Final = 0.0
 """Es/N0 below which no receiver notices a frame, as its access code correlates less than once in 10,000 times."""
-CARRIER_TO_INTERFERENCE: Final = 10.0**-1.1
-WEIGHTS: Final = (1.0, 10.0**-1.1, 10.0**-4.1, 10.0**-5.1)
+CARRIER_TO_INTERFERENCE: Final = 0.07943282347242814
+WEIGHTS: Final = (1.0, 0.07943282347242814, 7.943282347242822e-05, 7.943282347242822e-06)
 ERRORS_PURPOSE: Final = 2
 """Purpose of the draws of bit errors."""
 
@@ -229,13 +230,13 @@ def _interference_mw(
         for i in range(RING):
             frame = frames[other, i]
             if frame.start < end and frame.end > start:
-                total += 10.0 ** (dbm / 10.0) * _weight(mode, frame.channel - channel)
+                total += elementary.exp10(dbm / 10.0) * _weight(mode, frame.channel - channel)
     for row in range(len(medium.trains)):
         train = medium.trains[row]
         dbm = medium.power_dbm[train.sender, receiver]
         outside = train.since >= end or train.until <= start - ID_AIR
         if train.sender != source and train.sender != receiver and dbm > -np.inf and not outside:
-            total += 10.0 ** (dbm / 10.0) * _ids(train, mode, channel, start, end)
+            total += elementary.exp10(dbm / 10.0) * _ids(train, mode, channel, start, end)
     if jammers is not None:
         for row in range(len(jammers.sent)):
             if jammers.power_mw[row, receiver] > 0.0:
@@ -284,7 +285,7 @@ def judge(
     """
     lost = broken(noise, source, receiver, start, carrier_dbm, bits, coded)
     met = _interference_mw(medium, jammers, source, receiver, channel, start, end) > 0.0
-    carrier = 10.0 ** (carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE if met else 0.0
+    carrier = elementary.exp10(carrier_dbm / 10.0) * CARRIER_TO_INTERFERENCE if met else 0.0
     alone = end - start <= ID_AIR
     for section in range(first, PAYLOAD + 1):
         if section == ACCESS_CODE:

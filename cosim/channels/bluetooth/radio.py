@@ -13,6 +13,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.channels.bluetooth import band as bands
 from cosim.channels.bluetooth import medium as mediums
@@ -198,7 +199,7 @@ class Air:
         """Let the jammers be received with *power_dbm*, shape (jammers, n), from now on."""
         self.advance(now, now - 1)
         if self._jammers is not None:
-            self._jammers.power_mw[:] = 10.0 ** (power_dbm / 10.0)
+            self._jammers.power_mw[:] = elementary.exp10s(power_dbm / 10.0)
 
     # ------------------------------------------------------------ time
 

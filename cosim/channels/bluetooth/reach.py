@@ -58,7 +58,7 @@ class Disc:
         """Return what each device receives of each jammer, shape (jammers, n): as much as of another device."""
         places = np.array([(jammer.x_m, jammer.y_m) for jammer in jammers])
         offsets = places[:, None, :] - self._positions_m[None, :, :]
-        near = (offsets**2).sum(axis=2) <= (self._range_m or np.inf) ** 2
+        near = (offsets**2).sum(axis=2) <= (self._range_m or np.inf) * (self._range_m or np.inf)
         return np.where(near, 0.0, -np.inf)
 
 

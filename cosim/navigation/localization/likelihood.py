@@ -26,6 +26,7 @@ from typing import Final
 import numpy as np
 import scipy.ndimage
 
+import cosim.elementary as elementary
 from cosim.arrays import Bools, Floats, Int32s, Singles
 from cosim.jit import njit
 from cosim.navigation.localization.motion import PLACE
@@ -102,8 +103,8 @@ def field_addends(
     The rim is what an end off the map adds: as much as the farthest distance *most_m*.
     """
     padded = np.pad(np.minimum(distance_m, most_m).astype(np.float64), 1, constant_values=most_m)
-    p = z_hit * np.exp(-(padded**2) / (2.0 * sigma_m**2)) + z_rand / range_m
-    addends = p**3 if cubes else np.log(np.maximum(p, LEAST))
+    p = z_hit * elementary.exps(-(padded * padded) / (2.0 * sigma_m * sigma_m)) + z_rand / range_m
+    addends = p * p * p if cubes else elementary.logs(np.maximum(p, LEAST))
     return np.ascontiguousarray(addends, np.float32)
 
 
@@ -116,7 +117,7 @@ def pose_score(x: float, y: float, heading: float, ends: Floats, addends: Single
     ny, nx = addends.shape
     per_m = 1.0 / frame[2]
     left, low = (x - frame[0]) * per_m + 1.0, (y - frame[1]) * per_m + 1.0
-    cos, sin = math.cos(heading) * per_m, math.sin(heading) * per_m
+    cos, sin = elementary.cos(heading) * per_m, elementary.sin(heading) * per_m
     total = 0.0
     for j in range(ends.shape[0]):
         # the rim takes all that lies off the map
@@ -206,9 +207,9 @@ def beam_probability(read_m: float, true_m: float, model: Floats) -> float:
     *model* (BEAM_NUMBERS,) holds z_hit, z_short, z_max, z_rand, sigma_hit (m), lambda (1/m) and the range (m).
     """
     off = read_m - true_m
-    p: float = model[_HIT] * math.exp(-(off**2) / (2.0 * model[_SIGMA] ** 2))
+    p: float = model[_HIT] * elementary.exp(-(off**2) / (2.0 * model[_SIGMA] ** 2))
     if off < 0.0:
-        p += model[_SHORT] * model[_LAMBDA] * math.exp(-model[_LAMBDA] * read_m)
+        p += model[_SHORT] * model[_LAMBDA] * elementary.exp(-model[_LAMBDA] * read_m)
     p += model[_RANDOM] / model[_RANGE] if read_m < model[_RANGE] else model[_MOST]
     return p
 
@@ -231,11 +232,11 @@ def beam_scores(
     """
     for i in range(poses.shape[0]):
         x, y = poses[i, 0], poses[i, 1]
-        cos, sin = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        cos, sin = elementary.cos(poses[i, 2]), elementary.sin(poses[i, 2])
         total = 0.0
         for j in range(ranges.shape[0]):
             dx, dy = cos * beams[j, 0] - sin * beams[j, 1], sin * beams[j, 0] + cos * beams[j, 1]
             true_m = grid_range(occupied, distance_m, frame, x, y, dx, dy, model[_RANGE])
             p = beam_probability(ranges[j], true_m, model)
-            total += p**3 if cubes else math.log(max(p, LEAST))
+            total += p**3 if cubes else elementary.log(max(p, LEAST))
         scores[i] = total

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats, Int64s
 from cosim.navigation.localization.likelihood import (
     KnownMap,
@@ -40,9 +41,11 @@ from cosim.navigation.localization.motion import (
     PICK,
     Pose,
     fill_uniform,
+    mean_pose,
     move_particles,
     odometry_motion,
     scatter_particles,
+    turned_back,
 )
 from cosim.navigation.localization.resampling import (
     Recovery,
@@ -251,7 +254,7 @@ class Localizer:
         """Return the last estimate, moved as odometry has since then."""
         mean = self._mean
         turned = mean.heading_rad - before[2]
-        cos, sin = math.cos(turned), math.sin(turned)
+        cos, sin = elementary.cos(turned), elementary.sin(turned)
         dx, dy = now[0] - before[0], now[1] - before[1]
         heading = math.remainder(now[2] + turned, _TURN)
         return mean._replace(
@@ -265,8 +268,7 @@ class Localizer:
             raise ValueError(f"{len(ranges)} of the scan's ranges are used, but {len(self._beams)} of the beams")
         beams = self._beams
         if self._turns:
-            cos, sin = math.cos(heading), math.sin(heading)
-            beams = beams @ np.array([[cos, -sin], [sin, cos]])
+            beams = turned_back(beams, heading)
         known = ~np.isnan(ranges)
         return np.minimum(ranges[known], self._own.range_m), np.ascontiguousarray(beams[known])
 
@@ -285,8 +287,9 @@ class Localizer:
         if self._cubes:
             factors, fits = 1.0 + scores, scores / beams
         else:
-            factors, fits = np.exp(self._own.product_power * (scores - scores.max())), np.exp(scores / beams)
-        self.recovery.note(float(self.weights @ fits))
+            factors = elementary.exps(self._own.product_power * (scores - scores.max()))
+            fits = elementary.exps(scores / beams)
+        self.recovery.note(float((self.weights * fits).sum()))
         self.weights *= factors
         total = self.weights.sum()
         if total > 0.0:
@@ -303,11 +306,11 @@ class Localizer:
         share = float(shares[heaviest])
         members = label == heaviest
         poses, weights = self.poses[members], self.weights[members] / share
-        x, y = weights @ poses[:, 0], weights @ poses[:, 1]
-        cos, sin = weights @ np.cos(poses[:, 2]), weights @ np.sin(poses[:, 2])
-        spread = math.sqrt(weights @ ((poses[:, 0] - x) ** 2 + (poses[:, 1] - y) ** 2))
+        x, y, cos, sin, spread = mean_pose(poses, weights)
         length = min(max(math.hypot(cos, sin), 1e-300), 1.0)
-        return Estimate(float(x), float(y), math.atan2(sin, cos), share, spread, math.sqrt(-2.0 * math.log(length)))
+        return Estimate(
+            float(x), float(y), elementary.atan2(sin, cos), share, spread, math.sqrt(-2.0 * elementary.log(length))
+        )
 
     def _resample(self, ends: Floats) -> None:
         """Resample the particles by weight, and replace some by random poses if scans fit worse than they used to."""

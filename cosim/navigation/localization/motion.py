@@ -16,6 +16,9 @@ All random numbers of a particle filter are pure functions of a key, a step, a p
 import math
 from typing import Final, NamedTuple, TypeAlias
 
+import numpy as np
+
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.randomness import philox_words
@@ -39,10 +42,15 @@ _WORD: Final = 2.0**-32
 def four_normals(step: int, particle: int, purpose: int, key_0: int, key_1: int) -> Quad:
     """Return four independent standard normal numbers (Box and Muller, of 32-bit words: none beyond 6.8)."""
     a, b, c, d = philox_words(step, step >> 32, particle, purpose, key_0, key_1)
-    first = math.sqrt(-2.0 * math.log((a + 0.5) * _WORD))
-    second = math.sqrt(-2.0 * math.log((c + 0.5) * _WORD))
+    first = math.sqrt(-2.0 * elementary.log((a + 0.5) * _WORD))
+    second = math.sqrt(-2.0 * elementary.log((c + 0.5) * _WORD))
     along, across = _TURN * _WORD * b, _TURN * _WORD * d
-    return first * math.cos(along), first * math.sin(along), second * math.cos(across), second * math.sin(across)
+    return (
+        first * elementary.cos(along),
+        first * elementary.sin(along),
+        second * elementary.cos(across),
+        second * elementary.sin(across),
+    )
 
 
 @njit(cache=True)
@@ -68,7 +76,7 @@ def odometry_motion(before: Pose, after: Pose) -> Motion:
     """Return the motion between two poses of odometry; its turns are from -pi to pi."""
     dx, dy = after[0] - before[0], after[1] - before[1]
     way = math.hypot(dx, dy)
-    first = math.remainder(math.atan2(dy, dx) - before[2], _TURN) if way >= _NO_WAY_M else 0.0
+    first = math.remainder(elementary.atan2(dy, dx) - before[2], _TURN) if way >= _NO_WAY_M else 0.0
     return Motion(first, way, math.remainder(after[2] - before[2] - first, _TURN))
 
 
@@ -96,8 +104,8 @@ def move_particles(
         a, b, c, _ = four_normals(step, i, MOVE, key_0, key_1)
         heading = poses[i, 2] + first - of_first * a
         gone = way - of_way * b
-        poses[i, 0] += gone * math.cos(heading)
-        poses[i, 1] += gone * math.sin(heading)
+        poses[i, 0] += gone * elementary.cos(heading)
+        poses[i, 1] += gone * elementary.sin(heading)
         poses[i, 2] = wrapped(heading + second - of_second * c)
 
 
@@ -111,3 +119,32 @@ def scatter_particles(
         poses[i, 0] = x + spread[0] * a
         poses[i, 1] = y + spread[0] * b
         poses[i, 2] = wrapped(heading + spread[1] * c)
+
+
+# ---------------------------------------------------------------- means
+
+
+@njit(cache=True)
+def mean_pose(poses: Floats, weights: Floats) -> tuple[float, float, float, float, float]:
+    """Return the mean of *poses* (n, 3) by *weights* (n,), whose sum is 1, and how far they spread.
+
+    x and y in metres, cosine and sine of the headings, whose length is less than 1 where headings differ, and the
+    standard deviation of places in metres.
+    """
+    x = y = cos = sin = square = 0.0
+    for i in range(weights.shape[0]):
+        x += weights[i] * poses[i, 0]
+        y += weights[i] * poses[i, 1]
+        cos += weights[i] * elementary.cos(poses[i, 2])
+        sin += weights[i] * elementary.sin(poses[i, 2])
+    for i in range(weights.shape[0]):
+        dx, dy = poses[i, 0] - x, poses[i, 1] - y
+        square += weights[i] * (dx * dx + dy * dy)
+    return x, y, cos, sin, math.sqrt(square)
+
+
+def turned_back(beams: Floats, angle_rad: float) -> Floats:
+    """Return unit vectors *beams* (n, 2) turned clockwise: those of a body's heading, in the body's frame."""
+    cos, sin = elementary.cos(angle_rad), elementary.sin(angle_rad)
+    along, across = beams[:, 0], beams[:, 1]
+    return np.stack((along * cos + across * sin, across * cos - along * sin), axis=1)

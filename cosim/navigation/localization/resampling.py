@@ -33,7 +33,8 @@ def kld_size(bins: npt.ArrayLike, error: float, z: float) -> Floats:
     """Return the number of particles that so many occupied *bins* need, whole numbers; inf for one bin or none."""
     k = np.asarray(bins, np.float64) - 1.0
     part = 2.0 / (9.0 * np.maximum(k, 1.0))
-    size = np.ceil(k / (2.0 * error) * (1.0 - part + z * np.sqrt(part)) ** 3)
+    root = 1.0 - part + z * np.sqrt(part)
+    size = np.ceil(k / (2.0 * error) * (root * root * root))
     return np.asarray(np.where(k > 0.0, size, np.inf), np.float64)
 
 

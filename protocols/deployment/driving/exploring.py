@@ -129,9 +129,9 @@ class Outlook:
         to_cells_m = beyond_m[beyond_m > 0.0]
         to_named_m = (min(math.dist(place, at) for at in places_m.values()) - reach_m for place in self._named)
         farthest_m = max(to_cells_m.max(initial=0.0), *to_named_m, 0.0)
-        area_m2 = len(to_cells_m) * self._floor.parameters.cell_m**2
+        area_m2 = len(to_cells_m) * self._floor.parameters.cell_m * self._floor.parameters.cell_m
         speeds_mps = [min(body.speed_mps, self._own.protocol.steering.speed_mps) for body in explorers.values()]
-        least_s = max(farthest_m / max(speeds_mps), area_m2 / (2.0 * reach_m * sum(speeds_mps)))
+        least_s = max(farthest_m / max(speeds_mps), area_m2 / (2.0 * reach_m * math.fsum(speeds_mps)))
         return float(min(least_s, self._own.most_s))
 
     def _away_m(self, explorers: Mapping[Address, Body], places_m: Mapping[Address, Place], cell_m: float) -> Floats:

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
@@ -108,7 +109,7 @@ class ExploringMover(Mover):
 
     def _ahead(self, heading_rad: float, far_m: float) -> Place:
         x, y = self._led.here
-        return x + far_m * math.cos(heading_rad), y + far_m * math.sin(heading_rad)
+        return x + far_m * elementary.cos(heading_rad), y + far_m * elementary.sin(heading_rad)
 
     def _close(self) -> list[Track]:
         """Return the robots so near that they may be in the way, the nearest first."""
@@ -138,7 +139,7 @@ class ExploringMover(Mover):
         if not close:
             return wish_rad
         (x, y), (other_x, other_y) = self._led.here, close[0].place_m
-        return math.atan2(y - other_y, x - other_x)
+        return elementary.atan2(y - other_y, x - other_x)
 
     def _begin(self, state: State) -> None:
         self._exploring.halt()

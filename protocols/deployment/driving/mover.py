@@ -69,7 +69,7 @@ class Mover:
         self._floor, self._radius_m, self._own = floor, radius_m, parameters
         self._driver = Driver(floor, radius_m, speed_mps, acceleration_mps2, parameters, tick)
         seconds = to_seconds(tick)
-        self._traffic = Traffic(me, radius_m, acceleration_mps2 * seconds**2, seconds)
+        self._traffic = Traffic(me, radius_m, acceleration_mps2 * (seconds * seconds), seconds)
         self._via: list[Place] = []
         self._aside: Place | None = None
         self._field: Field | None = None

@@ -10,8 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-import numpy as np
-
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.navigation.dwa import HEADING, TURN, WAY
 from protocols.deployment.tasks.plan import Place
@@ -89,5 +88,5 @@ class _Motion(NamedTuple):
 def _but_bodies(points: Floats, bodies: Sequence[tuple[Place, float]]) -> Floats:
     """Return the *points*, shape (n, 2), that do not belong to other robots."""
     for place_m, radius_m in bodies:
-        points = points[np.hypot(*(points - place_m).T) > radius_m + _NEAR_BODY_M]
+        points = points[elementary.hypots(*(points - place_m).T) > radius_m + _NEAR_BODY_M]
     return points

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.geometry.planning import PlanningGrid
 from cosim.geometry.value_iteration import values
@@ -96,7 +97,7 @@ def _off_way(line: Floats, points: Floats) -> Any:
         for i in range(points.shape[0]):
             dx, dy = points[i, 0] - px, points[i, 1] - py
             u = min(max((dx * wx + dy * wy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-            off[i] = min(off[i], math.hypot(dx - u * wx, dy - u * wy))
+            off[i] = min(off[i], elementary.hypot(dx - u * wx, dy - u * wy))
     return off
 
 

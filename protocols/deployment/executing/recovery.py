@@ -92,6 +92,6 @@ def substitute(
         if pictures and not crew.has_camera(spare):
             continue
         legs = [length(spare, a, b) for a, b in zip([stands_m[spare], *places], places, strict=False)]
-        if all(math.isfinite(leg) for leg in legs) and (best is None or (sum(legs), spare) < best):
-            best = sum(legs), spare
+        if all(math.isfinite(leg) for leg in legs) and (best is None or (math.fsum(legs), spare) < best):
+            best = math.fsum(legs), spare
     return None if best is None else best[1]

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.errors import UserError
 from cosim.geometry.segments import clearance, segment_grid
@@ -207,7 +208,7 @@ class Localised:
         self._own, self._sensor, self._radii_m, self._tell = own, sensor, radii_m, tell
         self.shift = Shift(*frame)
         self._begun = False
-        self._settled = 1.0 - math.exp(-to_seconds(tick) / own.settle_s) if own.settle_s > 0.0 else 1.0
+        self._settled = 1.0 - elementary.exp(-to_seconds(tick) / own.settle_s) if own.settle_s > 0.0 else 1.0
         self._told_ticks = max(1, round(_TELL_S * S / tick))
         self._ticks = 0
 

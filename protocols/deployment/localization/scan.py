@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.jit import njit
 from cosim.navigation.schemas import beam_directions
@@ -102,7 +103,7 @@ def without_bodies(
     met = np.zeros(len(ranges_m), np.bool_)
     for other, x_m, y_m in sightings:
         dx, dy = x_m - here_m[0], y_m - here_m[1]
-        along, aside = beams @ np.array([dx, dy]), np.abs(beams @ np.array([-dy, dx]))
+        along, aside = beams[:, 0] * dx + beams[:, 1] * dy, np.abs(beams[:, 1] * dx - beams[:, 0] * dy)
         reach = radii_m[other] + BODY_SLACK_M
         met |= (aside < reach) & (np.abs(ranges_m - along) < reach)
     return np.where(met, math.nan, ranges_m)
@@ -127,8 +128,8 @@ def turned_ranges(ranges: Floats, turned: float, same: float) -> Any:
             found[k] = a
         elif abs(a - b) < same:
             # the line through both ends, in polar coordinates
-            of_b, of_a = math.sin((1.0 - part) * apart), math.sin(part * apart)
-            found[k] = a * b * math.sin(apart) / max(a * of_a + b * of_b, 1e-12)
+            of_b, of_a = elementary.sin((1.0 - part) * apart), elementary.sin(part * apart)
+            found[k] = a * b * elementary.sin(apart) / max(a * of_a + b * of_b, 1e-12)
         else:
             found[k] = a if part < 0.5 else b
     return found

@@ -6,6 +6,7 @@ The world renders no colours, but from ranges a page can draw a robot's view of 
 import math
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.machine import Address, Drive
 from cosim.observation import Observation
 from cosim.units import Time, from_seconds
@@ -24,7 +25,7 @@ STILL_MPS: Final = 0.01
 def half_turn_s(rate_radps: float) -> float:
     """Return the time of :meth:`Camera.turn` for half a turn at *rate_radps*: constant at first, then exponential."""
     slows_rad = min(math.pi, max(ALIGNED_RAD, rate_radps / APPROACH_PER_S))
-    return (math.pi - slows_rad) / rate_radps + math.log(slows_rad / ALIGNED_RAD) / APPROACH_PER_S
+    return (math.pi - slows_rad) / rate_radps + elementary.log(slows_rad / ALIGNED_RAD) / APPROACH_PER_S
 
 
 class Camera:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
+import cosim.elementary as elementary
 from cosim.machine import Address, Drive, Event
 from cosim.observation import Observation
 from cosim.units import S, Time, from_seconds
@@ -62,7 +63,7 @@ class Crowd:
         """Return whether the bodies that are nearer to a place, one behind the other, would reach to this robot."""
         off_m = math.dist(here, place_m)
         nearer = [robot for robot, place in others.places_m.items() if math.dist(place, place_m) < off_m]
-        reach_m = self._radius_m + sum(2.0 * self._radii_m[robot] + 2.0 * NEARER_M for robot in nearer)
+        reach_m = self._radius_m + math.fsum(2.0 * self._radii_m[robot] + 2.0 * NEARER_M for robot in nearer)
         if not nearer or off_m > reach_m:
             return False
         # a place may be near through a wall, and far by the way
@@ -371,4 +372,4 @@ def _heading_rad(errand: Photo | Face, observation: Observation) -> float | None
     if isinstance(errand, Photo):
         return errand.heading_rad
     x_m, y_m = errand.towards_m
-    return math.atan2(y_m - observation.y_m, x_m - observation.x_m)
+    return elementary.atan2(y_m - observation.y_m, x_m - observation.x_m)

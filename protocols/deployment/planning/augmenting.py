@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 
 from pydantic import Field
 
+import cosim.elementary as elementary
 from cosim.geometry.polylines import length_m as polyline_m
 from cosim.machine import Address
 from cosim.settings import Count, Gain, Metres, Settings
@@ -114,7 +115,7 @@ def _spots(
         for turn in range(_AROUND):
             angle = 2.0 * math.pi * turn / _AROUND
             reach_m = ring * parameters.spacing_m
-            yield here[0] + reach_m * math.cos(angle), here[1] + reach_m * math.sin(angle)
+            yield here[0] + reach_m * elementary.cos(angle), here[1] + reach_m * elementary.sin(angle)
 
 
 def _way_over(radius_m: float, goals_m: Sequence[Place], ways: Ways) -> list[Place]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from typing import Final, Literal
 
+import cosim.elementary as elementary
 from cosim.machine import Address
 from protocols.deployment.planning.binding import Role
 from protocols.deployment.planning.casting import shown
@@ -164,7 +165,7 @@ def barred(
         if any(_reached(place, body, (start,), routes) for body in bodies for start in starts_m):
             continue
         around = (
-            (place[0] + ring_m * math.cos(angle), place[1] + ring_m * math.sin(angle))
+            (place[0] + ring_m * elementary.cos(angle), place[1] + ring_m * elementary.sin(angle))
             for ring_m in RINGS_M
             for angle in (2.0 * math.pi * step / DIRECTIONS for step in range(DIRECTIONS))
         )

@@ -28,6 +28,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+import cosim.elementary as elementary
 from cosim.arrays import Floats
 from cosim.channels.bluetooth.packets import ACCESS_CODE_BITS, HEADER_BITS, ID_BITS, TOLERATED_BITS, PacketType
 from cosim.jit import njit
@@ -55,12 +56,12 @@ def bit_error_rate(es_n0_db: npt.ArrayLike, modulation_index: float = MODULATION
     from scipy import special  # loading it takes a quarter of a second; runs use the table instead
 
     g = 10.0 ** (np.asarray(es_n0_db, dtype=np.float64) / 10.0)
-    rho = abs(math.sin(2 * math.pi * modulation_index) / (2 * math.pi * modulation_index))
+    rho = abs(elementary.sin(2 * math.pi * modulation_index) / (2 * math.pi * modulation_index))
     ratio = rho / (1.0 + math.sqrt(1.0 - rho * rho))
     z = 0.5 * rho * g
     # ive(k, z) is exp(-z) I_k(z)
     total = 0.5 * special.ive(0, z)
-    for k in range(1, 1 + math.ceil(-40.0 / math.log(ratio))):
+    for k in range(1, 1 + math.ceil(-40.0 / elementary.log(ratio))):
         total = total + ratio**k * special.ive(k, z)
     return np.asarray(np.exp(z - 0.5 * g) * total)
 
@@ -235,7 +236,7 @@ def fast_bit_error_rate(es_n0_db: float) -> float:
     before, low, high, after = _LOG_BER[at], _LOG_BER[at + 1], _LOG_BER[at + 2], _LOG_BER[at + 3]
     outer = t * (t - 1.0) * ((t + 1.0) * after - (t - 2.0) * before) / 6.0
     inner = (t + 1.0) * (t - 2.0) * ((t - 1.0) * low - t * high) / 2.0
-    return math.exp(outer + inner)
+    return elementary.exp(outer + inner)
 
 
 @njit(cache=True)
@@ -261,7 +262,7 @@ def _tail(limit: int, bits: int, wrong: float) -> float:
 def _at_least_one(count: int, each: float) -> float:
     if each >= 1.0:
         return 1.0 if count else 0.0
-    probability = -math.expm1(count * math.log1p(-each))
+    probability = -elementary.expm1(count * elementary.log1p(-each))
     return probability if probability >= NEGLIGIBLE else 0.0
 
 
