@@ -340,9 +340,6 @@ def scan(
             for k in range(count):
                 way = angle + k * apart
                 ways[k, 0], ways[k, 1] = limit * elementary.cos(way), limit * elementary.sin(way)
-                    limit * elementary.cos(angle + k * apart),
-                    limit * elementary.sin(angle + k * apart),
-                )
         scan_walls(grid, poses[i, X], poses[i, Y], angle, ways, limit, first)
         _scan_bodies(poses, cells, i, angle, ways, limit, first)
         for k in range(count):
