@@ -142,7 +142,7 @@ class Lossless(recovery.Observed):
 
     def _receive(self, report: Report, packet: Packet) -> None:
         if self._on[report.station]:
-            self.received(report.station, report, packet)
+            self.received([report.station], report.source, packet, [report.mw])
 
 
 FAST_MAC = {"kind": "olsr", "hello_interval_s": 0.5, "refresh_interval_s": 0.5, "tc_interval_s": 2}

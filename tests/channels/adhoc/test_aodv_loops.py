@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.channels.adhoc.routing.aodv import Aodv, AodvSettings
-from cosim.channels.adhoc.routing.aodv_wire import RrepAck, encode_message
+from cosim.channels.adhoc.routing.aodv_wire import Rrep, RrepAck, encode_message
 from cosim.channels.adhoc.routing.base import Hop
 from cosim.channels.adhoc.routing.ip import AODV_PORT, PAYLOAD_PORT, Datagram, decode, encode
-from cosim.machine import Address
+from cosim.machine import BROADCAST, Address
 from cosim.randomness import Draws
 from cosim.units import MS, S, Time
 from tests.channels.adhoc.aodv_cases import MESSAGES, NEAR, QUIET, way
@@ -59,9 +59,41 @@ def test_no_bytes_and_no_order_of_calls_raise(calls: list[tuple], steps: list[Ti
                 one.wake(now)
         assert all(decode(hop.packet) is not None for hop in one.hops())
         assert one.next_hop(0, now) is None
-        at = one.wake_at()
+        at, searched = one.wake_at(), searched_deadline(one)
+        assert searched is None or (at is not None and at <= searched)
         if what == "wake":
             assert at is None or at > now
+            assert at == searched
+
+
+def searched_deadline(one: Aodv) -> Time | None:
+    """Return when something is due next, of all that waits: what ``wake_at`` keeps is not later."""
+    due = [heard + one.times.loss for _, heard in one._neighbours.values()]
+    due += [*one._acks.values(), *(at for at, *_ in one._held), *(search.due for search in one._searches.values())]
+    return min(due if one._hello_at is None else [*due, one._hello_at], default=None)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, S), st.integers(1, 5), st.booleans()), max_size=60), st.booleans())
+def test_a_deadline_is_kept_as_one_that_is_searched(inputs: list[tuple[Time, Address, bool]], always: bool) -> None:
+    """Hellos, payloads, and searches at random; a router that is woken when it said does all that is due in time."""
+    one, now = Aodv(0, AodvSettings(hello_always=always, rreq_ratelimit=1), Draws(1, "aodv")), 0
+    for step, robot, hello in inputs:
+        until = now + step
+        while (at := one.wake_at()) is not None and at <= until:
+            searched = searched_deadline(one)
+            assert searched is None or at <= searched
+            one.wake(at)
+            assert one.wake_at() == searched_deadline(one)
+        now = until
+        if hello:
+            data = encode_message(Rrep(0, robot, 1, robot, 2000))
+            one.receive(encode(Datagram(robot, BROADCAST, 1, AODV_PORT, 1, data)), robot, now)
+        else:
+            one.send(robot, b"", None, now)
+        at, searched = one.wake_at(), searched_deadline(one)
+        assert searched is None or (at is not None and at <= searched)
+        assert all(heard + one.times.loss > now for _, heard in one._neighbours.values())
 
 
 def test_bytes_that_make_no_sense_are_counted() -> None:

@@ -15,6 +15,21 @@ from tests.channels.adhoc.aodv_cases import GRAPHS, line, messages, network, way
 from tests.channels.adhoc.lossless_hops import DELAY
 
 
+@pytest.mark.parametrize(("ttl", "sent", "reached"), [(1, 1, [1]), (2, 2, [1, 2]), (None, 4, [1, 2, 3])])
+def test_payloads_to_all_go_as_far_as_set_and_others_all_the_way(
+    ttl: int | None, sent: int, reached: list[Address]
+) -> None:
+    net = network(4, line(4), broadcast_ttl=ttl)
+    net.send(0, BROADCAST, b"all", 1)
+    net.run(S)
+    assert [at for _, at, _ in net.delivered] == reached
+    assert len(net.sent) == sent
+    assert [fate[1:] for fate in net.fates] == [(0, 1, Outcome.SENT)]
+    net.send(0, 3, b"one")
+    net.run(9 * S)
+    assert [at for _, at, delivery in net.delivered if delivery.payload == b"one"] == [3]
+
+
 @pytest.mark.parametrize("name", GRAPHS)
 def test_a_payload_takes_a_shortest_way(name: str) -> None:
     graph = GRAPHS[name]

@@ -1,10 +1,12 @@
 """The routing table of AODV: sequence numbers, routes that end, and those that were merely heard."""
 
-from hypothesis import example, given
+from collections.abc import Callable
+
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cosim.channels.adhoc.routing.aodv_routes import RouteTable, newer
-from cosim.units import S
+from cosim.channels.adhoc.routing.aodv_routes import ENOUGH, RouteTable, newer
+from cosim.units import S, Time
 
 
 @example(0xFFFFFFFF, 1)
@@ -65,3 +67,64 @@ def test_a_route_that_was_merely_heard_ends_without_another_number() -> None:
     assert not heard.known
     table.learn(1, 6)
     assert heard.known
+
+
+NEAR = st.integers(1, 4)
+LASTS = st.integers(-2, 12)
+CHANGES = st.one_of(
+    st.tuples(st.just("offer"), NEAR, NEAR, st.integers(1, 3), st.integers(1, 9), LASTS),
+    st.tuples(st.just("hear"), NEAR, LASTS),
+    st.tuples(st.just("learn"), NEAR, st.integers(1, 9)),
+    st.tuples(st.just("prolong"), NEAR, LASTS),
+    st.tuples(st.just("keep"), NEAR, LASTS),
+    st.tuples(st.just("end"), NEAR),
+)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 8), st.lists(CHANGES, max_size=4)), max_size=25))
+def test_a_table_that_is_asked_seldom_knows_what_one_knows_that_is_asked_always(instants: list[tuple]) -> None:
+    seldom, always = RouteTable(0, 15), RouteTable(0, 15)
+    now = 0
+    for step, changes in instants:
+        now += step
+        for table in (seldom, always):
+            table.age(now)
+        for each in range(5):  # ends all whose time has come, and forgets those that ended long ago
+            always.get(each)
+        for change in changes:
+            assert _change(seldom, change, now) == _change(always, change, now)
+    for table in (seldom, always):
+        table.age(now + 1)
+    assert seldom.destinations() == always.destinations()
+    assert [seldom.through(each) for each in range(5)] == [always.through(each) for each in range(5)]
+    assert [seldom.get(each) for each in range(5)] == [always.get(each) for each in range(5)]
+
+
+def _change(table: RouteTable, change: tuple, now: Time) -> object:
+    what, destination, *rest = change
+    method: Callable[..., object] = getattr(table, what)
+    match what:
+        case "learn":
+            return method(destination, *rest)
+        case "end":
+            return method(destination, now) if table.active(destination) else None
+        case _:
+            return method(destination, *rest[:-1], now + rest[-1])
+
+
+def test_a_route_that_is_over_when_it_comes_lasts_until_the_next_input() -> None:
+    table = RouteTable(0, 15 * S)
+    table.age(S)
+    table.offer(1, 2, 3, 5, S)
+    assert table.active(1) is not None
+    table.age(S)
+    assert table.active(1) is None
+
+
+def test_a_table_does_not_keep_what_is_over_for_ever() -> None:
+    table = RouteTable(0, S)
+    for robot in range(1, 20 * ENOUGH):
+        table.age(robot * S)
+        table.hear(robot, (robot + 1) * S)
+    assert len(table._routes) <= 2 * ENOUGH

@@ -67,7 +67,7 @@ class Aodv(Control):
         except WireError:
             self.counts["packets_malformed"] += 1
             return
-        source, destination, *_ = datagram
+        source, destination = datagram.source, datagram.destination
         strange = message is not None and (source != hop or destination not in (self.address, BROADCAST))
         if strange or source == BROADCAST or hop in (self.address, BROADCAST):
             self.counts["packets_malformed"] += 1

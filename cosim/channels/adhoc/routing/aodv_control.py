@@ -134,8 +134,7 @@ class Control(Output):
         self.table.hear(hop, now + rrep.lifetime_ms * MS)
         self.table.learn(hop, rrep.sequence)
         if self.settings.use_hello:
-            self._neighbours.pop(hop, None)
-            self._neighbours[hop] = now, now
+            self._neighbours[hop] = now, now  # the last in their order, by ``receive``
             self._expect(now + self.times.loss)
 
     def _on_reply(self, rrep: Rrep, hop: Address, now: Time) -> None:
