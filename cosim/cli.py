@@ -550,6 +550,8 @@ def warm(as_json: bool) -> None:
     if as_json:
         click.echo(_json({"kernels": kernels, "wall_s": wall_s, "runs": [each.plain() for each in finished]}))
         return
+    for protocol, why in {each.run.protocol: each.refused for each in finished if each.refused}.items():
+        click.echo(f"left out: {protocol}: {why}")
     click.echo(f"{f'{kernels} kernels compiled' if kernels else 'nothing to compile'}: {wall_s:.1f} s")
 
 

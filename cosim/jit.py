@@ -168,7 +168,7 @@ class Count(event.Listener):
 
 
 def counted_compilations() -> AbstractContextManager[Count]:
-    """Return a context that gives a count of the kernels that are compiled in it: those that the cache does not hold."""
+    """Return a context that gives a count of the kernels compiled in it: those that the cache does not hold."""
     context: AbstractContextManager[Count] = event.install_listener("numba:compile", Count())
     return context
 

@@ -41,7 +41,8 @@ from cosim.trace import Field
 Progress: TypeAlias = Callable[[int, int], None]
 """Told (runs that are finished, runs in all)."""
 
-Asked, Made = TypeVar("Asked"), TypeVar("Made")
+Asked = TypeVar("Asked")
+Made = TypeVar("Made")
 
 BATCH_S = 1.0
 """Runs shorter than this are written together, as soon as one finishes this long after the last writing."""
@@ -304,7 +305,9 @@ def in_processes(workers: int, function: Callable[[Asked], Made], todo: Sequence
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
     try:
-        yield from _from(pool, function, todo, cancel=False)  # that is left to the pool: it fails over futures others cancelled
+        yield from _from(
+            pool, function, todo, cancel=False
+        )  # that is left to the pool: it fails over futures others cancelled
     except BaseException:  # the runs under way would keep us waiting
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - strangers:

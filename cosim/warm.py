@@ -61,7 +61,9 @@ def short_runs(protocols: Sequence[str] = (), channels: Sequence[str] = ()) -> l
     """
     names, kinds = list(protocols or protocol_names()), list(channels or CHANNELS)
     return [
-        ShortRun(names[(turn + at) % len(names)], channel) for turn in range(len(names)) for at, channel in enumerate(kinds)
+        ShortRun(names[(turn + at) % len(names)], channel)
+        for turn in range(len(names))
+        for at, channel in enumerate(kinds)
     ]
 
 
